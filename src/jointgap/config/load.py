@@ -1,0 +1,223 @@
+"""Reading configurations: files, overrides and errors that name the key, the value and the mend."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from jointgap.config.mechanism import Mechanism
+from jointgap.config.scenario import SECTIONS, Scenario
+from jointgap.errors import InputError, did_you_mean
+
+
+def read_yaml(path: Path | str) -> dict[str, Any]:
+    """The mapping in a YAML (or JSON) file.
+
+    Raises
+    ------
+    InputError
+        No such file, not YAML, or not a mapping; with the line where YAML knows it.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not text in UTF-8 (byte {error.start}); save it as UTF-8") from error
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise InputError(f"{path}{where}: is not YAML: {getattr(error, 'problem', error)}") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: must be a mapping of keys to values, not {type(content).__name__}")
+    return content
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """`base` with `over` laid on it: mappings merge key by key, everything else is replaced."""
+    merged = dict(base)
+    for key, value in over.items():
+        both = isinstance(merged.get(key), Mapping) and isinstance(value, Mapping)
+        merged[key] = merge(merged[key], value) if both else value
+    return merged
+
+
+def _fields_at(model: type[BaseModel], location: tuple) -> list[str]:
+    """Names of the keys that `model` knows at the parent of `location`; empty where it takes any key."""
+    for step in location[:-1]:
+        if not isinstance(step, str) or step not in model.model_fields:
+            continue  # an index or a free key
+        stack = [model.model_fields[step].annotation]
+        while stack:
+            kind = stack.pop()
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                model = kind
+                break
+            stack.extend(get_args(kind))
+    return list(model.model_fields)
+
+
+def _explain(error: ValidationError, model: type[BaseModel], source: str) -> InputError:
+    """All complaints of pydantic as one error, a line each: source, key, value and mend."""
+    items = error.errors()
+    ends_in_contacts = {item["loc"][-1] for item in items if "contacts" in item["loc"]}
+    lines = []
+    for item in items:
+        location = item["loc"]
+        if "contact" in location and location[-1] in ends_in_contacts:
+            continue  # the joint only repeats what its entry of contacts says
+        key = ".".join(str(step) for step in location) or "(whole)"
+        if item["type"] == "extra_forbidden":
+            hint = did_you_mean(str(location[-1]), _fields_at(model, location))
+            lines.append(f"{source}: unknown key '{key}'; {hint}")
+        elif item["type"] == "missing":
+            lines.append(f"{source}: key '{key}' is missing; add it")
+        else:
+            message = item["msg"].removeprefix("Value error, ")
+            value = item["input"]
+            shown = "" if isinstance(value, dict | BaseModel) else f" = {value!r}"
+            lines.append(f"{source}: {key}{shown}: {message[0].lower() + message[1:]}")
+    return InputError("\n".join(dict.fromkeys(lines)))
+
+
+def validate(model: type[BaseModel], data: Any, source: str) -> Any:
+    """`data` as a `model`, or one InputError that names every wrong key.
+
+    Parameters
+    ----------
+    model : type
+        A configuration class.
+    data : mapping
+        As read from YAML or JSON.
+    source : str
+        File or place the data came from, for the message.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise _explain(error, model, source) from error
+
+
+def load_mechanism(path: Path | str) -> Mechanism:
+    """The mechanism in a file (see config/README.md for its keys)."""
+    return validate(Mechanism, read_yaml(path), str(path))
+
+
+def _mechanism_data(mechanism: Any, folders: tuple[Path, ...]) -> Any:
+    """The content of a mechanism given by its path, looked for in `folders`; anything else as it is."""
+    if not isinstance(mechanism, str):
+        return mechanism
+    for folder in folders:
+        if (folder / mechanism).is_file():
+            return read_yaml(folder / mechanism)
+    looked = ", ".join(str(folder) for folder in folders)
+    raise InputError(f"mechanism: no file '{mechanism}' (looked in {looked}); give a path relative to one of these")
+
+
+def resolve(
+    config: Mapping[str, Any], folders: tuple[Path, ...] = (Path(),), source: str = "configuration"
+) -> dict[str, Scenario]:
+    """The scenarios that a configuration asks to run.
+
+    Parameters
+    ----------
+    config : mapping
+        Base sections, ``scenarios`` (overrides by name) and ``run`` (names to run; all when absent).
+    folders : tuple of Path
+        Where mechanism files are looked for, first found wins.
+    source : str
+        What to call the configuration in errors.
+
+    Returns
+    -------
+    dict of str to Scenario
+        In the order of ``run``.
+
+    Raises
+    ------
+    InputError
+        Unknown scenario or key, wrong type, impossible value.
+    """
+    known = {"run", "scenarios", *Scenario.model_fields}
+    for key in config:
+        if key not in known:
+            raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(str(key), known)}")
+    scenarios = config.get("scenarios") or {}
+    if not isinstance(scenarios, Mapping) or not scenarios:
+        raise InputError(
+            f"{source}: scenarios must map at least one name to its overrides, e.g. 'scenarios: {{mine: {{}}}}'"
+        )
+    names = config.get("run", list(scenarios))
+    if not isinstance(names, list | tuple) or not names:
+        raise InputError(f"{source}: run = {names!r} must be a list of scenario names")
+    base = {key: value for key, value in config.items() if key not in ("run", "scenarios")}
+    if "mechanism" not in base and any("mechanism" not in (scenarios.get(name) or {}) for name in names):
+        raise InputError(f"{source}: key 'mechanism' is missing; give the path of a mechanism file")
+    resolved = {}
+    for name in names:
+        if name not in scenarios:
+            raise InputError(f"{source}: run names '{name}'; {did_you_mean(str(name), scenarios)}")
+        over = scenarios[name] or {}
+        where = f"{source}, scenario {name}"
+        if not isinstance(over, Mapping):
+            raise InputError(f"{where}: = {over!r} must be a mapping of overrides")
+        if not str(name).replace("_", "").replace("-", "").isalnum():
+            raise InputError(f"{where}: use letters, digits, '_' and '-' only, for the name becomes a folder")
+        data = merge(
+            base | {"mechanism": _mechanism_data(base.get("mechanism", {}), folders)},
+            over | ({"mechanism": _mechanism_data(over["mechanism"], folders)} if "mechanism" in over else {}),
+        )
+        resolved[str(name)] = validate(Scenario, data, where)
+    return resolved
+
+
+def options_for(scenario: Scenario, stage: str) -> str:
+    """What `stage` reads of a scenario, as JSON text in SI: the value of its ``--options``."""
+    return scenario.model_dump_json(include=set(SECTIONS[stage]))
+
+
+def parse_options(options: str) -> Scenario:
+    """The scenario in an ``--options`` argument: JSON text, or the path of a YAML or JSON file."""
+    if options.lstrip().startswith("{"):
+        try:
+            data = json.loads(options, parse_constant=_refuse_constant)
+        except json.JSONDecodeError as error:
+            raise InputError(f"--options: is not JSON: {error.msg} at character {error.pos}") from error
+        return validate(Scenario, data, "--options")
+    data = read_yaml(options)
+    folders = (Path(), Path(options).parent)
+    return validate(Scenario, data | {"mechanism": _mechanism_data(data.get("mechanism", {}), folders)}, options)
+
+
+def _refuse_constant(text: str) -> float:
+    raise InputError(f"--options: holds {text}, which is not a number; remove it")
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of a configuration: base sections, ``scenarios`` and ``run``."""
+    schema = Scenario.model_json_schema()
+    sections = schema.pop("properties")
+    sections["mechanism"] = {
+        "anyOf": [{"type": "string", "description": "path of a mechanism file"}, sections["mechanism"]]
+    }
+    contact = schema["$defs"]["LooseJoint"]["properties"]["contact"]
+    schema["$defs"]["LooseJoint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, contact]}
+    names = {"type": "array", "items": {"type": "string"}, "description": "scenarios to run; all when absent"}
+    overrides = {
+        "type": "object",
+        "minProperties": 1,
+        "description": "scenarios by name; each holds the keys in which it differs from the sections beside",
+        "additionalProperties": {"type": ["object", "null"], "propertyNames": {"enum": sorted(sections)}},
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "jointgap configuration",
+        "type": "object",
+        "additionalProperties": False,
+        "required": ["scenarios"],
+        "properties": {"run": names, "scenarios": overrides, **sections},
+        "$defs": schema["$defs"],
+    }

@@ -1,0 +1,94 @@
+"""Numbers with units in configuration files; SI floats once read.
+
+A plain number is taken as SI. Text is a number with a unit (``7 mm``, ``600 rpm``, ``207 GPa``) or a number that YAML
+reads as text (``6e9``).
+"""
+
+import math
+from functools import cache
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, WithJsonSchema
+
+
+@cache
+def _registry():
+    import pint  # 0.3 s: only where a file really carries units
+
+    return pint.UnitRegistry()
+
+
+def to_si(value: Any, unit: str) -> float:
+    """Convert a number or a text such as ``'7 mm'`` to a float in `unit`.
+
+    Parameters
+    ----------
+    value : int, float or str
+        Plain numbers are already in `unit`.
+    unit : str
+        SI unit by its pint name, e.g. ``'m'`` or ``'rad/s'``; ``''`` for pure numbers.
+
+    Returns
+    -------
+    float
+        The value in `unit`.
+
+    Raises
+    ------
+    ValueError
+        Not a number, not finite, or a unit of another dimension.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError(f"must be a number{f' in {unit}' if unit else ''} or text like '1.5 {unit}'")
+    if isinstance(value, str):
+        try:
+            value = float(value)
+        except ValueError:
+            value = _convert(value, unit)
+    if not math.isfinite(value):
+        raise ValueError("must be finite")
+    return float(value)
+
+
+def _convert(text: str, unit: str) -> float:
+    import pint
+
+    try:
+        quantity = _registry().Quantity(text)
+    except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them
+        raise ValueError(f"is not a number with a unit (a unit of '{unit or 'no dimension'}' is needed)") from error
+    try:
+        return float(quantity.to(unit or "dimensionless").magnitude)
+    except pint.DimensionalityError as error:
+        raise ValueError(f"has the unit '{quantity.units}', which is not a '{unit or 'pure number'}'") from error
+
+
+def _quantity(unit: str, **limits: float) -> Any:
+    names = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
+    number = {"type": "number", **{names[key]: limit for key, limit in limits.items()}}
+    schema = {
+        "anyOf": [number, {"type": "string", "description": f"number with a unit that converts to {unit or '1'}"}]
+    }
+    return Annotated[
+        float,
+        Field(**limits),
+        BeforeValidator(lambda value: to_si(value, unit)),
+        WithJsonSchema(schema | {"unit": unit or "1"}),
+    ]
+
+
+PositiveLength = _quantity("m", gt=0)
+Length = _quantity("m")
+NonNegativeLength = _quantity("m", ge=0)
+PositiveMass = _quantity("kg", gt=0)
+PositiveInertia = _quantity("kg*m^2", gt=0)
+PositivePressure = _quantity("Pa", gt=0)
+PositiveSpeed = _quantity("m/s", gt=0)
+PositiveAngularSpeed = _quantity("rad/s", gt=0)
+Angle = _quantity("rad")
+Acceleration = _quantity("m/s^2", ge=0, le=15)
+Fraction = _quantity("", ge=0, le=1)
+OpenFraction = _quantity("", gt=0, lt=1)
+PositiveNumber = _quantity("", gt=0)
+FrictionCoefficient = _quantity("", ge=0, le=0.6)
+PoissonRatio = _quantity("", ge=0, lt=0.5)

@@ -1,0 +1,21 @@
+"""Every table that stages hand on: columns with unit, description and type, and the only way to and from files.
+
+One module per stage names its tables: ``tables.write(tables.TRAJECTORY, frame, path)``.
+"""
+
+from jointgap.tables.columns import Column, Table
+from jointgap.tables.simulate import EVENTS, OUTPUTS, TRAJECTORY
+from jointgap.tables.store import describe, read, to_arrow, write, write_whole
+
+__all__ = [
+    "EVENTS",
+    "OUTPUTS",
+    "TRAJECTORY",
+    "Column",
+    "Table",
+    "describe",
+    "read",
+    "to_arrow",
+    "write",
+    "write_whole",
+]
