@@ -1,0 +1,206 @@
+import numpy as np
+import pytest
+import sympy
+
+from jointgap.config import load_mechanism
+from jointgap.errors import InputError
+from jointgap.mechanism import (
+    ClearanceMotion,
+    Motion,
+    clearance_lift,
+    ideal_cycle,
+    linkage_motion,
+    transmission_angle,
+)
+
+MECHANISM = load_mechanism("config/mechanisms/erkaya2009.yaml")
+SPEED = 20 * np.pi
+
+
+def turning(time):
+    """Crank angle, clearance motion and all their derivatives as analytic functions of time, complex times included."""
+    angle = Motion(0.3 + SPEED * time + 9.0 * time**2, SPEED + 18.0 * time, 18.0 + 0 * time)
+
+    def wave(mean, size, rate, phase):
+        argument = rate * time + phase
+        return Motion(
+            mean + size * np.sin(argument), size * rate * np.cos(argument), -size * rate**2 * np.sin(argument)
+        )
+
+    clearance = ClearanceMotion(
+        r2=wave(9e-4, 1e-4, 300.0, 0.1),
+        gamma2=angle + wave(0.2, 0.3, 90.0, 0.4),
+        r3=wave(7e-4, 3e-4, 170.0, 1.1),
+        gamma3=wave(-1.0, 2.0, 60.0, 0.7),
+    )
+    return angle, clearance
+
+
+NAMES = ("crank_x", "crank_y", "rod_x", "rod_y", "slider_x", "slider_y", "rod_angle", "transmission_angle")
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("loose", [True, False])
+def test_the_exact_form_is_the_time_derivative_to_rounding(name, loose):
+    time, step = np.linspace(0.0, 0.1, 201), 1e-40
+
+    def motion(at):
+        angle, clearance = turning(at)
+        return getattr(linkage_motion(MECHANISM, angle, clearance if loose else None), name)
+
+    ours, shifted = motion(time), motion(time + 1j * step)
+    velocity, acceleration = np.imag(shifted.position) / step, np.imag(shifted.velocity) / step
+    # The slider's height cancels to nothing: its scale is that of the terms that cancel.
+    assert ours.velocity == pytest.approx(velocity, rel=1e-11, abs=1e-13 * SPEED)
+    assert ours.acceleration == pytest.approx(acceleration, rel=1e-11, abs=1e-13 * SPEED**2)
+
+
+def paper_functions():
+    """Equations (3)-(10) as the paper writes them, its partial derivatives found symbolically and then summed."""
+    theta, gamma2, gamma3 = sympy.symbols("theta2 gamma2 gamma3")
+    crank, rod, centre, r2, r3 = sympy.symbols("L2 L3 AG3 r2 r3", positive=True)
+    w, a, v2, v3, a2, a3 = sympy.symbols("w2 a2 g2d g3d g2dd g3dd")
+    height = crank * sympy.sin(theta) + r2 * sympy.sin(gamma2)
+    rod_angle = sympy.asin(-(height + r3 * sympy.sin(sympy.pi + gamma3)) / rod)
+    along = crank * sympy.cos(theta) + r2 * sympy.cos(gamma2)
+    quantities = {
+        "rod_x": along + centre * sympy.cos(rod_angle),
+        "rod_y": height + centre * sympy.sin(rod_angle),
+        "slider_x": along + rod * sympy.cos(rod_angle) + r3 * sympy.cos(sympy.pi + gamma3),
+        "slider_y": height + rod * sympy.sin(rod_angle) + r3 * sympy.sin(sympy.pi + gamma3),
+        "rod_angle": rod_angle,
+        "transmission_angle": sympy.acos((height - r3 * sympy.sin(gamma3)) / rod),
+    }
+
+    def velocity(q):
+        return w * q.diff(theta) + v2 * q.diff(gamma2) + v3 * q.diff(gamma3)
+
+    def acceleration(q):
+        return (
+            a * q.diff(theta)
+            + w**2 * q.diff(theta, 2)
+            + 2 * w * (v2 * q.diff(theta, gamma2) + v3 * q.diff(theta, gamma3))
+            + a2 * q.diff(gamma2)
+            + a3 * q.diff(gamma3)
+            + v2**2 * q.diff(gamma2, 2)
+            + v3**2 * q.diff(gamma3, 2)
+            + v2 * v3 * q.diff(gamma2, gamma3)
+            + v3 * v2 * q.diff(gamma3, gamma2)
+        )
+
+    arguments = (crank, rod, centre, r2, r3, theta, gamma2, gamma3, w, a, v2, v3, a2, a3)
+    return {
+        name: [sympy.lambdify(arguments, part, "numpy", cse=True) for part in (q, velocity(q), acceleration(q))]
+        for name, q in quantities.items()
+    }
+
+
+def test_the_paper_form_is_the_sum_of_partial_derivatives_that_the_paper_prints():
+    angle, clearance = turning(np.linspace(0.0, 0.1, 101))
+    ours = linkage_motion(MECHANISM, angle, clearance.paper_form())
+    arguments = (
+        MECHANISM.crank.length,
+        MECHANISM.rod.length,
+        MECHANISM.rod.mass_centre,
+        clearance.r2.position,
+        clearance.r3.position,
+        angle.position,
+        clearance.gamma2.position,
+        clearance.gamma3.position,
+        angle.velocity,
+        angle.acceleration,
+        clearance.gamma2.velocity,
+        clearance.gamma3.velocity,
+        clearance.gamma2.acceleration,
+        clearance.gamma3.acceleration,
+    )
+    for name, functions in paper_functions().items():
+        motion = getattr(ours, name)
+        for mine, function in zip((motion.position, motion.velocity, motion.acceleration), functions, strict=True):
+            printed = function(*arguments)
+            scale = max(1.0, np.max(np.abs(printed)))
+            assert np.max(np.abs(mine - printed)) < 1e-12 * scale, name
+
+
+def test_paper_form_and_exact_form_differ_where_the_clearance_length_moves():
+    angle, clearance = turning(np.linspace(0.0, 0.1, 101))
+    exact = linkage_motion(MECHANISM, angle, clearance)
+    paper = linkage_motion(MECHANISM, angle, clearance.paper_form())
+    assert np.array_equal(exact.slider_x.position, paper.slider_x.position)
+    assert np.max(np.abs(exact.slider_x.acceleration - paper.slider_x.acceleration)) > 5.0
+
+
+def test_without_clearance_the_slider_follows_the_textbook_formula():
+    angle = Motion.of(np.linspace(0, 4 * np.pi, 500), np.full(500, SPEED))
+    ours = linkage_motion(MECHANISM, angle)
+    sine, cosine = np.sin(angle.position), np.cos(angle.position)
+    root = np.sqrt(0.564**2 - (0.150 * sine) ** 2)
+    speed = -0.150 * SPEED * (sine + 0.150 * sine * cosine / root)
+    assert ours.slider_x.position == pytest.approx(0.150 * cosine + root, rel=1e-14)
+    assert ours.slider_x.velocity == pytest.approx(speed, rel=1e-12, abs=1e-13)
+    assert ours.slider_x.acceleration[0] == pytest.approx(-(SPEED**2) * 0.150 * (1 + 0.150 / 0.564), rel=1e-13)
+
+
+def test_clearance_vectors_of_no_length_leave_the_ideal_mechanism():
+    angle = Motion.of(np.linspace(0, 6, 50), np.full(50, SPEED))
+    nothing, undefined = Motion.of(np.zeros(50)), Motion.of(np.full(50, np.nan))
+    ours = linkage_motion(MECHANISM, angle, ClearanceMotion(nothing, undefined, nothing, undefined))
+    ideal = linkage_motion(MECHANISM, angle)
+    assert np.array_equal(ours.slider_x.position, ideal.slider_x.position)
+    assert np.array_equal(ours.rod_angle.position, ideal.rod_angle.position)
+
+
+def test_the_slider_stays_on_its_line():
+    angle, clearance = turning(np.linspace(0.0, 0.1, 301))
+    height = linkage_motion(MECHANISM, angle, clearance).slider_y
+    assert np.max(np.abs(height.position)) < 1e-15
+    assert np.max(np.abs(height.velocity)) < 1e-13
+    assert np.max(np.abs(height.acceleration)) < 1e-10  # out of terms of 1e3 m/s^2
+
+
+def test_an_offset_moves_the_line_of_the_slider():
+    mechanism = MECHANISM.model_copy(update={"slider": MECHANISM.slider.model_copy(update={"offset": 0.02})})
+    angle, clearance = turning(np.linspace(0.0, 0.1, 301))
+    assert linkage_motion(mechanism, angle, clearance).slider_y.position == pytest.approx(0.02, abs=1e-15)
+
+
+def test_transmission_angle_is_a_right_angle_plus_the_rod_angle():
+    angle, clearance = turning(np.linspace(0.0, 0.1, 301))
+    ours = linkage_motion(MECHANISM, angle, clearance)
+    lift = clearance_lift(
+        clearance.r2.position, clearance.gamma2.position, clearance.r3.position, clearance.gamma3.position
+    )
+    by_equation_10 = transmission_angle(0.150, 0.564, angle.position, lift)
+    assert by_equation_10 == pytest.approx(np.pi / 2 + ours.rod_angle.position, abs=5e-16)
+    assert by_equation_10 == pytest.approx(ours.transmission_angle.position, abs=5e-16)
+
+
+def test_a_rod_that_cannot_reach_is_refused_with_its_crank_angle():
+    with pytest.raises(InputError, match=r"rod of 100 mm .* crank angle 90 deg: its crank end is 150 mm off"):
+        transmission_angle(0.150, 0.100, np.radians([0.0, 45.0, 90.0]))
+    short = MECHANISM.model_copy(update={"rod": MECHANISM.rod.with_length(0.1)})
+    with pytest.raises(InputError, match="90 deg"):
+        linkage_motion(short, Motion.of(np.radians([0.0, 90.0])))
+
+
+def test_undefined_samples_pass_through_as_undefined():
+    angles = transmission_angle(0.150, 0.564, np.array([0.0, np.nan, 1.0]))
+    assert np.isnan(angles[1]) and np.isfinite(angles[[0, 2]]).all()
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.03, -0.05])
+def test_the_ideal_cycle_bounds_what_the_linkage_does(offset):
+    mechanism = MECHANISM.model_copy(update={"slider": MECHANISM.slider.model_copy(update={"offset": offset})})
+    motion = linkage_motion(mechanism, Motion.of(np.linspace(0, 2 * np.pi, 200_001)))
+    cycle = ideal_cycle(0.150, 0.564, offset)
+    departure = np.max(np.abs(motion.transmission_angle.position - np.pi / 2))
+    assert departure == pytest.approx(cycle.largest_departure, abs=1e-9)
+    assert np.pi / 2 - departure == pytest.approx(cycle.smallest_transmission_angle, abs=1e-9)
+    assert np.max(motion.slider_x.position) == pytest.approx(cycle.outer_dead_centre, abs=1e-9)
+    assert np.min(motion.slider_x.position) == pytest.approx(cycle.inner_dead_centre, abs=1e-9)
+    assert cycle.stroke == pytest.approx(np.ptp(motion.slider_x.position), abs=2e-9)
+
+
+def test_a_crank_that_cannot_turn_has_no_cycle():
+    with pytest.raises(InputError, match="cannot turn on a rod of 100 mm"):
+        ideal_cycle(0.150, 0.100)
