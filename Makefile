@@ -1,0 +1,51 @@
+# What people type. Only relative paths in targets: the folder's own path may hold spaces.
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help run smoke report test test-slow lint bench dashboard clean set-up
+
+PROFILE ?= local
+CORES ?=
+ARGS ?=
+snakemake_options = --workflow-profile workflow/profiles/$(PROFILE) $(if $(CORES),--cores $(CORES)) $(ARGS)
+
+help: ## this list
+	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:.*## /\t/' | expand -t 12
+	@echo "variables: CORES=2 (default: all), PROFILE=local|slurm|ci, ARGS='more options of the tool'"
+
+set-up: ## packages into .venv, once; the other targets do it by themselves
+	@scripts/set-up
+
+run: set-up ## every scenario to every figure, then results/report.html
+	@scripts/in-venv scripts/run-workflow results/report.html $(snakemake_options)
+
+smoke: set-up ## the whole chain, small: about a minute, then results/smoke-report.html
+	@scripts/in-venv scripts/run-workflow results/smoke-report.html \
+		--configfile config/smoke.yaml $(snakemake_options)
+
+report: set-up ## write results/report.html anew
+	@rm -f results/report.html
+	@$(MAKE) --no-print-directory run
+
+test: set-up ## the fast tests
+	@scripts/get-browser
+	@scripts/in-venv python -m pytest -n 2 --dist loadgroup $(ARGS)
+
+test-slow: set-up ## the slow tests
+	@scripts/get-browser
+	@scripts/in-venv python -m pytest -m slow $(ARGS)
+
+lint: set-up ## style of the Python code and of the workflow
+	@scripts/in-venv ruff check .
+	@scripts/in-venv ruff format --check .
+	@scripts/in-venv snakefmt --check Snakefile workflow
+	@scripts/in-venv snakemake --lint
+
+bench: set-up ## measure what the project promises, beside its peers
+	@scripts/in-venv python -m benchmarks $(ARGS)
+
+dashboard: set-up ## the runs side by side in the browser
+	@scripts/in-venv jointgap dashboard $(ARGS)
+
+clean: ## remove all results; .venv stays
+	rm -rf results .snakemake
