@@ -1,0 +1,30 @@
+# jointgap: contact in clearance joints -> networks -> optimum -> figures, comparison, tracked runs.
+# Configuration in config/config.yaml; rules by stage in workflow/rules; every command is one subcommand of `jointgap`.
+
+from snakemake.utils import min_version
+
+min_version("9.0")
+
+
+configfile: "config/config.yaml"
+
+
+include: "workflow/rules/common.smk"
+
+
+rule all:
+    default_target: True
+    input:
+        comparison=expand("results/{scenario}/comparison.md", scenario=SCENARIOS),
+        figures=expand("results/{scenario}/figures/{figure}.svg", scenario=SCENARIOS, figure=FIGURES),
+        animation=expand("results/{scenario}/figures/animation.gif", scenario=SCENARIOS),
+        published=expand("results/{scenario}/track/published.json", scenario=SCENARIOS),
+
+
+include: "workflow/rules/simulate.smk"
+include: "workflow/rules/surrogate.smk"
+include: "workflow/rules/kinematics.smk"
+include: "workflow/rules/optimise.smk"
+include: "workflow/rules/figures.smk"
+include: "workflow/rules/compare.smk"
+include: "workflow/rules/track.smk"

@@ -1,0 +1,26 @@
+"""Which code makes a stage's results: a digest that makes Snakemake run a stage again when its code changes."""
+
+import hashlib
+from pathlib import Path
+
+# Modules (files or folders of the package) that decide what a stage writes. Snakemake watches rules, not packages.
+CODE = {
+    "simulate": ("dynamics", "tables/simulate.py"),
+    "surrogate": ("surrogate", "tables/simulate.py", "tables/surrogate.py"),
+    "kinematics": ("kinematics.py", "mechanism", "tables/kinematics.py"),
+    "optimise": ("optimise", "mechanism", "dynamics", "tables/optimise.py"),
+    "figures": ("figures", "tables/figures.py"),
+    "compare": ("compare", "tables/compare.py"),
+    "track": ("track",),
+}
+
+
+def code_digest(stage: str) -> str:
+    """Twelve hexadecimal digits over the sources that `stage` runs (jointgap's own, not its dependencies)."""
+    root = Path(__file__).parent
+    digest = hashlib.sha256()
+    for name in CODE[stage]:
+        place = root / name
+        for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            digest.update(str(file.relative_to(root)).encode() + file.read_bytes())
+    return digest.hexdigest()[:12]

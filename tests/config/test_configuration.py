@@ -1,0 +1,191 @@
+"""A configuration is read once, checked whole, and refused with key, value and mend."""
+
+import json
+import math
+from pathlib import Path
+
+import jsonschema
+import pytest
+import yaml
+
+from jointgap.config import json_schema, load_mechanism, options_for, parse_options, read_yaml, resolve
+from jointgap.config.load import merge
+from jointgap.config.scenario import SECTIONS
+from jointgap.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
+
+
+def resolved(over):
+    return resolve(merge(SHIPPED, {"run": ["paper"], "scenarios": {"paper": over}}), (ROOT,))["paper"]
+
+
+def test_quantities_with_units_become_si():
+    scenario = resolved({"simulate": {"speed": "600 rpm", "start_angle": "90 deg", "tolerance": "1e-9 mm"}})
+    assert scenario.simulate.speed == pytest.approx(20 * math.pi, rel=1e-15)
+    assert scenario.simulate.start_angle == pytest.approx(math.pi / 2, rel=1e-15)
+    assert scenario.simulate.tolerance == pytest.approx(1e-12, rel=1e-15)
+
+
+def test_plain_numbers_and_numbers_that_yaml_reads_as_text_are_si():
+    assert resolved({"simulate": {"speed": 60}}).simulate.speed == 60.0
+    # YAML 1.1 reads 2e11 as text
+    assert resolved({"mechanism": {"contacts": {"steel": {"youngs_modulus": "2e11"}}}}).mechanism.crank_pin.contact
+    assert yaml.safe_load("2e11") == "2e11"
+
+
+def test_the_papers_mechanism_has_a_millimetre_of_clearance_and_no_gravity():
+    mechanism = load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml")
+    assert mechanism.crank_pin.clearance == pytest.approx(1e-3)
+    assert mechanism.gravity.tolist() == [0.0, 0.0]
+
+
+def test_gravity_is_an_effect_that_acts_along_its_direction():
+    gravity = resolved({"mechanism": {"effects": [{"name": "gravity"}]}}).mechanism.gravity
+    assert gravity == pytest.approx([0.0, -9.80665], abs=1e-14)
+
+
+def test_a_scenario_changes_only_the_keys_it_names():
+    changed = resolved({"mechanism": {"contacts": {"steel": {"friction": 0.2}}}})
+    plain = resolved({})
+    assert changed.mechanism.crank_pin.contact.friction == changed.mechanism.piston_pin.contact.friction == 0.2
+    assert changed.mechanism.crank_pin.contact.restitution == plain.mechanism.crank_pin.contact.restitution
+    assert changed.simulate == plain.simulate
+
+
+def test_other_lengths_keep_the_mass_centres_share():
+    longer = load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml").with_lengths(0.12, 0.6)
+    assert (longer.crank.mass_centre, longer.rod.mass_centre) == pytest.approx((0.06, 0.3))
+    assert (longer.crank.length, longer.rod.mass) == (0.12, 0.773)
+
+
+@pytest.mark.parametrize(
+    ("over", "words"),
+    [
+        ({"simulate": {"sped": 3}}, ["unknown key 'simulate.sped'", "did you mean 'speed'"]),
+        ({"simulat": {}}, ["unknown key 'simulat'", "did you mean 'simulate'"]),
+        (
+            {"mechanism": {"contacts": {"steel": {"frictoin": 0.1}}}},
+            ["mechanism.contacts.steel.frictoin", "did you mean 'friction'"],
+        ),
+        ({"mechanism": {"crank": {"mass": -1}}}, ["mechanism.crank.mass = -1", "greater than 0"]),
+        ({"mechanism": {"crank": {"length": "0.6 m"}}}, ["crank.length 0.6 m", "cannot turn", "shorten the crank"]),
+        (
+            {"mechanism": {"joints": {"crank_pin": {"journal_radius": "9 mm"}}}},
+            ["mechanism.joints.crank_pin", "journal_radius 0.009 m is not smaller than bearing_radius 0.008 m"],
+        ),
+        ({"mechanism": {"joints": {"crank_pin": {"contact": "steal"}}}}, ["'steal'", "did you mean 'steel'"]),
+        ({"mechanism": {"joints": {"crank_pin": {"journal": "slider"}}}}, ["journal must be 'crank' or 'rod'"]),
+        ({"mechanism": {"contacts": {"steel": {"law": "hertz"}}}}, ["contacts.steel.law = 'hertz'"]),
+        ({"mechanism": {"contacts": {"steel": {"restitution": 1.4}}}}, ["contacts.steel.restitution = 1.4"]),
+        ({"optimise": {"boxes": {"paper": {"crank_length": ["153 mm", "147 mm"]}}}}, ["crank_length", "upside down"]),
+        ({"optimise": {"window": ["60 deg", "400 deg"]}}, ["leaves the first revolution"]),
+        ({"simulate": {"speed": "600 mm"}}, ["simulate.speed = '600 mm'", "millimeter", "rad/s"]),
+        ({"simulate": {"speed": "fast"}}, ["simulate.speed = 'fast'", "not a number"]),
+        ({"simulate": {"speed": True}}, ["simulate.speed = True", "must be a number"]),
+        ({"simulate": {"speed": ".nan"}}, ["simulate.speed = '.nan'"]),
+        ({"simulate": {"speed": float("inf")}}, ["simulate.speed = inf", "finite"]),
+        ({"simulate": {"revolutions": "many"}}, ["simulate.revolutions = 'many'", "integer"]),
+        ({"simulate": {"revolutions": 2}}, ["settled_revolution 4", "simulate.revolutions"]),
+        ({"simulate": {"samples_per_revolution": 720}}, ["samples_per_revolution 720", "five times"]),
+        ({"surrogate": {"seeds": [1, 1]}}, ["seeds [1, 1]", "give each once"]),
+        ({"mechanism": {"effects": [{"name": "gravty"}]}}, ["mechanism.effects.0.name = 'gravty'", "'gravity'"]),
+    ],
+)
+def test_a_mistake_is_named_with_its_scenario_key_value_and_mend(over, words):
+    with pytest.raises(InputError) as caught:
+        resolved(over)
+    assert str(caught.value).startswith("configuration, scenario paper: ")
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_mistake_in_a_shared_contact_is_told_once():
+    with pytest.raises(InputError) as caught:
+        resolved({"mechanism": {"contacts": {"steel": {"restitution": 1.4}}}})
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_every_mistake_is_told_in_one_go():
+    with pytest.raises(InputError) as caught:
+        resolved({"simulate": {"speed": -1, "revolutions": 0}})
+    assert len(str(caught.value).splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("config", "words"),
+    [
+        (SHIPPED | {"run": ["papr"]}, "did you mean 'paper'"),
+        (SHIPPED | {"scenarios": {}}, "scenarios must map"),
+        (SHIPPED | {"run": "paper"}, "must be a list"),
+        (SHIPPED | {"mechanism": "nowhere.yaml"}, "no file 'nowhere.yaml'"),
+        ({"scenarios": {"a": {}}}, "'mechanism' is missing"),
+        (SHIPPED | {"run": ["a/b"], "scenarios": {"a/b": {}}}, "becomes a folder"),
+        (SHIPPED | {"run": ["a"], "scenarios": {"a": [1]}}, "must be a mapping"),
+    ],
+)
+def test_a_configuration_without_a_usable_scenario_is_refused(config, words):
+    with pytest.raises(InputError, match=words):
+        resolve(config, (ROOT,))
+
+
+def test_a_file_that_is_not_yaml_is_refused_with_its_line(tmp_path):
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("crank: {length: 1 m\nrod: [", encoding="utf-8")
+    with pytest.raises(InputError, match=r"bad\.yaml, line 2"):
+        read_yaml(bad)
+
+
+@pytest.mark.parametrize("content", [b"", b"- 1\n", b"\xff\xfe\x00"])
+def test_a_file_that_holds_no_mapping_is_refused_by_name(tmp_path, content):
+    bad = tmp_path / "bad.yaml"
+    bad.write_bytes(content)
+    with pytest.raises(InputError, match=r"bad\.yaml"):
+        read_yaml(bad)
+
+
+@pytest.mark.parametrize("stage", sorted(SECTIONS))
+def test_what_a_stage_reads_survives_the_command_line(stage):
+    scenario = resolved({"mechanism": {"effects": [{"name": "gravity"}]}})
+    read_back = parse_options(options_for(scenario, stage))
+    for section in SECTIONS[stage]:
+        assert getattr(read_back, section) == getattr(scenario, section)
+
+
+def test_a_key_that_a_stage_does_not_read_does_not_reach_it():
+    one, other = resolved({}), resolved({"optimise": {"ratio_limit": 0.2}})
+    assert options_for(one, "simulate") == options_for(other, "simulate")
+    assert options_for(one, "optimise") != options_for(other, "optimise")
+
+
+def test_options_may_be_a_file_with_a_mechanism_beside_it(tmp_path):
+    (tmp_path / "mine.yaml").write_text("mechanism: crank.yaml\nsimulate: {speed: 100 rpm}\n", encoding="utf-8")
+    (tmp_path / "crank.yaml").write_text((ROOT / "config/mechanisms/erkaya2009.yaml").read_text(), encoding="utf-8")
+    assert parse_options(str(tmp_path / "mine.yaml")).simulate.speed == pytest.approx(100 * math.tau / 60)
+
+
+@pytest.mark.parametrize("text", ['{"simulate": ', '{"simulate": {"speed": NaN}}'])
+def test_options_that_are_not_json_are_refused(text):
+    with pytest.raises(InputError, match="--options"):
+        parse_options(text)
+
+
+def test_the_schema_accepts_what_is_shipped_and_refuses_an_unknown_section():
+    validator = jsonschema.Draft202012Validator(json_schema())
+    validator.validate(SHIPPED)
+    validator.validate(yaml.safe_load((ROOT / "config/smoke.yaml").read_text(encoding="utf-8")))
+    assert not validator.is_valid(SHIPPED | {"simulat": {}})
+    assert not validator.is_valid(SHIPPED | {"simulate": {"sped": 1}})
+
+
+def test_the_stored_schema_is_the_one_the_types_give():
+    stored = json.loads((ROOT / "workflow/schemas/config.schema.json").read_text(encoding="utf-8"))
+    assert stored == json_schema(), "run: jointgap schema --write workflow/schemas/config.schema.json"
+
+
+def test_every_key_is_explained_in_the_configurations_readme():
+    text = (ROOT / "config/README.md").read_text(encoding="utf-8")
+    keys = {key for part in json_schema()["$defs"].values() for key in part.get("properties", {})}
+    keys |= set(json_schema()["properties"])
+    assert [key for key in sorted(keys) if f"`{key}`" not in text] == []

@@ -1,0 +1,115 @@
+"""Tables keep units, descriptions and gaps, and are written whole or not at all."""
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from jointgap import tables
+from jointgap.errors import InputError
+from jointgap.tables import Column, Table
+
+SMALL = Table(
+    "small",
+    "a table for tests",
+    (
+        Column("angle", "rad", "an angle"),
+        Column("direction", "rad", "undefined where the centres coincide", nullable=True),
+        Column("count", "1", "a whole number", "int"),
+        Column("name", "", "a word", "text"),
+        Column("good", "", "yes or no", "bool"),
+    ),
+)
+
+
+@pytest.fixture
+def frame():
+    return pd.DataFrame(
+        {
+            "angle": [0.1, 1 / 3, np.pi],
+            "direction": [np.nan, 0.0, 1e-300],
+            "count": [1, 2, 3],
+            "name": ["a", "b", "ä"],
+            "good": [True, False, True],
+        }
+    )
+
+
+def test_a_table_comes_back_bit_for_bit(tmp_path, frame):
+    tables.write(SMALL, frame, tmp_path / "small.parquet")
+    pd.testing.assert_frame_equal(tables.read(SMALL, tmp_path / "small.parquet"), frame, check_exact=True)
+
+
+def test_undefined_is_null_in_the_file_and_never_zero(tmp_path, frame):
+    tables.write(SMALL, frame, tmp_path / "small.parquet")
+    column = pq.read_table(tmp_path / "small.parquet").column("direction")
+    assert column.null_count == 1
+    assert column.to_pylist()[0] is None
+
+
+def test_every_column_carries_unit_and_description(tmp_path, frame):
+    tables.write(SMALL, frame, tmp_path / "small.parquet")
+    shown = tables.describe(tmp_path / "small.parquet").set_index("column")
+    assert shown.loc["angle", "unit"] == "rad"
+    assert shown.loc["direction", "description"] == "undefined where the centres coincide"
+
+
+@pytest.mark.parametrize("table", [value for value in vars(tables).values() if isinstance(value, Table)])
+def test_every_shipped_column_has_a_description_and_every_number_a_unit(table):
+    assert len({column.name for column in table.columns}) == len(table.columns)
+    for column in table.columns:
+        assert column.description, column.name
+        assert column.unit or column.kind in ("text", "bool"), column.name
+
+
+def test_the_same_frame_gives_the_same_bytes(tmp_path, frame):
+    for name in ("one", "two"):
+        tables.write(SMALL, frame, tmp_path / f"{name}.parquet")
+    assert (tmp_path / "one.parquet").read_bytes() == (tmp_path / "two.parquet").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda frame: frame.drop(columns="angle"), "missing columns"),
+        (lambda frame: frame.assign(more=1), "unknown columns"),
+        (lambda frame: frame.assign(angle=np.nan), "angle has no value in row 0"),
+        (lambda frame: frame.assign(angle=[0.0, 1.0, np.inf]), "angle holds an infinite value"),
+    ],
+)
+def test_a_frame_that_is_not_the_table_is_refused_and_leaves_nothing_behind(tmp_path, frame, change, words):
+    with pytest.raises(ValueError, match=words):
+        tables.write(SMALL, change(frame), tmp_path / "small.parquet")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failed_write_keeps_the_old_file_and_no_half_written_one(tmp_path):
+    place = tmp_path / "old.txt"
+    place.write_text("old", encoding="utf-8")
+
+    def stop_half_way(temporary):
+        with open(temporary, "w", encoding="utf-8") as file:
+            file.write("ne")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        tables.write_whole(place, stop_half_way)
+    assert [file.read_text(encoding="utf-8") for file in tmp_path.iterdir()] == ["old"]
+
+
+def test_a_folder_that_is_a_file_is_one_clear_error(tmp_path, frame):
+    (tmp_path / "taken").write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match="cannot be written"):
+        tables.write(SMALL, frame, tmp_path / "taken" / "small.parquet")
+
+
+def test_a_missing_a_damaged_and_a_wrong_file_are_told_apart(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        tables.read(SMALL, tmp_path / "small.parquet")
+    (tmp_path / "small.parquet").write_bytes(b"not parquet")
+    with pytest.raises(InputError, match="cannot be read as Parquet"):
+        tables.read(SMALL, tmp_path / "small.parquet")
+    pq.write_table(pa.table({"angle": [1.0]}), tmp_path / "small.parquet")
+    with pytest.raises(InputError, match="not 'small'"):
+        tables.read(SMALL, tmp_path / "small.parquet")
