@@ -1,0 +1,53 @@
+"""Seconds a person waits: for help, for the small run, for a run with nothing to do, for the whole paper."""
+
+import os
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.project import ROOT, copy_project, run, run_workflow
+
+# The whole run takes long enough that it is measured only when asked for.
+WHOLE_RUN = "JOINTGAP_BENCH_WHOLE_RUN"
+
+
+def seconds(action, repeats: int = 1) -> float:
+    """Median wall-clock seconds of an action that returns a completed process; it must succeed."""
+    taken = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        done = action()
+        taken.append(time.perf_counter() - start)
+        if done.returncode != 0:
+            raise RuntimeError(f"{done.args} failed:\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}")
+    return statistics.median(taken)
+
+
+def measure() -> list[dict]:
+    def row(what, reach, measured, **peers):
+        return {"what": what, "reach": reach, "measured": measured, "unit": "s", "peers": peers}
+
+    def again():
+        return run_workflow(ROOT, "results/report.html")
+
+    rows = [
+        row(
+            "jointgap --help",
+            0.3,
+            seconds(lambda: run(ROOT, "jointgap", "--help"), repeats=9),
+            python=seconds(lambda: run(ROOT, "python", "-c", "pass"), repeats=9),
+            snakemake=seconds(lambda: run(ROOT, "snakemake", "--help"), repeats=3),
+        )
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        copy = copy_project(Path(folder) / "project")
+        small = ("--configfile", "config/smoke.yaml", "--cores", "2")
+        rows.append(row("make smoke", 60, seconds(lambda: run_workflow(copy, "results/smoke-report.html", *small))))
+        if os.environ.get(WHOLE_RUN):
+            whole = seconds(lambda: run_workflow(copy, "results/report.html", "--cores", "2"))
+            rows.append(row("make run, 2 cores", 720, whole))
+    idle = run(ROOT, "snakemake", "--dry-run", "--quiet", "--cores", "1")
+    finished = (ROOT / "results" / "report.html").exists() and "Nothing to be done" in idle.stdout + idle.stderr
+    rows.append(row("second make run", 10, seconds(again, repeats=3) if finished else None))
+    return rows

@@ -1,0 +1,43 @@
+"""What all tests may use."""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+
+
+@pytest.fixture
+def page_text(tmp_path: Path) -> Callable[[str], str]:
+    """A function that opens an address in headless Chromium, lets its scripts run and returns the page as HTML."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip("needs Chromium (Debian: apt-get install chromium)")
+
+    def open_page(address: str, patience_ms: int = 20_000) -> str:
+        done = subprocess.run(
+            [
+                browser,
+                "--headless",
+                "--no-sandbox",  # root, as in most containers, may not start it otherwise
+                "--disable-gpu",
+                "--disable-dev-shm-usage",
+                f"--user-data-dir={tmp_path / 'browser'}",
+                f"--virtual-time-budget={patience_ms}",
+                "--dump-dom",
+                address,
+            ],
+            env={**os.environ, "HOME": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return open_page
