@@ -1,0 +1,116 @@
+"""The local optimiser: sequential quadratic programming from six starting points.
+
+scipy's SLSQP (Kraft 1988) with the exact gradient. It works on lengths scaled to the box and on the error relative to
+that of the original lengths, so its stopping tolerance is a relative change of the error's sum of squares.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize
+
+from jointgap.optimise.objective import Objective
+from jointgap.optimise.region import Region
+
+TOLERANCES = tuple(10.0**-exponent for exponent in range(1, 13))  # swept to show what stopping early does
+
+
+@dataclass(frozen=True)
+class LocalResult:
+    """One local search.
+
+    Attributes
+    ----------
+    start, lengths : ndarray, shape (2,)
+        Where it started and ended, (L2, L3) [m].
+    value : float
+        Sum of squares at the end [rad^2].
+    evaluations, gradients : int
+        Calls of the objective and of its gradient.
+    path : ndarray, shape (k, 2)
+        Every iterate, the start first [m].
+    converged : bool
+        Whether the stopping tolerance was met.
+    status : str
+        Why it stopped and what to make of it.
+    """
+
+    start: np.ndarray
+    lengths: np.ndarray
+    value: float
+    evaluations: int
+    gradients: int
+    path: np.ndarray
+    converged: bool
+    status: str
+
+
+def starting_points(region: Region) -> np.ndarray:
+    """Six points, shape (6, 2) [m]: L2 at 1/4, 3/4 of its range with L3 at 1/6, 1/2, 5/6; cranks too long are cut."""
+    shares = [(crank, rod) for rod in (1 / 6, 1 / 2, 5 / 6) for crank in (1 / 4, 3 / 4)]
+    return np.array([region.clip(region.lower + np.array(share) * region.size) for share in shares])
+
+
+def search(objective: Objective, region: Region, start: ArrayLike, tolerance: float) -> LocalResult:
+    """Follow the error downhill from `start`.
+
+    Parameters
+    ----------
+    objective : Objective
+    region : Region
+    start : array_like, shape (2,)
+        (L2, L3) [m].
+    tolerance : float
+        Stop when the sum of squares changes by less than this share of its value at the original lengths.
+
+    Returns
+    -------
+    LocalResult
+    """
+    start = np.asarray(start, dtype=float)
+    unit = float(objective.value(objective.original))
+    path = [start]
+
+    def lengths(scaled: np.ndarray) -> np.ndarray:
+        return region.lower + scaled * region.size
+
+    slope = -np.array([1.0, -region.ratio_limit]) * region.size / region.size[0]
+    result = minimize(
+        lambda scaled: float(objective.value(lengths(scaled))) / unit,
+        (start - region.lower) / region.size,
+        jac=lambda scaled: objective.gradient(lengths(scaled)) * region.size / unit,
+        method="SLSQP",
+        bounds=[(0.0, 1.0)] * 2,
+        constraints={
+            "type": "ineq",
+            "fun": lambda scaled: -region.inequality(lengths(scaled)) / region.size[0],
+            "jac": lambda scaled: slope,
+        },
+        callback=lambda scaled: path.append(lengths(np.array(scaled))),
+        options={"ftol": tolerance, "maxiter": 200},
+    )
+    end = np.clip(lengths(result.x), region.lower, region.upper)  # bounds met up to rounding are met
+    if result.success:
+        status = f"stopped: the error changes by less than {tolerance:g} of its original value"
+    else:
+        status = (
+            f"not converged ({str(result.message).strip().lower()}): raise the tolerance {tolerance:g} or check the box"
+        )
+    if not np.array_equal(path[-1], end):
+        path.append(end)
+    return LocalResult(
+        start=start,
+        lengths=end,
+        value=float(objective.value(end)),
+        evaluations=int(result.nfev),
+        gradients=int(result.njev),
+        path=np.array(path),
+        converged=bool(result.success),
+        status=status,
+    )
+
+
+def search_from_all(objective: Objective, region: Region, tolerance: float) -> tuple[LocalResult, ...]:
+    """`search` from each of the six starting points."""
+    return tuple(search(objective, region, start, tolerance) for start in starting_points(region))

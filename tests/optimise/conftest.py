@@ -1,0 +1,45 @@
+"""A clearance motion made of sines, in the place of a simulated one."""
+
+import numpy as np
+import pytest
+
+from jointgap.config import Box, Optimise, load_mechanism
+from jointgap.mechanism import clearance_lift
+from jointgap.optimise.objective import frozen_objective
+from jointgap.optimise.region import Region
+
+
+@pytest.fixture(scope="session")
+def mechanism():
+    return load_mechanism("config/mechanisms/erkaya2009.yaml")
+
+
+@pytest.fixture(scope="session")
+def clearance():
+    """Crank angles and the four clearance coordinates (r2, gamma2, r3, gamma3)."""
+    angle = np.radians(np.arange(0.05, 360.0, 0.5))
+    length = 1e-3 + 2e-5 * np.sin(3 * angle)
+    return (
+        angle,
+        length,
+        angle + 0.8 * np.sin(3 * angle),
+        length,
+        0.4 + 1.5 * np.tanh(4 * np.sin(angle)) + 0.3 * np.sin(5 * angle),
+    )
+
+
+@pytest.fixture(scope="session")
+def objective(mechanism, clearance):
+    angle, *vectors = clearance
+    return frozen_objective(mechanism, angle, clearance_lift(*vectors))
+
+
+@pytest.fixture(scope="session", params=list(Optimise().boxes))
+def region(request):
+    return Region.of(Optimise().boxes[request.param], Optimise().ratio_limit)
+
+
+@pytest.fixture(scope="session")
+def cut_region():
+    """A box of which the inequality cuts off the part where the optimum would be."""
+    return Region.of(Box(crank_length=(0.147, 0.153), rod_length=(0.555, 0.564)), 0.262)

@@ -1,0 +1,86 @@
+import math
+
+import numpy as np
+import pytest
+
+from jointgap.errors import InputError
+from jointgap.mechanism import clearance_lift
+from jointgap.optimise.objective import MEASURES, evaluation_samples, frozen_objective, measure
+
+LENGTHS = np.array([0.1492, 0.5611])
+
+
+def test_the_objective_is_equation_12_summed_by_hand(objective, clearance):
+    total = 0.0
+    for angle, r2, gamma2, r3, gamma3 in zip(*clearance, strict=True):
+        desired = math.acos(0.150 * math.sin(angle) / 0.564)
+        height = 0.1492 * math.sin(angle) + r2 * math.sin(gamma2) - r3 * math.sin(gamma3)
+        total += (desired - math.acos(height / 0.5611)) ** 2
+    assert objective.value(LENGTHS) == pytest.approx(total, rel=1e-12)
+
+
+def test_many_lengths_at_once_give_what_each_gives_alone(objective):
+    many = np.array([[LENGTHS, LENGTHS + 1e-3], [LENGTHS * 1.01, LENGTHS]])
+    together = objective.value(many)
+    assert together.shape == (2, 2)
+    for place in np.ndindex(2, 2):
+        assert together[place] == pytest.approx(objective.value(many[place]), rel=1e-14)
+        for name in MEASURES:
+            alone = getattr(objective.measures(many[place]), name)
+            assert getattr(objective.measures(many), name)[place] == pytest.approx(alone, rel=1e-14)
+
+
+def test_the_gradient_is_the_derivative(objective):
+    for axis in range(2):
+        step = np.zeros(2)
+        step[axis] = 1e-5
+        # central differences of fourth order: error about 1e-20 of the fifth derivative
+        values = [objective.value(LENGTHS + factor * step) for factor in (-2, -1, 1, 2)]
+        slope = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / 12e-5
+        assert objective.gradient(LENGTHS)[axis] == pytest.approx(slope, rel=1e-9)
+
+
+def test_measures_of_a_known_error_are_known():
+    measures = measure([3.0, -4.0, 0.0, 0.0])
+    assert (measures.rms, measures.mean_absolute, measures.peak, measures.sum_of_squares) == (2.5, 1.75, 4.0, 25.0)
+
+
+def test_the_sum_of_squares_falls_by_more_than_the_rms_as_its_definition_says(objective):
+    reductions = objective.reductions(LENGTHS)
+    assert reductions.sum_of_squares == pytest.approx(1.0 - (1.0 - reductions.rms) ** 2, abs=1e-13)
+
+
+def test_the_original_lengths_reduce_nothing(objective):
+    reductions = objective.reductions(objective.original)
+    assert all(getattr(reductions, name) == 0.0 for name in MEASURES)
+
+
+def test_without_clearance_there_is_no_error(mechanism, clearance):
+    angle = clearance[0]
+    objective = frozen_objective(mechanism, angle, np.zeros_like(angle))
+    assert objective.value(objective.original) == 0.0
+
+
+def test_a_slide_beside_the_pivot_moves_both_angles_alike(mechanism, clearance):
+    angle, *vectors = clearance
+    slider = mechanism.slider.model_copy(update={"offset": 0.03})
+    shifted = mechanism.model_copy(update={"slider": slider})
+    objective = frozen_objective(shifted, angle, clearance_lift(*vectors))
+    assert frozen_objective(shifted, angle, 0.0 * angle).value((0.150, 0.564)) < 1e-28
+    height = 0.150 * np.sin(angle) + clearance_lift(*vectors) - 0.03
+    desired = np.arccos((0.150 * np.sin(angle) - 0.03) / 0.564)
+    assert objective.error((0.150, 0.564)) == pytest.approx(desired - np.arccos(height / 0.564), abs=1e-15)
+
+
+def test_a_lift_that_no_rod_can_span_is_refused(mechanism):
+    with pytest.raises(InputError, match="cannot reach the slide at crank angle 90 deg"):
+        frozen_objective(mechanism, np.radians([0.0, 90.0]), np.array([0.0, 0.5]))
+
+
+def test_the_evaluation_points_are_no_training_points_and_lie_in_the_window():
+    angle = 0.7 + np.linspace(0.0, 4 * np.pi, 7201)
+    whole = evaluation_samples(angle, (0.0, 2 * np.pi), 3600, 361)
+    assert len(whole) == 3600 - 360
+    assert not np.any(whole % 10 == 0) and whole[-1] < 3600
+    late = evaluation_samples(angle, (np.radians(60.0), 2 * np.pi), 3600, 361)
+    assert late[0] == 601 and len(late) == 2700

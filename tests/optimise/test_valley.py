@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from jointgap.optimise import valley
+from jointgap.optimise.local import search_from_all
+from jointgap.optimise.objective import MEASURES
+
+
+@pytest.fixture(scope="module")
+def floor(objective, region):
+    return valley.floor(objective, region)
+
+
+def test_the_invariant_is_constant_along_the_floor(floor):
+    for name, rows in floor.groupby("measure"):
+        spread = np.ptp(rows["invariant"]) / rows["invariant"].mean()
+        assert spread < 2e-5, name  # 4 % of rod length along it
+
+
+def test_the_wrong_invariant_is_not_constant(floor):
+    squares = floor.query("measure == 'sum_of_squares'")
+    linear = (1 - squares["reduction"]) * squares["rod_length"]
+    assert np.ptp(linear) / linear.mean() > 1e-2
+
+
+def test_the_best_ratio_hardly_changes_along_the_floor(floor):
+    for _, rows in floor.groupby("measure"):
+        assert np.ptp(rows["ratio"]) < 1e-4
+
+
+def test_the_floor_lies_below_the_grid(objective, region, floor):
+    grid = valley.grid(objective, region)
+    for name in MEASURES:
+        lowest = grid.groupby("rod_length")[name].min().to_numpy()
+        assert np.all(floor.query("measure == @name")["value"].to_numpy() <= lowest * (1 + 1e-12))
+
+
+def test_the_grid_holds_the_measures_of_its_points(objective, region):
+    grid = valley.grid(objective, region)
+    assert len(grid) == valley.CRANK_LENGTHS * valley.ROD_LENGTHS
+    for row in grid.iloc[[0, 100, -1]].itertuples():
+        assert row.rms == pytest.approx(float(objective.measures((row.crank_length, row.rod_length)).rms), rel=1e-13)
+
+
+def test_the_grid_marks_what_the_inequality_forbids(objective, cut_region):
+    grid = valley.grid(objective, cut_region)
+    assert np.array_equal(grid["allowed"], grid["crank_length"] <= 0.262 * grid["rod_length"] + 1e-12)
+    assert not grid["allowed"].all()
+
+
+def test_at_the_rod_length_of_the_optimum_the_floor_is_the_optimum(objective, region, floor):
+    best = min(search_from_all(objective, region, 1e-12), key=lambda result: result.value)
+    rows = floor.query("measure == 'sum_of_squares'")
+    predicted = np.interp(best.lengths[1], rows["rod_length"], rows["value"])
+    assert predicted == pytest.approx(best.value, rel=1e-4)
