@@ -1,0 +1,14 @@
+"""Stage track: publishes finished tables to MLflow. Only `store` in here imports mlflow, and it alone talks to it.
+
+`publish.publish` is the stage, `store.create_store` makes the default store, `view.addresses` finds what to compare,
+`weights.load` brings a published network back.
+"""
+
+import os
+
+# Read when mlflow is imported or first used, so they are set before. What the user has set stays.
+os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # no network but the tracking server's
+os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")  # the default, 7, hides a wrong address for four minutes
+os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
+os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
+os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")  # mlflow looks for git; where there is none it would warn

@@ -1,0 +1,143 @@
+"""The stage: brings the store in line with one scenario's finished tables.
+
+Each run is known by scenario, stage and output, and by a digest of all it holds. What is there unchanged is kept,
+what changed is written anew and its old run deleted, what was cut short is deleted. Going twice logs nothing twice.
+"""
+
+import getpass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jointgap import __version__
+from jointgap.config import Scenario
+from jointgap.track.commit import commit
+from jointgap.track.content import records
+from jointgap.track.record import Record
+from jointgap.track.store import EXPERIMENT, Store, StoredRun, address_for, locked
+
+SCENARIO, STAGE, OUTPUT, DIGEST = (f"jointgap.{key}" for key in ("scenario", "stage", "output", "digest"))
+PARENT = "mlflow.parentRunId"
+
+
+@dataclass(frozen=True)
+class _Scenario:
+    """What all runs of one going share."""
+
+    name: str
+    description: str
+    commit: str
+    user: str
+
+
+def publish(
+    scenario_name: str,
+    options: Scenario,
+    tables: Mapping[str, Path],
+    figures: Sequence[Path],
+    benchmarks: Sequence[Path],
+    tracking_uri: str | None,
+    results_folder: Path,
+) -> dict:
+    """Publish what one scenario's stages wrote.
+
+    Parameters
+    ----------
+    scenario_name : str
+        Name of the scenario; with stage and output it is what a run is known by.
+    options : Scenario
+        The scenario's configuration.
+    tables : mapping of str to Path
+        Parquet files by the name of their table; where there is one per output, ``table/output``, as in ``fit/r2``.
+    figures : sequence of Path
+        Files of figures.
+    benchmarks : sequence of Path
+        Snakemake's benchmark files; the name says the stage (``simulate.tsv``) or the output (``surrogate/r2.tsv``).
+    tracking_uri : str, optional
+        Address of the store; ``None`` takes ``MLFLOW_TRACKING_URI``, else the SQLite file in `results_folder`.
+    results_folder : Path
+        Folder of the default store and of the lock.
+
+    Returns
+    -------
+    dict
+        ``store``, ``scenario``, ``runs`` (by ``stage`` or ``stage/output``: ``run_id``, ``digest``, and whether it was
+        ``written`` or ``kept``) and ``deleted`` (how many old runs went).
+
+    Raises
+    ------
+    InputError
+        A table cannot be read, or the store cannot be reached.
+    """
+    content = records(options, tables, figures, benchmarks)
+    shared = _Scenario(scenario_name, options.description, commit(), _user())
+    address = address_for(results_folder, tracking_uri)
+    runs, deleted = {}, 0
+    with locked(results_folder):
+        store = Store(address)
+        for stage in dict.fromkeys(record.stage for record in content):
+            mine = [record for record in content if record.stage == stage]
+            done, gone = _publish_stage(store, shared, stage, mine)
+            runs |= done
+            deleted += gone
+    return {"store": address, "scenario": scenario_name, "runs": runs, "deleted": deleted}
+
+
+def _publish_stage(store: Store, shared: _Scenario, stage: str, content: list[Record]) -> tuple[dict, int]:
+    """Bring one experiment in line; what became of each run, and how many old ones were deleted."""
+    experiment = store.experiment(stage)
+    present = store.runs(experiment, {SCENARIO: shared.name})
+    keep = {record.output: _same(present, record) for record in content}
+    done, parent = {}, None
+    for record in content:  # the stage's own run comes first, the nested ones name it
+        old = keep[record.output]
+        if old is None:
+            run_id = store.write(experiment, _name(shared, record), record, _tags(shared, record, parent))
+        else:
+            run_id = old.run_id
+            if record.nested and old.tags.get(PARENT) != parent:
+                store.tag(run_id, PARENT, parent)
+        if not record.nested:
+            parent = run_id
+        key = f"{stage}/{record.output}" if record.nested else stage
+        done[key] = {"run_id": run_id, "digest": record.digest, "state": "written" if old is None else "kept"}
+    kept = {run.run_id for run in keep.values() if run is not None}
+    superseded = [run for run in present if run.run_id not in kept]
+    for run in superseded:
+        store.delete(run.run_id)
+    return done, len(superseded)
+
+
+def _same(present: list[StoredRun], record: Record) -> StoredRun | None:
+    """The newest complete run that holds exactly what `record` holds."""
+    for run in present:
+        if run.complete and run.tags.get(OUTPUT) == record.output and run.tags.get(DIGEST) == record.digest:
+            return run
+    return None
+
+
+def _name(shared: _Scenario, record: Record) -> str:
+    return f"{shared.name} {record.output}".strip()
+
+
+def _tags(shared: _Scenario, record: Record, parent: str | None) -> dict[str, str]:
+    tags = {
+        SCENARIO: shared.name,
+        STAGE: record.stage,
+        OUTPUT: record.output,
+        DIGEST: record.digest,
+        "jointgap.version": __version__,
+        "mlflow.source.name": "jointgap track",
+        "mlflow.source.type": "LOCAL",
+        "mlflow.source.git.commit": shared.commit,
+        "mlflow.user": shared.user,
+        "mlflow.note.content": shared.description,
+    }
+    return tags | ({PARENT: parent} if record.nested else {})
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a container may run under a number that has no name
+        return "unknown"

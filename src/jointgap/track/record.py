@@ -1,0 +1,159 @@
+"""What one run in MLflow is to hold, before MLflow is asked: plain data with a digest."""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+CURVE_POINTS = 300
+"""Points kept of a curve. MLflow draws at most 320; the full curve stays in its table."""
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file, 64 hexadecimal digits."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A table that a run was made from, or that it made.
+
+    Attributes
+    ----------
+    name : str
+        Name of the table.
+    path : Path
+        Its Parquet file.
+    context : str
+        ``'input'`` or ``'result'``.
+    """
+
+    name: str
+    path: Path
+    context: str
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the file."""
+        return file_digest(self.path)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One metric over the iterations of a training or a search.
+
+    Attributes
+    ----------
+    steps : np.ndarray
+        Iterations, increasing, shape (n,).
+    values : np.ndarray
+        Shape (n,).
+    """
+
+    steps: np.ndarray
+    values: np.ndarray
+
+    def thinned(self, points: int = CURVE_POINTS) -> "Curve":
+        """At most `points` of the curve, spaced evenly on a logarithmic axis of steps, first and last included.
+
+        Where the early steps are fewer than the spacing asks for, all of them are kept.
+        """
+        count = len(self.steps)
+        if count <= points:
+            return self
+        for spacings in range(2 * points, points - 1, -1):
+            kept = np.unique(np.geomspace(1, count, spacings).round().astype(int)) - 1
+            if len(kept) <= points:
+                break
+        return Curve(self.steps[kept], self.values[kept])
+
+
+@dataclass(frozen=True)
+class Record:
+    """One run: what it is, and what it holds.
+
+    Attributes
+    ----------
+    stage : str
+        Stage whose experiment the run belongs to.
+    output : str
+        Which of the stage's runs it is; empty for the run that stands for the whole stage.
+    params : mapping of str to str
+        The options of the stage.
+    metrics : mapping of str to float
+        Numbers; those that are not finite are left out.
+    curves : mapping of str to Curve
+        Metrics over iterations.
+    datasets : tuple of Dataset
+        Tables read and written.
+    files : mapping of str to Path or bytes
+        Artifacts by their path in the run.
+    costs : mapping of str to float
+        Metrics that say what the run cost. They differ from one go to the next, so they take no part in the digest.
+    """
+
+    stage: str
+    output: str = ""
+    params: Mapping[str, str] = field(default_factory=dict)
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    curves: Mapping[str, Curve] = field(default_factory=dict)
+    datasets: tuple[Dataset, ...] = ()
+    files: Mapping[str, Path | bytes] = field(default_factory=dict)
+    costs: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def nested(self) -> bool:
+        """Whether the run is shown under the run of its stage."""
+        return self.output != ""
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 over everything the run holds except its costs: equal digests, equal results."""
+        content = {
+            "params": dict(self.params),
+            "metrics": {name: repr(float(value)) for name, value in self.metrics.items()},
+            "curves": {
+                name: hashlib.sha256(
+                    np.ascontiguousarray(curve.steps, dtype=np.int64).tobytes()
+                    + np.ascontiguousarray(curve.values, dtype=np.float64).tobytes()
+                ).hexdigest()
+                for name, curve in self.curves.items()
+            },
+            "datasets": sorted([dataset.name, dataset.context, dataset.sha256] for dataset in self.datasets),
+            "files": {
+                name: hashlib.sha256(source).hexdigest() if isinstance(source, bytes) else file_digest(source)
+                for name, source in self.files.items()
+            },
+        }
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def points(self) -> list[tuple[str, float, int]]:
+        """Every metric as (name, value, step); costs and single numbers at step 0."""
+        single = [(name, float(value), 0) for name, value in {**self.metrics, **self.costs}.items()]
+        along = [
+            (name, float(value), int(step))
+            for name, curve in self.curves.items()
+            for thin in [curve.thinned()]
+            for step, value in zip(thin.steps, thin.values, strict=True)
+        ]
+        return [point for point in single + along if math.isfinite(point[1])]
+
+
+def flatten(options: Mapping, prefix: str = "") -> dict[str, str]:
+    """Nested options as one level of text: keys joined by dots, lists as JSON.
+
+    A list keeps one key, so that the names do not depend on how long it is.
+    """
+    flat: dict[str, str] = {}
+    for key, value in options.items():
+        if isinstance(value, Mapping):
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value if isinstance(value, str) else json.dumps(value)
+    return flat

@@ -1,0 +1,113 @@
+"""A network as two files that anyone can read: arrays in `weights.npz`, the rest in `network.json`. No pickle.
+
+The arrays carry the names of the state dict of ``torch.nn.Sequential(Linear, Tanh, Linear, Tanh, ..., Linear)``, so
+torch loads them without jointgap::
+
+    arrays = numpy.load("weights.npz")
+    network.load_state_dict({name: torch.from_numpy(arrays[name]) for name in arrays})
+"""
+
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from jointgap.errors import InputError
+
+
+@dataclass(frozen=True)
+class Network:
+    """A fully connected network with tanh layers and a linear last one, inputs and output scaled to [0, 1].
+
+    Attributes
+    ----------
+    weights : tuple of np.ndarray
+        One matrix per layer, shape (neurons, inputs).
+    biases : tuple of np.ndarray
+        One vector per layer, shape (neurons,).
+    input_range, output_range : tuple of float
+        Values that are scaled to 0 and 1.
+    """
+
+    weights: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]
+    input_range: tuple[float, float]
+    output_range: tuple[float, float]
+
+    def __call__(self, angle: np.ndarray) -> np.ndarray:
+        """The output at crank angles [rad], shape (n,), in the unit of the output; shape (n,). Equation (11)."""
+        low, high = self.input_range
+        signal = (np.asarray(angle, dtype=float)[:, np.newaxis] - low) / (high - low)
+        last = len(self.weights) - 1
+        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            signal = signal @ weight.T + bias
+            if layer < last:
+                signal = np.tanh(signal)
+        low, high = self.output_range
+        return signal[:, 0] * (high - low) + low
+
+
+def from_table(fit: pd.DataFrame) -> Network:
+    """The network in the long form of a fit's table (one seed): a row a weight, ``source`` -1 for a bias."""
+    weights, biases = [], []
+    for _, rows in fit.groupby("layer", sort=True):
+        matrix = rows.pivot(index="neuron", columns="source", values="weight").sort_index().sort_index(axis=1)
+        biases.append(matrix[-1].to_numpy(dtype=float))
+        weights.append(matrix.drop(columns=-1).to_numpy(dtype=float))
+    first = fit.iloc[0]
+    ranges = [(float(first[f"{end}_min"]), float(first[f"{end}_max"])) for end in ("input", "output")]
+    return Network(tuple(weights), tuple(biases), *ranges)
+
+
+def to_files(network: Network, output: str) -> dict[str, bytes]:
+    """The network as the contents of `network.json` and `weights.npz`.
+
+    Parameters
+    ----------
+    network : Network
+    output : str
+        Name of the output it learned.
+    """
+    arrays = {}
+    for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        arrays |= {f"{2 * layer}.weight": weight, f"{2 * layer}.bias": bias}  # a Tanh takes each odd number
+    packed = io.BytesIO()
+    np.savez(packed, **arrays)
+    description = {
+        "input": "crank_angle",
+        "output": output,
+        "neurons": [network.weights[0].shape[1], *(len(bias) for bias in network.biases)],
+        "hidden_activation": "tanh",
+        "output_activation": "linear",
+        "input_range": network.input_range,
+        "output_range": network.output_range,
+        "scaling": "scaled = (value - range[0]) / (range[1] - range[0]), for input and output",
+        "weights": "weights.npz, named as the state dict of torch.nn.Sequential(Linear, Tanh, ..., Linear)",
+    }
+    text = json.dumps(description, indent=2) + "\n"
+    return {"network.json": text.encode(), "weights.npz": packed.getvalue()}
+
+
+def load(folder: Path | str) -> Network:
+    """The network in a folder that holds `network.json` and `weights.npz`.
+
+    Raises
+    ------
+    InputError
+        A file is missing or not what it should be.
+    """
+    folder = Path(folder)
+    try:
+        description = json.loads((folder / "network.json").read_text(encoding="utf-8"))
+        with np.load(folder / "weights.npz", allow_pickle=False) as arrays:
+            layers = range(len(description["neurons"]) - 1)
+            weights = tuple(arrays[f"{2 * layer}.weight"] for layer in layers)
+            biases = tuple(arrays[f"{2 * layer}.bias"] for layer in layers)
+        return Network(weights, biases, tuple(description["input_range"]), tuple(description["output_range"]))
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{folder}: holds no network ({error}); give a folder with network.json and weights.npz"
+        ) from error
