@@ -1,0 +1,145 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap.config import Simulate, load_mechanism
+from jointgap.kinematics import UNITS, clearance_motions, kinematics
+from jointgap.mechanism import ClearanceMotion, Motion, linkage_motion
+
+MECHANISM = load_mechanism("config/mechanisms/erkaya2009.yaml")
+OPTIONS = Simulate(samples_per_revolution=1800, revolutions=1)
+SPEED = OPTIONS.speed
+
+# Analytic outputs over the crank angle: value and derivatives one to three by the angle.
+WAVES = {"r2": (1e-3, 0.0, 4e-5, 9.0), "r3": (9e-4, 0.0, 6e-5, 7.0)}
+WAVES |= {"gamma2": (0.3, 1.0, 0.5, 5.0), "gamma3": (-0.8, 0.0, 1.5, 2.0)}
+
+
+def wave(name, angle, order):
+    mean, slope, size, rate = WAVES[name]
+    return (
+        mean + slope * angle + size * np.sin(rate * angle),
+        slope + size * rate * np.cos(rate * angle),
+        -size * rate**2 * np.sin(rate * angle),
+        -size * rate**3 * np.cos(rate * angle),
+    )[order]
+
+
+def fit(name, order=0, error=0.0):
+    """A fit of the order-th time derivative, wrong by a constant error."""
+
+    def evaluate(angle):
+        return wave(name, angle, order) * SPEED**order + error, wave(name, angle, order + 1) * SPEED**order
+
+    return evaluate
+
+
+def fits(**errors):
+    named = {name: fit(name, 0, errors.get(name, 0.0)) for name in WAVES}
+    for order, suffix in ((1, "_dot"), (2, "_ddot")):
+        named |= {f"gamma{j}{suffix}": fit(f"gamma{j}", order, errors.get(f"gamma{j}{suffix}", 0.0)) for j in (2, 3)}
+    return named
+
+
+@pytest.fixture(scope="module")
+def trajectory():
+    """A trajectory whose clearances are the waves; what it says of the links it knows from differentiated positions."""
+    angle = np.linspace(0.0, 2 * np.pi, 1801)
+    frame = pd.DataFrame({"crank_angle": angle, "time": angle / SPEED})
+    for name in WAVES:
+        for order, suffix in enumerate(("", "_dot", "_ddot")):
+            frame[name + suffix] = wave(name, angle, order) * SPEED**order
+    motion = linkage_motion(MECHANISM, Motion.of(angle, SPEED), ClearanceMotion.from_table(frame))
+    parts = ("position", "velocity", "acceleration")
+    for part in parts:
+        frame[f"rod_{part}_x"] = getattr(motion.rod_x, part)
+        frame[f"rod_{part}_y"] = getattr(motion.rod_y, part)
+        frame[f"slider_{part}"] = getattr(motion.slider_x, part)
+    for column, part in zip(("rod_angle", "rod_angular_velocity", "rod_angular_acceleration"), parts, strict=True):
+        frame[column] = getattr(motion.rod_angle, part)
+    return frame.assign(transmission_angle=motion.transmission_angle.position)
+
+
+def error_of(result, source, quantity, region="first_revolution"):
+    keys = {"source": source, "quantity": quantity, "region": region}
+    rows = result.errors.loc[(result.errors[list(keys)] == pd.Series(keys)).all(axis=1)]
+    assert len(rows) == 1
+    return rows.iloc[0]
+
+
+def contradiction_of(result, quantity, region="first_revolution"):
+    rows = result.contradictions.query("quantity == @quantity and region == @region")
+    assert len(rows) == 1
+    return rows.iloc[0]
+
+
+def test_perfect_fits_agree_with_the_simulation_and_with_each_other(trajectory):
+    result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits()})
+    for quantity in UNITS:
+        scale = error_of(result, "ideal", quantity)["range"]
+        assert error_of(result, "simulation_exact", quantity)["peak"] <= 1e-12 * scale
+        # r' and r'' of the fits come from a quotient of fourth order over 1e-4 rad
+        assert error_of(result, "networks_exact", quantity)["peak"] <= 1e-9 * scale
+        for form in ("own_rates", "integrated"):
+            ours, papers = (error_of(result, f"networks_{which}", quantity) for which in (form, "paper_form"))
+            assert abs(ours["peak"] - papers["peak"]) <= 1e-6 * scale
+    assert (result.contradictions["rms_over_range"] < 1e-6).all()
+
+
+def test_the_paper_form_misses_the_acceleration_but_no_position(trajectory):
+    result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits()})
+    for source in ("networks_paper_form", "simulation_paper_form"):
+        assert error_of(result, source, "slider_position")["peak"] < 1e-15
+        missed = error_of(result, source, "slider_acceleration")
+        assert missed["peak"] > 10.0
+    assert missed["rms"] == pytest.approx(
+        error_of(result, "networks_paper_form", "slider_acceleration")["rms"], rel=1e-9
+    )
+
+
+def test_a_fit_that_contradicts_another_is_found_with_its_size(trajectory):
+    errors = {"gamma2_dot": 2.0, "gamma3_ddot": 30.0}
+    result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits(**errors)})
+    assert contradiction_of(result, "gamma2_dot")["rms"] == pytest.approx(2.0, rel=1e-9)
+    assert contradiction_of(result, "gamma3_ddot")["peak"] == pytest.approx(30.0, rel=1e-4)
+    assert contradiction_of(result, "gamma3_dot")["rms"] < 1e-9
+    drift = 2.0 * 0.1 * (1799 / 1800)  # over a revolution of 0.1 s, up to the last held-out sample
+    assert contradiction_of(result, "gamma2")["peak"] == pytest.approx(drift, rel=1e-9)
+    assert contradiction_of(result, "slider_position")["peak"] > 1e-5
+    assert contradiction_of(result, "slider_acceleration")["peak"] > 1e-2
+
+
+def test_the_forms_differ_in_what_they_take_from_where():
+    angle = np.linspace(0.0, 2 * np.pi, 3601)
+    forms = clearance_motions(fits(gamma2_dot=2.0), angle, SPEED)
+    assert list(forms) == ["paper_form", "exact", "own_rates", "integrated"]
+    assert not forms["paper_form"].r2.velocity.any() and forms["exact"].r2.velocity.any()
+    assert forms["exact"].r2.acceleration == pytest.approx(wave("r2", angle, 2) * SPEED**2, abs=1e-9 * SPEED**2)
+    assert forms["own_rates"].gamma2.velocity == pytest.approx(wave("gamma2", angle, 1) * SPEED, rel=1e-12)
+    assert forms["paper_form"].gamma2.velocity == pytest.approx(wave("gamma2", angle, 1) * SPEED + 2.0, rel=1e-12)
+
+
+def test_errors_count_held_out_samples_only(trajectory):
+    result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {})
+    assert error_of(result, "ideal", "slider_position")["samples"] == 1800 - 360
+    assert error_of(result, "ideal", "slider_position", "past_60_deg")["samples"] == 1500 - 300
+    assert result.contradictions.empty
+
+
+def test_the_table_holds_every_sample_of_every_source(trajectory):
+    result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits()})
+    assert set(result.motion.groupby("source").size()) == {1801}
+    assert set(result.motion["source"]) == {"simulation", "ideal", "simulation_exact", "simulation_paper_form"} | {
+        f"networks_{form}" for form in ("paper_form", "exact", "own_rates", "integrated")
+    }
+
+
+def test_samples_without_a_direction_stay_undefined_and_out_of_the_errors(trajectory):
+    start = trajectory.copy()
+    hit = [1, 2]  # held-out samples
+    start.loc[hit, ["r2", "r2_dot", "r2_ddot"]] = 0.0
+    start.loc[hit, ["gamma2", "gamma2_dot", "gamma2_ddot"]] = np.nan
+    result = kinematics(MECHANISM, OPTIONS, 361, start, {})
+    exact = result.motion.query("source == 'simulation_exact'")
+    assert exact["slider_velocity"].isna().sum() == 2 and exact["slider_position"].notna().all()
+    assert error_of(result, "simulation_exact", "slider_velocity")["samples"] == 1440 - 2
