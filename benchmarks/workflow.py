@@ -6,7 +6,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.project import ROOT, copy_project, run, run_workflow
+from benchmarks.project import REPORT, ROOT, copy_project, run, smoke_command, workflow_command
 
 # The whole run takes long enough that it is measured only when asked for.
 WHOLE_RUN = "JOINTGAP_BENCH_WHOLE_RUN"
@@ -29,7 +29,7 @@ def measure() -> list[dict]:
         return {"what": what, "reach": reach, "measured": measured, "unit": "s", "peers": peers}
 
     def again():
-        return run_workflow(ROOT, "results/report.html")
+        return run(ROOT, *workflow_command(REPORT))
 
     rows = [
         row(
@@ -42,12 +42,11 @@ def measure() -> list[dict]:
     ]
     with tempfile.TemporaryDirectory() as folder:
         copy = copy_project(Path(folder) / "project")
-        small = ("--configfile", "config/smoke.yaml", "--cores", "2")
-        rows.append(row("make smoke", 60, seconds(lambda: run_workflow(copy, "results/smoke-report.html", *small))))
+        rows.append(row("make smoke", 60, seconds(lambda: run(copy, *smoke_command("--cores", "2")))))
         if os.environ.get(WHOLE_RUN):
-            whole = seconds(lambda: run_workflow(copy, "results/report.html", "--cores", "2"))
+            whole = seconds(lambda: run(copy, *workflow_command(REPORT, "--cores", "2")))
             rows.append(row("make run, 2 cores", 720, whole))
     idle = run(ROOT, "snakemake", "--dry-run", "--quiet", "--cores", "1")
-    finished = (ROOT / "results" / "report.html").exists() and "Nothing to be done" in idle.stdout + idle.stderr
+    finished = (ROOT / REPORT).exists() and "Nothing to be done" in idle.stdout + idle.stderr
     rows.append(row("second make run", 10, seconds(again, repeats=3) if finished else None))
     return rows

@@ -26,6 +26,7 @@ def page_text(tmp_path: Path) -> Callable[[str], str]:
                 "--no-sandbox",  # root, as in most containers, may not start it otherwise
                 "--disable-gpu",
                 "--disable-dev-shm-usage",
+                "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1, EXCLUDE localhost",  # pages bring their own
                 f"--user-data-dir={tmp_path / 'browser'}",
                 f"--virtual-time-budget={patience_ms}",
                 "--dump-dom",

@@ -1,0 +1,72 @@
+"""The whole chain with the smoke configuration, run as a user runs it."""
+
+import os
+import signal
+import subprocess
+import time
+
+from benchmarks.project import SMOKE_REPORT, environment, in_venv, run, smoke_command
+
+STAGES = ("simulate", "surrogate", "kinematics", "optimise")
+
+
+def tables(folder):
+    """Content of every Parquet file of the smoke scenario, by path."""
+    files = sorted((folder / "results/smoke").rglob("*.parquet"))
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def test_smoke_runs_end_to_end_in_a_path_with_a_space_and_without_a_home(smoke):
+    results = smoke.folder / "results"
+    assert (results / "smoke/comparison.md").stat().st_size > 0
+    assert (smoke.folder / SMOKE_REPORT).stat().st_size > 0
+    for stage in STAGES:
+        assert list((results / "smoke" / stage).rglob("*.parquet")), stage
+
+
+def test_a_second_run_has_nothing_to_do_and_takes_less_than_ten_seconds(smoke):
+    before = {path: path.stat().st_mtime_ns for path in (smoke.folder / "results").rglob("*") if path.is_file()}
+    start = time.monotonic()
+    again = run(smoke.folder, *smoke_command("--cores", "2"))
+    assert time.monotonic() - start < 10
+    assert again.returncode == 0, again.stderr
+    assert "Nothing to be done" in again.stdout + again.stderr
+    assert "writing" not in again.stdout
+    after = {path: path.stat().st_mtime_ns for path in (smoke.folder / "results").rglob("*") if path.is_file()}
+    assert after == before
+
+
+def test_a_changed_option_reruns_its_stage_and_nothing_before_it(smoke):
+    changed = smoke.folder.parent / "changed.yaml"
+    text = (smoke.folder / "config/smoke.yaml").read_text()
+    changed.write_text(text.replace("population: 8", "population: 10"))
+    assert changed.read_text() != text
+    done = run(smoke.folder, "snakemake", "--configfile", str(changed), "--dry-run", "--quiet", "rules", "--cores", "1")
+    assert done.returncode == 0, done.stderr
+    printed = done.stdout + done.stderr
+    assert "optimise" in printed
+    assert "simulate" not in printed.split("optimise")[0]
+    assert "surrogate" not in printed
+
+
+def test_a_killed_run_goes_on_and_ends_with_the_same_bytes_on_one_core(smoke, fresh_project):
+    wanted = [name for name in tables(smoke.folder) if "/surrogate/" in name or "/optimise/" in name]
+    command = smoke_command("--cores", "1")
+    killed = subprocess.Popen(
+        in_venv(*command),
+        cwd=fresh_project,
+        env=environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 60
+    while not tables(fresh_project) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.killpg(killed.pid, signal.SIGKILL)
+    killed.wait()
+    assert 0 < len(tables(fresh_project)) < len(wanted)
+
+    done = run(fresh_project, *command)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
+    assert tables(fresh_project) == tables(smoke.folder)
