@@ -1,0 +1,222 @@
+"""Where the mode of a joint ends: conditions that hold within a mode, and where in a step they first cease to.
+
+Each mode has two conditions, numbers that stay positive while the mode lasts:
+
+    FLIGHT     c^2 - r^2 over 2c                 (impact; smooth where r passes zero, other than c - r)
+    CONTACT    d                                 (separation)
+               d' + d'_0 / chi                   (the force falls to zero: clamped)
+    CLAMPED    d                                 (separation)
+               -(d' + d'_0 / chi)                (the force comes back)
+"""
+
+import math
+
+from jointgap.dynamics.compiled import compiled
+from jointgap.dynamics.equations import CLAMPED, CONTACT, FLIGHT
+from jointgap.dynamics.integrator import AFTER, BEFORE, step, stretch
+from jointgap.dynamics.motion import directions, relative_motion
+
+NOWHERE = 2.0
+
+_PIECES = 16
+
+LEAST_APPROACH = 1e-6
+"""Approach speed [m/s] that a slower impact is given: with d'_0 -> 0 the damping chi d'/d'_0 would have no bound."""
+
+
+@compiled
+def conditions(joint, mode, approach, relative):
+    """Both conditions of a joint's mode with their time derivatives.
+
+    `relative` is clearance vector, rate and second rate (ex, ey, vx, vy, ax, ay).
+
+    Returns
+    -------
+    tuple of 5 floats
+        First condition [m] and its first two derivatives, second condition [m/s] and its first derivative.
+    """
+    ex, ey, vx, vy, ax, ay = relative
+    if mode == FLIGHT:
+        c = joint.clearance
+        gap = 0.5 * (c - (ex * ex + ey * ey) / c)
+        return gap, -(ex * vx + ey * vy) / c, -(vx * vx + vy * vy + ex * ax + ey * ay) / c, 1.0, 0.0
+    r = math.sqrt(ex * ex + ey * ey)
+    nx, ny = ex / r, ey / r
+    rate = vx * nx + vy * ny
+    curvature = ax * nx + ay * ny + (vy * nx - vx * ny) ** 2 / r
+    if joint.damping == 0.0:
+        return r - joint.clearance, rate, curvature, 1.0, 0.0
+    margin = rate + approach / joint.damping
+    if mode == CONTACT:
+        return r - joint.clearance, rate, curvature, margin, curvature
+    return r - joint.clearance, rate, curvature, -margin, -curvature
+
+
+@compiled
+def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
+    """Fraction of a step at which a condition first falls through zero, on its quintic Hermite interpolant.
+
+    Parameters
+    ----------
+    g0, v0, a0, g1, v1, a1
+        Condition and its first two time derivatives at the start and at the end of the step.
+    duration : float
+        Length of the step [s].
+    margin : float
+        An inner minimum this little above zero is reported too: the interpolant may err.
+
+    Returns
+    -------
+    float
+        In [0, 1], or `NOWHERE`.
+    """
+    if g0 <= 0.0 and v0 < 0.0:
+        return 0.0
+    dips = v0 < 0.0 < v1
+    if g1 >= 0.0 and not dips:
+        return NOWHERE
+    v0, v1, a0, a1 = v0 * duration, v1 * duration, a0 * duration**2, a1 * duration**2
+    rise = g1 - g0
+    c3 = 10.0 * rise - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
+    c4 = -15.0 * rise + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
+    c5 = 6.0 * rise - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)
+    low, high = 0.0, NOWHERE
+    lowest, value = 1.0, g1
+    for i in range(1, _PIECES + 1):
+        x = i / _PIECES
+        g = g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
+        if g < value:
+            lowest, value = x, g
+        if g < 0.0:
+            high = x
+            break
+        low = x
+    if high == NOWHERE:
+        # No piece ends below zero, but the minimum lies within a piece: narrow it down by the derivative's sign.
+        left, right = max(lowest - 1.0 / _PIECES, 0.0), min(lowest + 1.0 / _PIECES, 1.0)
+        for _ in range(50):
+            x = 0.5 * (left + right)
+            if v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5))) < 0.0:
+                left = x
+            else:
+                right = x
+        g = g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
+        if g >= 0.0:
+            return x if g < margin else NOWHERE
+        high = x
+    for _ in range(50):
+        x = 0.5 * (low + high)
+        # At the very start the condition has only just come true: zero up to rounding, and rising.
+        if g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5)))) < 0.0:
+            high = x
+        else:
+            low = x
+    return high
+
+
+@compiled
+def joint_conditions(p, joint, modes, approaches, motion):
+    """`conditions` of joint 0 (crank pin) or 1 (piston pin)."""
+    if joint == 0:
+        return conditions(p.crank_pin, modes[0], approaches[0], motion[0])
+    return conditions(p.piston_pin, modes[1], approaches[1], motion[1])
+
+
+@compiled
+def next_event(p, modes, approaches, before, after, duration, margin):
+    """Where in a step the first condition of any joint ends: fraction, joint and which of its conditions."""
+    first, which, kind = NOWHERE, 0, 0
+    for joint in range(2):
+        g0, v0, a0, h0, w0 = joint_conditions(p, joint, modes, approaches, before)
+        g1, v1, a1, h1, w1 = joint_conditions(p, joint, modes, approaches, after)
+        x = first_crossing(g0, v0, a0, g1, v1, a1, duration, margin)
+        if x < first:
+            first, which, kind = x, joint, 0
+        # Of the second condition only one derivative is known; the curvatures of the cubic make the quintic that cubic.
+        slope = (h1 - h0) / duration
+        bend0, bend1 = (6.0 * slope - 4.0 * w0 - 2.0 * w1) / duration, (2.0 * w0 + 4.0 * w1 - 6.0 * slope) / duration
+        x = first_crossing(h0, w0, bend0, h1, w1, bend1, duration, 0.0)
+        if x < first:
+            first, which, kind = x, joint, 1
+    return first, which, kind
+
+
+@compiled
+def switched(mode, approach, kind, speed):
+    """Mode and approach speed of a joint after its condition `kind` has ended at the rate `speed` of the distance."""
+    if mode == FLIGHT:
+        return CONTACT, max(speed, LEAST_APPROACH)
+    if kind == 0:
+        return FLIGHT, approach
+    return (CLAMPED if mode == CONTACT else CONTACT), approach
+
+
+@compiled
+def locate(
+    p,
+    angles,
+    modes,
+    approaches,
+    y,
+    slope,
+    time,
+    course,
+    s,
+    duration,
+    joint,
+    kind,
+    guess,
+    close,
+    weights,
+    k,
+    new,
+    new_slope,
+):
+    """Redo a step so that it ends where condition `kind` of `joint` falls through zero.
+
+    Newton's method with true steps, kept between the last points found before and after the event. Towards a separation
+    the step runs in the root of the time left: see `jointgap.dynamics.integrator`.
+
+    Parameters
+    ----------
+    duration, guess : float
+        Length of the step that passed the event, and where in it the event is thought to be [s].
+    close : float
+        The condition counts as zero below this.
+    others
+        As in `step`.
+
+    Returns
+    -------
+    tuple
+        Whether there is such a point, course, s and ds of the step that ends there, its error [m], steps made.
+    """
+    to_separation = kind == 0 and modes[joint] == CONTACT and not (course == AFTER and s == 0.0)
+    low, high = 0.0, math.inf
+    for count in range(1, 60):
+        if to_separation:
+            run, begin = BEFORE, math.sqrt(guess)
+            ds = -begin
+        else:
+            run, begin, ds = course, s, stretch(course, s, guess)
+        error = step(p, angles, modes, approaches, y, slope, run, begin, ds, weights, k, new, new_slope)
+        motion = relative_motion(p, directions(p, time + guess, new[2]), new, new_slope)
+        g, v, _, h, w = joint_conditions(p, joint, modes, approaches, motion)
+        if kind == 1:
+            g, v = h, w
+        if abs(g) <= close:
+            return True, run, begin, ds, error, count
+        if g < 0.0:
+            high = guess
+        elif v >= 0.0 and high == math.inf:
+            break  # past an inner minimum that stays above zero
+        else:
+            low = guess
+        guess -= g / v
+        if not low < guess < high:
+            guess = 0.5 * (low + high)
+        if high - low <= 1e-14 * duration or low == guess or guess == high:
+            return True, run, begin, ds, error, count
+        if guess > 1.5 * duration:
+            break
+    return False, course, s, stretch(course, s, duration), math.inf, count

@@ -1,0 +1,13 @@
+"""Friction between journal and bearing: coefficient over sliding speed."""
+
+import math
+
+from jointgap.dynamics.compiled import compiled
+
+
+@compiled
+def friction_coefficient(sliding_speed, friction, friction_speed):
+    """Coulomb friction made smooth through zero, mu tanh(v / v_0); has the sign of the sliding speed."""
+    if friction == 0.0:
+        return 0.0
+    return friction * math.tanh(sliding_speed / friction_speed)
