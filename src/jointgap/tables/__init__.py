@@ -4,12 +4,14 @@ One module per stage names its tables: ``tables.write(tables.TRAJECTORY, frame, 
 """
 
 from jointgap.tables.columns import Column, Table
+from jointgap.tables.figures import PLOTTED
 from jointgap.tables.simulate import EVENTS, OUTPUTS, TRAJECTORY
 from jointgap.tables.store import describe, read, to_arrow, write, write_whole
 
 __all__ = [
     "EVENTS",
     "OUTPUTS",
+    "PLOTTED",
     "TRAJECTORY",
     "Column",
     "Table",

@@ -1,0 +1,199 @@
+"""The mechanism in motion over the first revolution, its clearances magnified."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm
+from matplotlib.patches import Circle, Rectangle
+
+from jointgap.config import Scenario
+from jointgap.figures.contact import JOINTS, SMALLEST_FORCE, eccentricity
+from jointgap.figures.drawing import Drawing
+from jointgap.figures.samples import degrees, revolution
+from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet
+from jointgap.figures.style import INK
+
+OPENING, SHARE = 60.0, 0.5  # [deg] the opening, where the journals fly and hit, gets this share of the frames
+FRAME_DURATION = 0.06  # s
+WIDTH, HEIGHT, DOTS_PER_INCH = 8.6, 5.8, 100
+JOURNAL = 14.0  # [mm] drawn radius of a journal
+FLIGHT = "#BBBBBB"
+FORCE = Quantity("normal force", "N")
+
+
+@dataclass(frozen=True)
+class Pin:
+    """One loose joint as drawn: centres magnified about the crank's or the slider's pin, shapes (frames, 2) [mm]."""
+
+    journal: np.ndarray
+    bearing: np.ndarray
+    rod_end: np.ndarray
+    force: np.ndarray
+
+
+def animation(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
+    """Mechanism with its clearances magnified, both journals in their bearings, contact force by colour and curve."""
+    first = revolution(tables["trajectory"], scenario, 1)
+    chosen = _frames(len(first) - 1, scenario.figures.animation_frames)
+    samples = first.iloc[chosen].reset_index(drop=True)
+    largest = max(first[f"{name}_normal_force"].max() for name in JOINTS)
+    norm = LogNorm(SMALLEST_FORCE, max(largest, 10.0 * SMALLEST_FORCE))
+    colours = mpl.colormaps["viridis_r"].resampled(9)
+
+    sheet = Sheet(HEIGHT, 2, 3, width=WIDTH, height_ratios=[1.25, 1.0], width_ratios=[1.0, 1.0, 1.5])
+    moving = [_Mechanism(sheet, samples, scenario)]
+    for column, (name, number) in enumerate(JOINTS.items()):
+        moving.append(_Bearing(sheet, column, name, number, first, samples, scenario))
+    moving.append(_Forces(sheet, first, samples))
+    panel = sheet.panels[-1]
+    bar = mpl.cm.ScalarMappable(norm, colours)
+    sheet.figure.colorbar(bar, ax=panel.axes, label=f"{FORCE.label}; grey: in flight")
+
+    def colour(force: float):
+        return colours(norm(max(force, SMALLEST_FORCE))) if force > 0.0 else FLIGHT
+
+    return Drawing(sheet.figure, sheet.drawing().data, _film(sheet, moving, len(samples), colour), FRAME_DURATION)
+
+
+def _frames(samples: int, frames: int) -> np.ndarray:
+    """Samples of one revolution to show: SHARE of the frames before OPENING, the rest evenly over the remainder."""
+    slow = round(SHARE * frames)
+    until = OPENING / 360.0 * samples
+    chosen = np.concatenate([np.linspace(0.0, until, slow, False), np.linspace(until, samples, frames - slow)])
+    return np.unique(np.round(chosen).astype(int))
+
+
+def _film(sheet: Sheet, moving: list, frames: int, colour) -> tuple[np.ndarray, ...]:
+    """Draw what stands still once, and what moves on top of it frame by frame."""
+    canvas = FigureCanvasAgg(sheet.figure)
+    sheet.figure.set_dpi(DOTS_PER_INCH)
+    artists = [artist for part in moving for artist in part.artists]
+    for artist in artists:
+        artist.set_animated(True)
+    canvas.draw()
+    still = canvas.copy_from_bbox(sheet.figure.bbox)
+    shots = []
+    for frame in range(frames):
+        canvas.restore_region(still)
+        for part in moving:
+            part.move(frame, colour)
+            for artist in part.artists:
+                artist.axes.draw_artist(artist)
+        shots.append(np.asarray(canvas.buffer_rgba())[:, :, :3].copy())
+    return tuple(shots)
+
+
+def _pin(samples: pd.DataFrame, name: str, number: int, x, y, scenario: Scenario) -> Pin:
+    """The joint around its pin at (x, y) [m] on the crank or the slider."""
+    joint = getattr(scenario.mechanism, name)
+    magnified = scenario.figures.magnification * np.nan_to_num(np.stack(eccentricity(samples, number, joint), axis=-1))
+    pin = np.stack([x, y], axis=-1)
+    end = pin + (magnified if joint.journal == "rod" else -magnified)
+    journal, bearing = (end, pin) if joint.journal == "rod" else (pin, end)
+    return Pin(1e3 * journal, 1e3 * bearing, 1e3 * end, samples[f"{name}_normal_force"].to_numpy())
+
+
+class _Mechanism:
+    """Crank, rod and piston; the rings and journals of both joints."""
+
+    def __init__(self, sheet: Sheet, samples: pd.DataFrame, scenario: Scenario):
+        mechanism, times = scenario.mechanism, scenario.figures.magnification
+        angle = samples["crank_angle"].to_numpy()
+        crank = mechanism.crank.length * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        slide = np.full(len(samples), mechanism.slider.offset)
+        self.pins = (
+            _pin(samples, "crank_pin", 2, crank[:, 0], crank[:, 1], scenario),
+            _pin(samples, "piston_pin", 3, samples["slider_position"].to_numpy(), slide, scenario),
+        )
+        self.crank, self.angle, self.time = 1e3 * crank, degrees(samples["crank_angle"]), samples["time"].to_numpy()
+        self.slider = 1e3 * np.stack([samples["slider_position"].to_numpy(), slide], axis=-1)
+        title = f"mechanism, first revolution; clearances drawn {times:g} times as large"
+        panel = sheet.panel((0, slice(None)), title, Quantity("x", "mm"), Quantity("y", "mm"))
+        axes = panel.axes
+        for series, pin in zip(("rod's crank end", "rod's piston end"), self.pins, strict=True):
+            panel.record(series, *pin.rod_end.T, value=self.angle, value_quantity="crank angle", value_unit="deg")
+        radii = [JOURNAL + 1e3 * times * getattr(mechanism, joint).clearance for joint in ("crank_pin", "piston_pin")]
+        half = 1.35 * max(radii)
+        reach = 1e3 * (mechanism.crank.length + mechanism.rod.length)
+        margin = 1e3 * mechanism.crank.length + 2.0 * max(radii)
+        axes.set_xlim(-margin, reach + 2.6 * half)
+        axes.set_ylim(-margin, margin)
+        axes.set_aspect("equal")
+        axes.grid(False)
+        axes.plot(0, 0, marker="^", markersize=9, color=INK, zorder=1)
+        offset = 1e3 * mechanism.slider.offset
+        for side in (-1.0, 1.0):
+            axes.axhline(offset + side * half, color="#999999", linewidth=0.8, xmin=0.45)
+        (self.rod,) = axes.plot([], [], color="#56B4E9", linewidth=5, solid_capstyle="round")
+        (self.link,) = axes.plot([], [], color=INK, linewidth=5, solid_capstyle="round")
+        self.piston = Rectangle((0, 0), 2.2 * half, 2.0 * half, facecolor="#EEEEEE", edgecolor=INK, linewidth=1.2)
+        self.half = half
+        self.rings = [Circle((0, 0), radius, facecolor="none", edgecolor=INK, linewidth=1.2) for radius in radii]
+        self.journals = [Circle((0, 0), JOURNAL, edgecolor=INK, linewidth=0.8) for _ in self.pins]
+        self.words = axes.text(0.99, 0.97, "", transform=axes.transAxes, ha="right", va="top")
+        for patch in (self.piston, *self.rings, *self.journals):
+            axes.add_patch(patch)
+        self.artists = (self.piston, self.rod, self.link, *self.rings, *self.journals, self.words)
+
+    def move(self, frame: int, colour) -> None:
+        self.piston.set_xy((self.slider[frame, 0] - 1.1 * self.half, self.slider[frame, 1] - self.half))
+        self.rod.set_data(*np.transpose([pin.rod_end[frame] for pin in self.pins]))
+        self.link.set_data([0.0, self.crank[frame, 0]], [0.0, self.crank[frame, 1]])
+        for ring, journal, pin in zip(self.rings, self.journals, self.pins, strict=True):
+            ring.set_center(pin.bearing[frame])
+            journal.set_center(pin.journal[frame])
+            journal.set_facecolor(colour(pin.force[frame]))
+        nearby = slice(max(frame - 1, 0), max(frame - 1, 0) + 2)
+        slowed = FRAME_DURATION / np.diff(self.time[nearby])[0]
+        self.words.set_text(
+            f"crank angle {self.angle[frame]:5.1f} deg\ntime {1e3 * self.time[frame]:6.2f} ms\nslowed {slowed:.0f} times"
+        )
+
+
+class _Bearing:
+    """One journal's centre in its bearing, with the way it has come."""
+
+    def __init__(self, sheet, column, name, number, first, samples, scenario):
+        joint, words = getattr(scenario.mechanism, name), name.replace("_", " ")
+        panel = sheet.panel((1, column), words, Quantity("journal, x", "mm"), Quantity("journal, y", "mm"))
+        radius, circle = 1e3 * joint.clearance, np.linspace(0.0, 2.0 * np.pi, 181)
+        panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
+        panel.square(1.2 * radius)
+        self.way = 1e3 * np.stack(eccentricity(first, number, joint), axis=-1)
+        self.centre = 1e3 * np.nan_to_num(np.stack(eccentricity(samples, number, joint), axis=-1))
+        self.force = samples[f"{name}_normal_force"].to_numpy()
+        self.row = np.searchsorted(first["crank_angle"].to_numpy(), samples["crank_angle"].to_numpy())
+        panel.record(words, *self.centre.T, value=self.force, value_quantity=FORCE.name, value_unit=FORCE.unit)
+        (self.trail,) = panel.axes.plot([], [], color="#999999", linewidth=0.7)
+        (self.dot,) = panel.axes.plot([], [], marker="o", markersize=9, markeredgecolor=INK)
+        self.artists = (self.trail, self.dot)
+
+    def move(self, frame: int, colour) -> None:
+        self.trail.set_data(*self.way[: self.row[frame] + 1].T)
+        self.dot.set_data(*self.centre[frame][:, None])
+        self.dot.set_markerfacecolor(colour(self.force[frame]))
+
+
+class _Forces:
+    """Normal forces over the crank angle with a cursor."""
+
+    def __init__(self, sheet: Sheet, first: pd.DataFrame, samples: pd.DataFrame):
+        panel: Panel = sheet.panel((1, 2), "contact", CRANK_ANGLE, FORCE)
+        angle = degrees(first["crank_angle"])
+        for name in JOINTS:
+            force, words = first[f"{name}_normal_force"].to_numpy(), name.replace("_", " ")
+            panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.5)
+        panel.axes.set_yscale("log")
+        panel.axes.set_ylim(bottom=SMALLEST_FORCE)
+        panel.axes.legend(loc="lower right", handlelength=1.0, frameon=True, framealpha=0.9)
+        panel.over_crank_angle(angle[0], angle[-1])
+        self.angle = degrees(samples["crank_angle"])
+        self.cursor = panel.axes.axvline(angle[0], color=INK, linewidth=1.0)
+        self.artists = (self.cursor,)
+
+    def move(self, frame: int, colour) -> None:
+        self.cursor.set_xdata([self.angle[frame]] * 2)

@@ -1,0 +1,199 @@
+"""A figure that keeps a record of everything plotted on it.
+
+Figure functions plot through a `Panel` alone, so that the data saved beside a figure is what the figure shows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, MultipleLocator, NullLocator
+from numpy.typing import ArrayLike
+
+from jointgap import tables
+from jointgap.figures.drawing import Drawing
+from jointgap.figures.style import COLOURS, WIDTH
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What an axis shows.
+
+    Attributes
+    ----------
+    name : str
+        In words.
+    unit : str
+        Unit of the numbers on the axis; ``'1'`` for pure numbers, ``''`` for categories.
+    symbol : str
+        Symbol for the label, as mathtext; may be empty.
+    """
+
+    name: str
+    unit: str
+    symbol: str = ""
+
+    @property
+    def label(self) -> str:
+        """Text beside the axis."""
+        words = f"{self.name} {self.symbol}".strip()
+        return f"{words} [{'–' if self.unit == '1' else self.unit}]" if self.unit else words
+
+
+def round_up(value: float) -> float:
+    """The next number of the form 1, 2 or 5 times a power of ten."""
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value * (1 - 1e-9)))
+
+
+def _short(value: float, position: int) -> str:
+    """Tick label: plain up to 1000, a power of ten beyond."""
+    if abs(value) < 1e4:
+        return f"{value:g}".replace("-", "−")
+    exponent = int(np.floor(np.log10(abs(value)) + 1e-9))
+    factor = value / 10.0**exponent
+    lead = {1.0: "", -1.0: "-"}.get(round(factor, 6), rf"{factor:g} \times ")
+    return rf"${lead}10^{{{exponent}}}$"
+
+
+CRANK_ANGLE = Quantity("crank angle", "deg", r"$\theta_2$")
+
+
+class Panel:
+    """One pair of axes of a sheet."""
+
+    def __init__(self, axes: Axes, title: str, x: Quantity, y: Quantity):
+        self.axes, self.title, self.x, self.y = axes, title, x, y
+        self.records: list[dict[str, np.ndarray]] = []
+        axes.set_title(title)
+        axes.set_xlabel(x.label)
+        axes.set_ylabel(y.label)
+
+    def line(self, series: str, x: ArrayLike, y: ArrayLike, colour: str, **look) -> None:
+        """A curve; it breaks where `y` is nan. Looks are matplotlib's."""
+        self.axes.plot(x, y, label=series, color=COLOURS[colour], **look)
+        self.record(series, x, y)
+
+    def marks(
+        self, series: str, x: ArrayLike, y: ArrayLike, colour: str, low=None, high=None, labels=None, **look
+    ) -> None:
+        """Points, with bars from `low` to `high` where these are given; `labels` name categories."""
+        look = {"marker": "o", "markersize": 4.0, "linestyle": "none"} | look
+        if low is not None:
+            spread = np.abs([np.asarray(y) - np.asarray(low), np.asarray(high) - np.asarray(y)])
+            self.axes.errorbar(x, y, yerr=spread, label=series, color=COLOURS[colour], capsize=2.5, **look)
+        else:
+            self.axes.plot(x, y, label=series, color=COLOURS[colour], **look)
+        self.record(series, x, y, low=low, high=high, label=labels)
+
+    def coloured(self, series: str, x: ArrayLike, y: ArrayLike, value: ArrayLike, quantity: Quantity, **look):
+        """Points coloured by a third quantity; hands back what a colour bar needs."""
+        drawn = self.axes.scatter(x, y, c=value, label=series, **look)
+        self.record(series, x, y, value=value, value_quantity=quantity.name, value_unit=quantity.unit)
+        return drawn
+
+    def contours(self, series: str, x: np.ndarray, y: np.ndarray, value: np.ndarray, quantity: Quantity, **look):
+        """Filled contours over a grid of shape (len(y), len(x)); hands back what a colour bar needs."""
+        drawn = self.axes.contourf(x, y, value, **look)
+        grid_x, grid_y = np.meshgrid(x, y)
+        self.record(
+            series,
+            grid_x.ravel(),
+            grid_y.ravel(),
+            value=np.ravel(value),
+            value_quantity=quantity.name,
+            value_unit=quantity.unit,
+        )
+        return drawn
+
+    def level(self, series: str, y: float, colour: str = "limit", **look) -> None:
+        """A horizontal line across the panel."""
+        self.axes.axhline(y, label=series, color=COLOURS[colour], **({"linewidth": 0.9, "linestyle": ":"} | look))
+        self.record(series, [np.nan], [y])
+
+    def categories(self, names: Sequence[str]) -> None:
+        """Names on the abscissa at 0, 1, 2, ..."""
+        self.axes.set_xticks(range(len(names)), names)
+        self.axes.grid(False, axis="x")
+
+    def over_crank_angle(self, start: float, end: float) -> None:
+        """Ticks and limits for crank angles from `start` to `end` [deg]."""
+        span = end - start
+        self.axes.set_xlim(start, end)
+        self.axes.xaxis.set_major_locator(MultipleLocator(60 if span > 200 else 15 if span > 50 else 5))
+
+    def square(self, half_width: float) -> None:
+        """Equal scales on both axes, from -`half_width` to `half_width`."""
+        self.axes.set_xlim(-half_width, half_width)
+        self.axes.set_ylim(-half_width, half_width)
+        self.axes.set_aspect("equal")
+
+    def linear_then_logarithmic(self, threshold: float) -> None:
+        """An ordinate that is linear up to +-`threshold` (grey band) and logarithmic beyond; call it after plotting."""
+        bottom, top = self.axes.dataLim.intervaly
+        decades = 10.0 ** np.arange(np.floor(np.log10(threshold)) + 1.0, 20.0)
+        beyond = decades[decades > 1.5 * threshold]
+        ticks = [-threshold, 0.0, threshold, *beyond[beyond <= 1.3 * top], *-beyond[beyond <= -1.3 * bottom]]
+        self.axes.set_yscale("symlog", linthresh=threshold, linscale=1.2)
+        self.axes.yaxis.set_major_locator(FixedLocator(sorted(ticks)))
+        self.axes.yaxis.set_major_formatter(FuncFormatter(_short))
+        self.axes.yaxis.set_minor_locator(NullLocator())
+        self.axes.set_ylim(min(1.5 * bottom, -1.2 * threshold), max(1.5 * top, 1.2 * threshold))
+        self.axes.axhspan(-threshold, threshold, color="#F4F4F4", zorder=0)
+
+    def record(self, series: str, x: ArrayLike, y: ArrayLike, **more) -> None:
+        """Note points for the data beside the figure; `more` names further columns of the table."""
+        constant = {
+            "panel": self.title,
+            "series": series,
+            "x_quantity": self.x.name,
+            "x_unit": self.x.unit,
+            "y_quantity": self.y.name,
+            "y_unit": self.y.unit,
+        }
+        given = {"x": x, "y": y} | constant | {name: values for name, values in more.items() if values is not None}
+        rows = len(np.asarray(x))
+        record = {}
+        for column in tables.PLOTTED.columns:
+            kind, absent = (float, np.nan) if column.kind == "float" else (object, None)
+            record[column.name] = np.broadcast_to(np.asarray(given.get(column.name, absent), dtype=kind), rows)
+        self.records.append(record)
+
+
+class Sheet:
+    """A figure in the one style and the record of what is on it."""
+
+    def __init__(self, height: float, rows: int, columns: int, width: float = WIDTH, **grid):
+        self.figure = Figure(figsize=(width, height), layout="constrained")
+        self.grid = self.figure.add_gridspec(rows, columns, **grid)
+        self.panels: list[Panel] = []
+
+    def panel(self, place: tuple, title: str, x: Quantity, y: Quantity, below: Panel | None = None) -> Panel:
+        """A panel at `place` = (row, column) of the grid; `below` names the one whose abscissa it shares."""
+        axes = self.figure.add_subplot(self.grid[place], sharex=below.axes if below else None)
+        panel = Panel(axes, title, x, y)
+        if below:
+            below.axes.set_xlabel("")
+            below.axes.tick_params(labelbottom=False)
+        self.panels.append(panel)
+        return panel
+
+    def legend(self) -> None:
+        """One legend for all panels, above them; each series once."""
+        handles: dict[str, object] = {}
+        for panel in self.panels:
+            for handle, label in zip(*panel.axes.get_legend_handles_labels(), strict=True):
+                handles.setdefault(label, handle)
+        longest = max(map(len, handles))
+        columns = max(1, min(len(handles), int(14 * self.figure.get_figwidth() / (longest + 7))))
+        self.figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=columns)
+
+    def drawing(self) -> Drawing:
+        """The figure with its data."""
+        records = [record for panel in self.panels for record in panel.records]
+        names = [column.name for column in tables.PLOTTED.columns]
+        data = pd.DataFrame({name: np.concatenate([record[name] for record in records]) for name in names})
+        return Drawing(self.figure, data)

@@ -1,0 +1,130 @@
+"""The one look of all figures, and the only place that saves them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib as mpl
+from PIL import Image
+
+from jointgap import tables
+from jointgap.figures.drawing import Drawing
+
+INK = "#222222"
+COLOURS = {
+    # Okabe and Ito's palette, which people with any colour vision tell apart
+    "ideal": "#000000",
+    "simulation": "#0072B2",
+    "network": "#D55E00",
+    "second surrogate": "#009E73",
+    "spline": "#CC79A7",
+    "optimised": "#009E73",
+    "genetic": "#D55E00",
+    "local": "#0072B2",
+    "paper": "#E69F00",
+    "crank pin": "#0072B2",
+    "piston pin": "#D55E00",
+    "first": "#56B4E9",
+    "settled": "#0072B2",
+    "limit": "#777777",
+}
+LOOK = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.1,
+    "lines.solid_joinstyle": "round",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "svg.hashsalt": "jointgap",  # the same names of clip paths in every run
+    "svg.fonttype": "path",
+}
+WIDTH = 7.5  # inches
+DOTS_PER_INCH = 160
+
+
+def look():
+    """Context in which figures are made and saved."""
+    return mpl.rc_context(LOOK)
+
+
+def save(drawing: Drawing, stem: Path | str) -> tuple[Path, ...]:
+    """Write a drawing and the data it shows.
+
+    Neither file carries a date or the name of the software: the same drawing gives the same bytes.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        From a figure function.
+    stem : path
+        Path without suffix.
+
+    Returns
+    -------
+    tuple of Path
+        The files written: ``.svg``, ``.png`` and ``.parquet`` (``.gif`` and ``.parquet`` for an animation).
+    """
+    stem = Path(stem)
+    savers = _moving(drawing) if drawing.frames else _still(drawing)
+    paths = []
+    for suffix, saver in savers.items():
+        path = stem.with_name(stem.name + suffix)
+        tables.write_whole(path, saver)
+        paths.append(path)
+    data = stem.with_name(stem.name + ".parquet")
+    tables.write(tables.PLOTTED, drawing.data, data)
+    return (*paths, data)
+
+
+def _still(drawing: Drawing) -> dict[str, Callable]:
+    figure = drawing.figure
+    with look():
+        figure.draw_without_rendering()  # lays the panels out, once for both formats
+    figure.set_layout_engine("none")
+
+    def vectors(path):
+        with look():
+            figure.savefig(path, format="svg", metadata={"Date": None, "Creator": None})
+
+    def pixels(path):
+        with look():
+            figure.savefig(path, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
+
+    return {".svg": vectors, ".png": pixels}
+
+
+def _moving(drawing: Drawing) -> dict[str, Callable]:
+    def gif(path):
+        # One palette for all frames, taken from a frame late enough to hold every colour: what stands still stays the same
+        # in each frame, and only what moves is stored again.
+        frames = [Image.fromarray(frame) for frame in drawing.frames]
+        palette = frames[-1].quantize(128, method=Image.Quantize.MAXCOVERAGE)
+        reduced = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+        reduced[0].save(
+            path,
+            format="GIF",
+            save_all=True,
+            append_images=reduced[1:],
+            duration=round(1000 * drawing.frame_duration),
+            loop=0,
+            optimize=True,
+        )
+
+    return {".gif": gif}

@@ -1,0 +1,167 @@
+"""What every figure owes its reader, on a small made-up motion."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from jointgap import tables as files
+from jointgap.errors import InputError
+from jointgap.figures import stage, style
+from jointgap.figures.catalogue import CATALOGUE
+from jointgap.figures.stage import SPECS, draw
+
+CAPTIONS = Path("workflow/report")
+every_still_figure = pytest.mark.parametrize("name", CATALOGUE)
+
+
+@pytest.fixture(scope="module")
+def drawings(tables, scenario):
+    made = {}
+
+    def get(name):
+        if name not in made:
+            made[name] = draw(name, tables, scenario)
+        return made[name]
+
+    return get
+
+
+def panels_of(drawing):
+    """Axes that hold data, colour bars left out."""
+    return [axes for axes in drawing.figure.axes if axes.get_title(loc="left")]
+
+
+@every_still_figure
+def test_every_axis_names_its_quantity_and_unit(name, drawings):
+    for axes in panels_of(drawings(name)):
+        for label, ticks in ((axes.get_xlabel(), axes.get_xticklabels()), (axes.get_ylabel(), None)):
+            named_below = not label and not any(tick.get_visible() for tick in ticks)
+            categories = ticks is not None and any(re.search("[a-zγ]", tick.get_text()) for tick in ticks)
+            assert named_below or categories or re.search(r"\w+.* \[[^\]]+\]$", label), axes.get_title(loc="left")
+
+
+@every_still_figure
+def test_the_saved_data_is_what_the_lines_show(name, drawings):
+    drawing = drawings(name)
+    checked = 0
+    for axes in panels_of(drawing):
+        panel = drawing.data[drawing.data["panel"] == axes.get_title(loc="left")]
+        for line in axes.get_lines():
+            rows = panel[panel["series"] == line.get_label()]
+            if line.get_transform() != axes.transData or not len(rows):
+                continue
+            shown = np.column_stack(line.get_data())
+            recorded = rows[["x", "y"]].to_numpy(dtype=float)
+            assert len(recorded) % len(shown) == 0
+            starts = range(0, len(recorded), len(shown))
+            assert any(np.array_equal(recorded[i : i + len(shown)], shown, equal_nan=True) for i in starts)
+            checked += 1
+    assert checked
+
+
+@every_still_figure
+def test_every_series_in_a_legend_has_its_data(name, drawings):
+    drawing = drawings(name)
+    recorded = set(drawing.data["series"])
+    for axes in drawing.figure.axes:
+        assert set(axes.get_legend_handles_labels()[1]) <= recorded
+
+
+@every_still_figure
+def test_no_text_leaves_the_figure_and_no_labels_of_one_axis_touch(name, drawings):
+    figure = drawings(name).figure
+    with style.look():
+        figure.draw_without_rendering()
+    width, height = figure.bbox.size
+    for axes in figure.axes:
+        texts = [axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label]
+        for text in [text for text in texts if text.get_text()]:
+            box = text.get_window_extent()
+            assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width + 1 and box.y1 <= height + 1, text.get_text()
+        for axis, low, high in ((axes.xaxis, "x0", "x1"), (axes.yaxis, "y0", "y1")):
+            shown = [label for label in axis.get_ticklabels() if label.get_text() and label.get_visible()]
+            limits = sorted(axis.get_view_interval())
+            inside = [
+                label.get_window_extent()
+                for label in shown
+                if limits[0] <= (label.get_position()[0] if low == "x0" else label.get_position()[1]) <= limits[1]
+            ]
+            inside.sort(key=lambda box: getattr(box, low))
+            for before, after in zip(inside, inside[1:], strict=False):
+                assert getattr(before, high) <= getattr(after, low) + 1.0, (axes.get_title(loc="left"), axis.axis_name)
+
+
+@every_still_figure
+def test_the_data_fits_its_table(name, drawings, tmp_path):
+    files.write(files.PLOTTED, drawings(name).data, tmp_path / "data.parquet")
+    again = files.read(files.PLOTTED, tmp_path / "data.parquet")
+    assert len(again) == len(drawings(name).data)
+
+
+@pytest.mark.parametrize("name", ["figure_11", "orbits", "animation"])
+def test_saving_the_same_drawing_anew_gives_the_same_bytes(name, tables, scenario, tmp_path):
+    files = [style.save(draw(name, tables, scenario), tmp_path / run / name) for run in ("one", "two")]
+    assert [path.suffix for path in files[0]] == (
+        [".gif", ".parquet"] if name == "animation" else [".svg", ".png", ".parquet"]
+    )
+    for one, two in zip(*files, strict=True):
+        assert one.read_bytes() == two.read_bytes(), one.suffix
+
+
+def test_saved_pictures_carry_no_date_and_no_software(tables, scenario, tmp_path):
+    svg, png, _ = style.save(draw("figure_12", tables, scenario), tmp_path / "figure_12")
+    text = svg.read_text()
+    assert "dc:date" not in text and "Matplotlib" not in text
+    assert not Image.open(png).text
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_every_figure_has_a_caption_that_says_where_it_comes_from(name):
+    text = (CAPTIONS / f"{name}.rst").read_text()
+    assert "{{ snakemake.wildcards.scenario }}" in text
+    assert len(text) > 200
+    for table in SPECS[name].tables:
+        assert table in text.split("Table")[-1], f"{table} is not named as a source"
+
+
+def test_every_caption_of_a_figure_belongs_to_one():
+    others = {"workflow", "comparison"}
+    assert {path.stem for path in CAPTIONS.glob("*.rst")} - others == set(SPECS)
+
+
+def test_undefined_directions_leave_a_gap(tables, scenario):
+    torn = tables["trajectory"].copy()
+    torn.loc[20:22, ["gamma2", "gamma2_dot", "gamma2_ddot"]] = np.nan
+    data = draw("orbits", dict(tables, trajectory=torn), scenario).data
+    orbit = data[(data["panel"] == "crank pin, first") & data["series"].str.startswith("first")]
+    assert list(np.flatnonzero(orbit["y"].isna())) == [0, 20, 21, 22]
+
+
+def test_the_animation_has_the_frames_asked_for_and_shows_different_things(tables, scenario):
+    drawing = draw("animation", tables, scenario)
+    assert len(drawing.frames) == scenario.figures.animation_frames
+    assert all(frame.dtype == np.uint8 and frame.shape == drawing.frames[0].shape for frame in drawing.frames)
+    assert all((one != two).any() for one, two in zip(drawing.frames, drawing.frames[1:], strict=False))
+
+
+def test_an_unknown_figure_is_refused_with_a_hint(tables, scenario):
+    with pytest.raises(InputError, match="did you mean 'orbits'"):
+        draw("orbit", tables, scenario)
+
+
+def test_a_missing_table_is_named(scenario):
+    with pytest.raises(InputError, match="needs the table 'kinematics'"):
+        draw("figure_09", {}, scenario)
+
+
+def test_several_figures_are_drawn_in_one_go(tables, scenario, tmp_path):
+    names = ("figure_15", "contact_forces")
+    assert stage.needed_tables(names) == ("kinematics", "trajectory")
+    written = stage.draw_all(tables, scenario, tmp_path / "a folder", names)
+    assert [path.name for path in written] == [
+        f"{name}{suffix}" for name in names for suffix in (".svg", ".png", ".parquet")
+    ]
+    assert all(path.stat().st_size > 0 for path in written)
