@@ -7,9 +7,13 @@ from jointgap.tables.columns import Column, Table
 from jointgap.tables.figures import PLOTTED
 from jointgap.tables.simulate import EVENTS, OUTPUTS, TRAJECTORY
 from jointgap.tables.store import describe, read, to_arrow, write, write_whole
+from jointgap.tables.surrogate import FIT, FIT_ERRORS, FIT_HISTORY
 
 __all__ = [
     "EVENTS",
+    "FIT",
+    "FIT_ERRORS",
+    "FIT_HISTORY",
     "OUTPUTS",
     "PLOTTED",
     "TRAJECTORY",

@@ -1,0 +1,6 @@
+"""Networks in the place of the simulation: one function of the crank angle per output.
+
+``network`` (layout, start, scaling) and ``evaluate`` (values and derivatives) need numpy alone, so that the stages
+which use a fit need not load torch; ``model``, ``levenberg_marquardt`` and ``train`` make the fits. ``clearance`` is
+the second surrogate, one consistent set of all eight outputs; ``contradiction`` measures how far networks disagree.
+"""

@@ -1,0 +1,315 @@
+"""Levenberg-Marquardt for batches of small networks.
+
+One iteration solves (J^T J + mu I) v = J^T e for the residual e = target - output, here in its dual form: with
+N points not many more than P parameters, v = J^T u with (J J^T + mu I) u = e is the same step, and J J^T comes cheaply
+(`products_of_rows`) without J. With many more points than parameters the primal form is smaller and is taken.
+
+Two things make the iterations count. The damping mu follows the gain ratio (Nielsen, Damping parameter in Marquardt's
+method, 1999): it falls by up to 3 where the linear model was right, instead of the factor 10 by which MATLAB's trainlm
+moves it both ways, where on these signals every second step is refused. And the step is bent along the second
+derivative of the outputs ("geodesic acceleration", Transtrum and Sethna, arXiv 1201.5885), v + a/2, which costs one
+more solution with the factor at hand; a bend longer than the step allows is refused like a step that raises the error.
+Members of a batch share the loop only: each has its own damping, factor and end.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+import torch
+from scipy.linalg.lapack import dpotrf, dpotrs
+
+
+class Evaluation(Protocol):
+    """A model at parameters (B, P); see `jointgap.surrogate.model`."""
+
+    outputs: torch.Tensor
+
+    def select(self, members): ...
+    def replaced(self, other, members): ...
+    def pull_back(self, weights): ...
+    def jacobian(self): ...
+    def products_of_rows(self, member, out, work): ...
+    def along(self, step): ...
+
+
+class Model(Protocol):
+    """Outputs (B, N) as a function of parameters (B, P)."""
+
+    points: int
+    size: int
+
+    def evaluate(self, parameters: torch.Tensor) -> Evaluation: ...
+
+
+class Status(Enum):
+    """Why a member stopped; the text says what to do."""
+
+    BUDGET = "iterations used up while the error still fell; allow more iterations if it has to be smaller"
+    GRADIENT = "gradient at its limit: a stationary point; try another seed if the error is too large"
+    DAMPING = "no step lowers the error any more, however short; try another seed if the error is too large"
+    STALLED = "no progress worth the time; try another seed or more neurons if the error is too large"
+    EXACT = "residual at the rounding errors of the data; nothing is left to do"
+
+    @property
+    def sentence(self) -> str:
+        """Name and text, as tables show it."""
+        return f"{self.name.lower()}: {self.value}"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """When to stop, and the start of the damping.
+
+    Attributes
+    ----------
+    iterations : int
+        Solutions of the damped system at most, refused steps included.
+    minimum_gradient : float
+        Stop when the norm of the gradient of the mean square error is this small (trainlm's default).
+    largest_damping : float
+        Stop when the damping exceeds this.
+    stall_iterations, stall_gain : int, float
+        Stop when this many iterations lowered the mean square error by less than this share.
+    exact_error : float
+        Stop when the root mean square error is this small (data scaled to [0, 1]).
+    initial_damping : float
+        Damping to start with, relative to the largest diagonal element of J J^T.
+    largest_bend : float
+        Refuse a step whose bend 2|a|/|v| is larger than this (Transtrum and Sethna's alpha).
+    """
+
+    iterations: int = 20_000
+    minimum_gradient: float = 1e-7
+    largest_damping: float = 1e10
+    stall_iterations: int = 1000
+    stall_gain: float = 1e-3
+    exact_error: float = 1e-14
+    initial_damping: float = 1e-3
+    largest_bend: float = 0.75
+
+
+@dataclass(frozen=True)
+class Result:
+    """One trained member.
+
+    Attributes
+    ----------
+    parameters : ndarray, shape (P,)
+    errors : ndarray, shape (iterations + 1,)
+        Mean square error at the start and after every iteration.
+    status : Status
+    gradient : float
+        Norm of the gradient of the mean square error at the end.
+    """
+
+    parameters: np.ndarray
+    errors: np.ndarray
+    status: Status
+    gradient: float
+
+    @property
+    def iterations(self) -> int:
+        return len(self.errors) - 1
+
+
+def minimise(model: Model, targets: np.ndarray, start: np.ndarray, settings: Settings = Settings()) -> list[Result]:
+    """Least squares from every row of `start`, all in one batch.
+
+    Parameters
+    ----------
+    model : Model
+    targets : ndarray, shape (N,)
+        What the outputs should be.
+    start : ndarray, shape (B, P)
+        Parameters to start from, one row a member.
+    settings : Settings
+
+    Returns
+    -------
+    list of Result
+        One per row of `start`, in its order. Each is the same, to the last bit, as if it had been alone.
+
+    Raises
+    ------
+    ValueError
+        Targets or the outputs at the start are not finite.
+    """
+    if not np.isfinite(targets).all():
+        raise ValueError("the targets hold values that are not finite; leave gaps out")
+    target = torch.as_tensor(targets, dtype=torch.float64)
+    parameters = torch.tensor(np.atleast_2d(start), dtype=torch.float64)
+    evaluation = model.evaluate(parameters)
+    if not torch.isfinite(evaluation.outputs).all():
+        raise ValueError("the outputs at the start are not finite")
+    system = _Dual if model.points <= 1.5 * model.size else _Primal
+    everyone = [_Member(system(model), settings) for _ in parameters]
+    for member, residual, gradient in zip(
+        everyone, target - evaluation.outputs, _gradients(evaluation, target), strict=True
+    ):
+        member.begin(residual.numpy(), gradient)
+    active = list(everyone)
+    while True:
+        going = [index for index, member in enumerate(active) if member.status is None]
+        if len(going) < len(active):
+            for index, member in enumerate(active):
+                if member.status is not None:
+                    member.parameters = parameters[index].numpy().copy()
+            active = [active[index] for index in going]
+            if not active:
+                return [Result(m.parameters, np.array(m.errors), m.status, m.gradient) for m in everyone]
+            parameters, evaluation = parameters[going], evaluation.select(going)
+        residual = target - evaluation.outputs
+        for index, member in enumerate(active):
+            member.prepare(evaluation, index)
+        velocity = system.expand(evaluation, _solved(active, residual))
+        first, second = evaluation.along(velocity)
+        bend = system.expand(evaluation, _solved(active, -second))
+        trial_parameters = parameters + velocity + 0.5 * bend
+        trial = model.evaluate(trial_parameters)
+        trial_residual = target - trial.outputs
+        predicted = (first * (residual + (residual - first))).numpy()
+        sizes = velocity.numpy(), bend.numpy()
+        accepted = [
+            member.judge(trial_residual[index].numpy(), predicted[index], sizes[0][index], sizes[1][index])
+            for index, member in enumerate(active)
+        ]
+        if any(accepted):
+            chosen = torch.tensor(accepted)
+            parameters = torch.where(chosen[:, None], trial_parameters, parameters)
+            evaluation = evaluation.replaced(trial, chosen)
+            for member, gradient, fresh in zip(active, _gradients(evaluation, target), accepted, strict=True):
+                if fresh:
+                    member.gradient = gradient
+        for member in active:
+            member.check()
+
+
+def _gradients(evaluation: Evaluation, target: torch.Tensor) -> list[float]:
+    """Norm of the gradient of each member's mean square error."""
+    gradients = evaluation.pull_back(target - evaluation.outputs).numpy()
+    return [2.0 / len(target) * float(np.linalg.norm(gradient)) for gradient in gradients]
+
+
+def _solved(active: list["_Member"], right_sides: torch.Tensor) -> torch.Tensor:
+    return torch.from_numpy(np.stack([m.system.solve(r) for m, r in zip(active, right_sides.numpy(), strict=True)]))
+
+
+class _Member:
+    """Damping, error and end of one member."""
+
+    def __init__(self, system: "_Dual | _Primal", settings: Settings):
+        self.system = system
+        self._settings = settings
+        self.status: Status | None = None
+        self.parameters: np.ndarray | None = None
+        self._fresh = True
+        self._growth = 2.0
+
+    def begin(self, residual: np.ndarray, gradient: float) -> None:
+        self._sum = float(residual @ residual)
+        self._points = len(residual)
+        self.errors = [self._sum / self._points]
+        self.gradient = gradient
+        self._damping: float | None = None
+        self.check()
+
+    def prepare(self, evaluation: Evaluation, index: int) -> None:
+        """Form the damped system, anew if the last step was taken, and factor it."""
+        if self._fresh:
+            largest = self.system.form(evaluation, index)
+            if self._damping is None:
+                self._damping = self._settings.initial_damping * largest
+            self._least = largest * np.finfo(float).eps ** 2
+        self._factored = self.system.factor(self._damping)
+
+    def judge(self, residual: np.ndarray, predicted: np.ndarray, velocity: np.ndarray, bend: np.ndarray) -> bool:
+        """Take the step or refuse it, and set the damping by the ratio of gained to predicted reduction."""
+        total = float(residual @ residual)
+        gain = (self._sum - total) / float(predicted.sum()) if self._factored else -1.0
+        straight = 2.0 * np.linalg.norm(bend) <= self._settings.largest_bend * np.linalg.norm(velocity)
+        self._fresh = bool(gain > 0.0 and total < self._sum and straight)
+        if self._fresh:
+            self._sum = total
+            self._damping = max(self._damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), self._least)
+            self._growth = 2.0
+        else:
+            self._damping *= self._growth
+            self._growth *= 2.0
+        self.errors.append(self._sum / self._points)
+        return self._fresh
+
+    def check(self) -> None:
+        """Set the status if one of the stopping criteria is met; none looks at anything but the training points."""
+        settings, error = self._settings, self.errors[-1]
+        long_ago = len(self.errors) - 1 - settings.stall_iterations
+        if error <= settings.exact_error**2:
+            self.status = Status.EXACT
+        elif self.gradient <= settings.minimum_gradient:
+            self.status = Status.GRADIENT
+        elif self._damping is not None and self._damping > settings.largest_damping:
+            self.status = Status.DAMPING
+        elif long_ago >= 0 and error > (1.0 - settings.stall_gain) * self.errors[long_ago]:
+            self.status = Status.STALLED
+        elif len(self.errors) > settings.iterations:
+            self.status = Status.BUDGET
+
+
+class _Factored:
+    """A symmetric matrix, and the Cholesky factor of it plus a multiple of the identity."""
+
+    def __init__(self, rows: int):
+        self._matrix = np.zeros((rows, rows), order="F")
+        self._factor = np.zeros((rows, rows), order="F")
+        self._diagonal = np.diag_indices(rows)
+
+    def factor(self, damping: float) -> bool:
+        """Factor matrix + damping I; False if it is not positive definite in double precision."""
+        np.copyto(self._factor, self._matrix)
+        self._factor[self._diagonal] += damping
+        _, failed = dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
+        return not failed
+
+    def _solve(self, right_side: np.ndarray) -> np.ndarray:
+        return dpotrs(self._factor, right_side, lower=1)[0]
+
+
+class _Dual(_Factored):
+    """v = J^T u with (J J^T + mu I) u = e."""
+
+    def __init__(self, model: Model):
+        super().__init__(model.points)
+        self._spare = np.zeros_like(self._factor)
+
+    def form(self, evaluation: Evaluation, index: int) -> float:
+        """Form J J^T and return its largest diagonal element."""
+        evaluation.products_of_rows(index, self._matrix, (self._factor, self._spare))
+        return float(self._matrix[self._diagonal].max())
+
+    def solve(self, right_side: np.ndarray) -> np.ndarray:
+        return self._solve(right_side)
+
+    @staticmethod
+    def expand(evaluation: Evaluation, solutions: torch.Tensor) -> torch.Tensor:
+        return evaluation.pull_back(solutions)
+
+
+class _Primal(_Factored):
+    """(J^T J + mu I) v = J^T e."""
+
+    def __init__(self, model: Model):
+        super().__init__(model.size)
+
+    def form(self, evaluation: Evaluation, index: int) -> float:
+        """Form J^T J and return its largest diagonal element."""
+        self._jacobian = evaluation.jacobian()[index].numpy()
+        self._matrix[...] = self._jacobian.T @ self._jacobian
+        return float(self._matrix[self._diagonal].max())
+
+    def solve(self, right_side: np.ndarray) -> np.ndarray:
+        return self._solve(self._jacobian.T @ right_side)
+
+    @staticmethod
+    def expand(evaluation: Evaluation, solutions: torch.Tensor) -> torch.Tensor:
+        return solutions
