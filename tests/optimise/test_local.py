@@ -75,6 +75,7 @@ def test_every_call_of_the_objective_is_counted(objective, region, monkeypatch):
     calls, value = [], Objective.value
     monkeypatch.setattr(Objective, "value", lambda self, lengths: calls.append(lengths) or value(self, lengths))
     result = search(objective, region, starting_points(region)[0], 1e-8)
+    assert len(result.values) == result.evaluations and min(result.values) == result.value
     assert len(calls) - 2 == result.evaluations  # less the value at the original lengths and the one reported
 
 

@@ -28,6 +28,8 @@ class LocalResult:
         Sum of squares at the end [rad^2].
     evaluations, gradients : int
         Calls of the objective and of its gradient.
+    values : ndarray, shape (evaluations,)
+        Every value in the order of evaluation [rad^2].
     path : ndarray, shape (k, 2)
         Every iterate, the start first [m].
     converged : bool
@@ -41,6 +43,7 @@ class LocalResult:
     value: float
     evaluations: int
     gradients: int
+    values: np.ndarray
     path: np.ndarray
     converged: bool
     status: str
@@ -70,14 +73,18 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
     """
     start = np.asarray(start, dtype=float)
     unit = float(objective.value(objective.original))
-    path = [start]
+    path, values = [start], []
 
     def lengths(scaled: np.ndarray) -> np.ndarray:
         return region.lower + scaled * region.size
 
+    def share(scaled: np.ndarray) -> float:
+        values.append(float(objective.value(lengths(scaled))))
+        return values[-1] / unit
+
     slope = -np.array([1.0, -region.ratio_limit]) * region.size / region.size[0]
     result = minimize(
-        lambda scaled: float(objective.value(lengths(scaled))) / unit,
+        share,
         (start - region.lower) / region.size,
         jac=lambda scaled: objective.gradient(lengths(scaled)) * region.size / unit,
         method="SLSQP",
@@ -103,8 +110,9 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
         start=start,
         lengths=end,
         value=float(objective.value(end)),
-        evaluations=int(result.nfev),
+        evaluations=len(values),
         gradients=int(result.njev),
+        values=np.array(values),
         path=np.array(path),
         converged=bool(result.success),
         status=status,

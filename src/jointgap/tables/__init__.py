@@ -5,6 +5,8 @@ One module per stage names its tables: ``tables.write(tables.TRAJECTORY, frame, 
 
 from jointgap.tables.columns import Column, Table
 from jointgap.tables.figures import PLOTTED
+from jointgap.tables.kinematics import KINEMATICS, KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
+from jointgap.tables.optimise import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
 from jointgap.tables.simulate import EVENTS, OUTPUTS, TRAJECTORY
 from jointgap.tables.store import describe, read, to_arrow, write, write_whole
 from jointgap.tables.surrogate import FIT, FIT_ERRORS, FIT_HISTORY
@@ -14,9 +16,20 @@ __all__ = [
     "FIT",
     "FIT_ERRORS",
     "FIT_HISTORY",
+    "FLOOR",
+    "KINEMATICS",
+    "KINEMATICS_CONTRADICTIONS",
+    "KINEMATICS_ERRORS",
+    "OPTIMA",
     "OUTPUTS",
+    "PATHS",
     "PLOTTED",
+    "POPULATION",
+    "RESIMULATED",
+    "TOLERANCE",
     "TRAJECTORY",
+    "VALLEY",
+    "WORTH",
     "Column",
     "Table",
     "describe",

@@ -1,0 +1,148 @@
+"""What new lengths do in truth: the contact simulation again with them, as an ensemble of slightly perturbed starts.
+
+The frozen objective keeps the clearance motion of the original lengths. Here it answers to the lengths. Motion in loose
+joints can be chaotic, so that a percentage from one run says nothing: every pair of lengths, the original one included, is
+simulated from the same perturbed starts, and reductions compare the two ensembles, each member of one with each of the
+other.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
+from jointgap.dynamics import simulate_ensemble
+from jointgap.mechanism import transmission_angle
+from jointgap.optimise.objective import MEASURES, Measures, evaluation_samples, measure
+
+LOW, HIGH = 0.05, 0.95  # quantiles that bound a spread
+SLIDER = 3  # place of the slider's position among an ensemble's states
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Median and the 5 % and 95 % quantiles of an ensemble's numbers."""
+
+    median: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, numbers: ArrayLike) -> "Spread":
+        low, median, high = np.quantile(numbers, [LOW, 0.5, HIGH])
+        return cls(float(median), float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Resimulation:
+    """An ensemble at one pair of lengths.
+
+    Attributes
+    ----------
+    lengths : tuple of float
+        (L2, L3) [m].
+    errors : dict of str to Measures
+        By stretch; each measure of shape (members,), of mu_d at the original lengths less the simulated mu.
+    largest_departure : ndarray, shape (members,)
+        Largest distance of mu from 90 deg over the settled revolution [rad].
+    outer_dead_centre, inner_dead_centre : ndarray, shape (members,)
+        Farthest and nearest slider position over the settled revolution [m].
+    """
+
+    lengths: tuple[float, float]
+    errors: dict[str, Measures]
+    largest_departure: np.ndarray
+    outer_dead_centre: np.ndarray
+    inner_dead_centre: np.ndarray
+
+
+def perturbations(options: Ensemble) -> np.ndarray:
+    """Starting clearance vectors r2 x, r2 y, r3 x, r3 y, normally distributed, shape (members, 4) [m]; seeded."""
+    return np.random.default_rng(options.seed).normal(0.0, options.perturbation, (options.members, 4))
+
+
+def stretches(simulate: Simulate, optimise: Optimise, training_points: int) -> dict[str, np.ndarray]:
+    """Samples of a trajectory over which an error counts.
+
+    Returns
+    -------
+    dict of str to ndarray of int
+        ``window``: the configured one, first revolution, held-out samples; ``settled``: one whole settled revolution.
+    """
+    per_turn = simulate.samples_per_revolution
+    angle = simulate.start_angle + np.arange(per_turn * simulate.revolutions + 1) * (2.0 * np.pi / per_turn)
+    first = (optimise.ensemble.settled_revolution - 1) * per_turn
+    return {
+        "window": evaluation_samples(angle, optimise.window, per_turn, training_points),
+        "settled": np.arange(first, first + per_turn),
+    }
+
+
+def resimulate(
+    mechanism: Mechanism, simulate: Simulate, optimise: Optimise, training_points: int, lengths: tuple[float, float]
+) -> Resimulation:
+    """Simulate the mechanism with other lengths from each perturbed start.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With the original lengths, at which the desired transmission angle is taken.
+    simulate, optimise
+        Sections of the configuration.
+    training_points : int
+        Points of the networks' training grid; the window leaves them out, as the frozen objective does.
+    lengths : tuple of float
+        (L2, L3) [m].
+
+    Raises
+    ------
+    SimulationError
+        From the simulation.
+    """
+    ensemble = simulate_ensemble(mechanism.with_lengths(*lengths), simulate, perturbations(optimise.ensemble))
+    desired = transmission_angle(
+        mechanism.crank.length, mechanism.rod.length, ensemble.crank_angle, 0.0, mechanism.slider.offset
+    )
+    error = desired - ensemble.transmission_angle
+    samples = stretches(simulate, optimise, training_points)
+    angles = ensemble.transmission_angle[:, samples["settled"]]
+    slider = ensemble.states[:, samples["settled"], SLIDER]
+    return Resimulation(
+        lengths=lengths,
+        errors={stretch: measure(error[:, chosen]) for stretch, chosen in samples.items()},
+        largest_departure=np.max(np.abs(angles - np.pi / 2), axis=1),
+        outer_dead_centre=np.max(slider, axis=1),
+        inner_dead_centre=np.min(slider, axis=1),
+    )
+
+
+def reduction_pairs(new: Measures, original: Measures, name: str) -> np.ndarray:
+    """The reduction of one measure that each pair of single runs would have shown, shape (members * members,)."""
+    return (1.0 - np.divide.outer(getattr(new, name), getattr(original, name))).ravel()
+
+
+def compare(new: Resimulation, original: Resimulation) -> list[dict[str, object]]:
+    """Per stretch and measure: both errors and the reduction with their spreads.
+
+    Returns
+    -------
+    list of dict
+        stretch, measure; error and original_error [rad, rad^2] and reduction, each as median, low and high (5 %, 95 %);
+        share_better: share of the pairs in which the new lengths have the smaller error.
+    """
+    rows = []
+    for stretch in new.errors:
+        for name in MEASURES:
+            pairs = reduction_pairs(new.errors[stretch], original.errors[stretch], name)
+            numbers = {
+                "original_error": getattr(original.errors[stretch], name),
+                "error": getattr(new.errors[stretch], name),
+                "reduction": pairs,
+            }
+            row: dict[str, object] = {"stretch": stretch, "measure": name}
+            for key, values in numbers.items():
+                spread = Spread.of(values)
+                row |= {key: spread.median, f"{key}_low": spread.low, f"{key}_high": spread.high}
+            rows.append(row | {"share_better": float(np.mean(pairs > 0.0))})
+    return rows

@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+
+from jointgap.config import Ensemble, Optimise, Simulate, load_mechanism
+from jointgap.dynamics import simulate
+from jointgap.optimise.objective import MEASURES, Measures, measure
+from jointgap.optimise.resimulate import compare, perturbations, reduction_pairs, resimulate, stretches
+
+SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
+OPTIMISE = Optimise(window=("60 deg", "360 deg"), ensemble=Ensemble(members=6, settled_revolution=2))
+POINTS = 73
+LENGTHS = (0.1494, 0.563)
+
+
+def with_friction(mechanism, friction):
+    contact = mechanism.crank_pin.contact.model_copy(update={"friction": friction})
+    pins = {
+        name: getattr(mechanism, name).model_copy(update={"contact": contact}) for name in ("crank_pin", "piston_pin")
+    }
+    return mechanism.model_copy(update={"joints": mechanism.joints.model_copy(update=pins)})
+
+
+@pytest.fixture(scope="module")
+def mechanism():
+    return with_friction(load_mechanism("config/mechanisms/erkaya2009.yaml"), 0.2)
+
+
+@pytest.fixture(scope="module")
+def original(mechanism):
+    return resimulate(mechanism, SIMULATE, OPTIMISE, POINTS, (mechanism.crank.length, mechanism.rod.length))
+
+
+def test_the_error_is_the_ideal_angle_of_the_original_lengths_less_the_simulated_one(mechanism):
+    options = OPTIMISE.model_copy(update={"ensemble": Ensemble(members=2, settled_revolution=2)})
+    ours = resimulate(mechanism, SIMULATE, options, POINTS, LENGTHS)
+    for member, start in enumerate(perturbations(options.ensemble)):
+        run = simulate(mechanism.with_lengths(*LENGTHS), SIMULATE, start).samples
+        desired = np.arccos(0.150 * np.sin(run["crank_angle"]) / 0.564)
+        error = (desired - run["transmission_angle"]).to_numpy()
+        turned = np.degrees(run["crank_angle"])
+        window = (turned > 59.9) & (turned < 360.1) & (np.arange(len(run)) % 10 != 0)
+        settled = (turned > 359.9) & (turned < 719.9)
+        for stretch, chosen in (("window", window), ("settled", settled)):
+            by_hand = measure(error[chosen])
+            for name in MEASURES:
+                assert getattr(ours.errors[stretch], name)[member] == pytest.approx(getattr(by_hand, name), rel=1e-12)
+        last = run[settled]
+        assert ours.largest_departure[member] == pytest.approx(np.max(np.abs(last["rod_angle"])), rel=1e-12)
+        assert ours.outer_dead_centre[member] == pytest.approx(last["slider_position"].max(), rel=1e-12)
+        assert ours.inner_dead_centre[member] == pytest.approx(last["slider_position"].min(), rel=1e-12)
+
+
+def test_unchanged_lengths_reduce_nothing_whatever_the_motion(mechanism, original):
+    for row in compare(original, original):
+        assert row["reduction"] == 0.0
+        assert row["reduction_low"] <= 0.0 <= row["reduction_high"]
+        assert row["share_better"] <= 0.5
+
+
+def test_chaos_spreads_the_reduction_of_unchanged_lengths_around_zero_and_friction_does_not(mechanism, original):
+    chaotic = with_friction(mechanism, 0.0)
+    lengths = (mechanism.crank.length, mechanism.rod.length)
+    wild = resimulate(chaotic, SIMULATE, OPTIMISE, POINTS, lengths)
+
+    def width(ensemble):
+        rows = compare(ensemble, ensemble)
+        row = next(row for row in rows if (row["stretch"], row["measure"]) == ("settled", "rms"))
+        return row["reduction_high"] - row["reduction_low"]
+
+    assert width(wild) > 0.01
+    assert width(original) < 1e-3
+
+
+def test_the_frozen_gain_is_real_where_the_joints_have_friction(mechanism, original):
+    rows = compare(resimulate(mechanism, SIMULATE, OPTIMISE, POINTS, LENGTHS), original)
+    row = next(row for row in rows if (row["stretch"], row["measure"]) == ("window", "rms"))
+    assert row["reduction_low"] > 0.1 and row["share_better"] == 1.0
+
+
+def test_every_pair_of_runs_is_compared():
+    def of(*rms):
+        return Measures(*[np.array(rms)] * 4)
+
+    pairs = reduction_pairs(of(1.0, 3.0), of(2.0, 4.0, 8.0), "rms")
+    assert sorted(pairs) == pytest.approx(sorted([0.5, 0.75, 0.875, -0.5, 0.25, 0.625]))
+
+
+def test_an_ensemble_is_the_same_for_the_same_seed(mechanism):
+    runs = [resimulate(mechanism, SIMULATE, OPTIMISE, POINTS, LENGTHS) for _ in range(2)]
+    assert compare(*runs[:1] * 2) == compare(*runs)
+    other = Ensemble(members=6, settled_revolution=2, seed=1)
+    assert not np.array_equal(perturbations(OPTIMISE.ensemble), perturbations(other))
+
+
+def test_perturbed_starts_have_the_configured_size():
+    starts = perturbations(Ensemble(members=2000, perturbation=1e-7))
+    assert starts.shape == (2000, 4)
+    assert np.std(starts) == pytest.approx(1e-7, rel=0.03)
+
+
+def test_the_stretches_are_the_window_and_one_whole_revolution():
+    chosen = stretches(SIMULATE, OPTIMISE, POINTS)
+    assert chosen["window"][0] == 121 and chosen["window"][-1] == 719
+    assert not np.any(chosen["window"] % 10 == 0)
+    assert np.array_equal(chosen["settled"], np.arange(720, 1440))

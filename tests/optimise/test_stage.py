@@ -1,0 +1,106 @@
+from dataclasses import fields
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap import tables
+from jointgap.config import Ensemble, Genetic, Optimise, Simulate
+from jointgap.dynamics import simulate
+from jointgap.mechanism import ideal_cycle
+from jointgap.optimise.stage import objectives, optimise
+from jointgap.tables import optimise as specifications
+
+SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
+OPTIMISE = Optimise(genetic=Genetic(generations=5), ensemble=Ensemble(members=3, settled_revolution=2))
+POINTS = 73
+
+
+@pytest.fixture(scope="module")
+def trajectory(mechanism):
+    return simulate(mechanism, SIMULATE).samples
+
+
+def fits_of(trajectory):
+    """A surrogate that knows the simulation by heart."""
+    first = trajectory.iloc[1:721]
+    return {
+        name: lambda angle, name=name: (np.interp(angle, first["crank_angle"], first[name]), np.zeros_like(angle))
+        for name in ("r2", "gamma2", "r3", "gamma3")
+    }
+
+
+@pytest.fixture(scope="module")
+def found(mechanism, trajectory):
+    return optimise(mechanism, SIMULATE, OPTIMISE, POINTS, trajectory, {"networks": fits_of(trajectory)})
+
+
+def test_every_table_is_what_it_is_specified_to_be(found, tmp_path):
+    for field in fields(found):
+        table = getattr(specifications, field.name.upper())
+        tables.write(table, getattr(found, field.name), tmp_path / "table.parquet")
+        read = tables.read(table, tmp_path / "table.parquet")
+        assert len(read) == len(getattr(found, field.name)) > 0
+
+
+def test_a_surrogate_that_knows_the_simulation_finds_the_same(mechanism, trajectory, found):
+    made = objectives(mechanism, SIMULATE, OPTIMISE, POINTS, trajectory, {"networks": fits_of(trajectory)})
+    assert list(made) == ["networks", "simulation", "simulation_settled"]
+    assert made["networks"].value((0.149, 0.56)) == pytest.approx(made["simulation"].value((0.149, 0.56)), rel=1e-12)
+    rows = found.optima.query("method == 'local' and box == 'paper'").set_index("source")["crank_length"]
+    assert rows["networks"] == pytest.approx(rows["simulation"], abs=1e-9)
+
+
+def test_the_simulated_objective_is_the_trajectory_s_own_error(mechanism, trajectory):
+    made = objectives(mechanism, SIMULATE, OPTIMISE, POINTS, trajectory, {})
+    angle, true = trajectory["crank_angle"].to_numpy(), trajectory["transmission_angle"].to_numpy()
+    error = np.arccos(0.150 * np.sin(angle) / 0.564) - true
+    window = np.flatnonzero(np.arange(720) % 10)
+    assert made["simulation"].value(made["simulation"].original) == pytest.approx(np.sum(error[window] ** 2), rel=1e-9)
+    settled = np.sum(error[720:1440] ** 2)
+    assert made["simulation_settled"].value(made["simulation"].original) == pytest.approx(settled, rel=1e-9)
+
+
+def test_points_are_named_once_per_source_and_every_point_is_simulated_again(found):
+    assert not found.optima.duplicated(["source", "point"]).any()
+    assert set(found.resimulated["point"]) == set(found.worth["point"]) == set(found.optima["point"])
+    assert found.resimulated.groupby("point").size().eq(8).all()  # two stretches, four measures
+
+
+def test_the_original_lengths_reduce_nothing_frozen_or_simulated_again(found):
+    frozen = found.optima.query("point == 'original'")
+    assert (frozen.filter(like="_reduction") == 0.0).all(axis=None)
+    again = found.resimulated.query("point == 'original'")
+    assert (again["reduction"] == 0.0).all() and (again["frozen_reduction"].abs() < 1e-12).all()
+
+
+def test_the_optimum_lies_below_every_other_point_of_its_box(found):
+    for (_, box), rows in found.optima.dropna(subset="box").groupby(["source", "box"]):
+        printed = found.optima[
+            (found.optima["source"] == rows["source"].iloc[0]) & (found.optima["method"] == "printed")
+        ]
+        assert rows["sum_of_squares"].min() <= printed["sum_of_squares"].min() * (1 + 1e-12), box
+
+
+def test_each_local_path_starts_at_its_starting_point_and_ends_lowest(found):
+    for _, path in found.paths.groupby(["source", "box", "start"]):
+        assert list(path["iteration"]) == list(range(len(path)))
+        assert path["sum_of_squares"].iloc[-1] == path["sum_of_squares"].min()
+
+
+def test_what_a_point_is_worth_follows_from_its_lengths(found):
+    for row in found.worth.query("cycle == 'ideal'").itertuples():
+        cycle = ideal_cycle(row.crank_length, row.rod_length)
+        assert row.stroke == pytest.approx(2 * row.crank_length, rel=1e-12)
+        assert row.smallest_transmission_angle == cycle.smallest_transmission_angle
+        assert row.stroke_change == pytest.approx(2 * (row.crank_length - 0.150), abs=1e-12)
+    simulated = found.worth.query("cycle == 'simulated'").set_index("point")
+    ideal = found.worth.query("cycle == 'ideal'").set_index("point")
+    more = simulated["stroke"] - ideal["stroke"]
+    assert more.between(1e-3, 5e-3).all()  # two clearances of 1 mm, out and back
+
+
+def test_the_whole_stage_is_the_same_twice(mechanism, trajectory, found):
+    again = optimise(mechanism, SIMULATE, OPTIMISE, POINTS, trajectory, {"networks": fits_of(trajectory)})
+    for field in fields(found):
+        pd.testing.assert_frame_equal(getattr(found, field.name), getattr(again, field.name), check_exact=True)
