@@ -129,6 +129,6 @@ def elastic_force(penetration, stiffness, exponent):
 
 
 @compiled
-def normal_force(penetration, rate, approach, stiffness, exponent, damping):
-    """K d^n (1 + chi d'/d'_0) [N] without the condition that it never pulls, which is the caller's as an event."""
-    return elastic_force(penetration, stiffness, exponent) * (1.0 + damping * rate / approach)
+def normal_force(penetration, rate, hysteresis, stiffness, exponent):
+    """K d^n (1 + h d') [N] with h = chi / d'_0 [s/m]; that it never pulls is the caller's to see to, as an event."""
+    return elastic_force(penetration, stiffness, exponent) * (1.0 + hysteresis * rate)

@@ -16,6 +16,9 @@ FLIGHT, CONTACT, CLAMPED = 0, 1, 2
 
 STATES = 8
 
+SIN_3, SIN_5, SIN_7, SIN_9 = (1 / math.factorial(n) for n in (3, 5, 7, 9))
+COS_4, COS_6, COS_8, COS_10 = (1 / math.factorial(n) for n in (4, 6, 8, 10))
+
 
 @compiled
 def turned(cosine, sine, angle):
@@ -24,14 +27,16 @@ def turned(cosine, sine, angle):
         c, s = math.cos(angle), math.sin(angle)
     else:  # Taylor polynomials, exact to the last digit here and many times faster than the library's functions
         q = angle * angle
-        s = angle * (1.0 - q / 6.0 * (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0))))
-        c = 1.0 - q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * (1.0 - q / 56.0 * (1.0 - q / 90.0))))
+        q2 = q * q
+        s = angle + angle * q * ((q * SIN_5 - SIN_3) + q2 * (q * SIN_9 - SIN_7))
+        c = 1.0 + q * ((q * COS_4 - 0.5) + q2 * ((q * COS_8 - COS_6) - q2 * COS_10))
     return cosine * c - sine * s, sine * c + cosine * s
 
 
 @compiled
-def clearance_vectors(p, crank_cos, crank_sin, rod_cos, rod_sin, x, y, slider, vx, vy, rate, slider_speed):
+def clearance_vectors(p, crank_cos, crank_sin, rod_cos, rod_sin, state):
     """Clearance vectors of both joints and their rates: (e2x, e2y, v2x, v2y), (e3x, e3y, v3x, v3y) [m, m/s]."""
+    x, y, _, slider, vx, vy, rate, slider_speed = state
     a, b, c, w = p.rod_to_crank_end, p.rod_to_piston_end, p.crank_length, p.speed
     pin = (
         x - a * rod_cos - c * crank_cos,
@@ -49,7 +54,7 @@ def clearance_vectors(p, crank_cos, crank_sin, rod_cos, rod_sin, x, y, slider, v
 
 
 @compiled
-def joint_force(joint, mode, approach, vector, rod_rate, partner_rate):
+def joint_force(joint, mode, hysteresis, vector, rod_rate, partner_rate):
     """Force of the partner on the rod in one joint.
 
     The bodies touch halfway through their overlap: one common point, so that no angular momentum is lost between them.
@@ -57,8 +62,8 @@ def joint_force(joint, mode, approach, vector, rod_rate, partner_rate):
     Parameters
     ----------
     joint : JointParameters
-    mode, approach
-        Mode of the joint and approach speed [m/s] at the start of its contact.
+    mode, hysteresis
+        Mode of the joint and chi / d'_0 [s/m] of its contact.
     vector : tuple of 4 floats
         Clearance vector and its rate.
     rod_rate, partner_rate
@@ -77,8 +82,9 @@ def joint_force(joint, mode, approach, vector, rod_rate, partner_rate):
     penetration = r - joint.clearance
     if penetration <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    nx, ny = ex / r, ey / r
-    normal = normal_force(penetration, vx * nx + vy * ny, approach, joint.stiffness, joint.exponent, joint.damping)
+    inverse = 1.0 / r
+    nx, ny = ex * inverse, ey * inverse
+    normal = normal_force(penetration, vx * nx + vy * ny, hysteresis, joint.stiffness, joint.exponent)
     rod_arm = joint.side * joint.rod_radius - 0.5 * penetration
     partner_arm = joint.side * joint.partner_radius + 0.5 * penetration
     sliding = vy * nx - vx * ny + rod_arm * rod_rate - partner_arm * partner_rate
@@ -91,12 +97,12 @@ def joint_force(joint, mode, approach, vector, rod_rate, partner_rate):
 @compiled
 def accelerations(p, rod_cos, rod_sin, pin, piston):
     """Accelerations of rod (x, y [m/s^2], angle [rad/s^2]) and slider [m/s^2] under the forces of both joints."""
-    ax = (pin[2] + piston[2]) / p.rod_mass + p.gravity_x
-    ay = (pin[3] + piston[3]) / p.rod_mass + p.gravity_y
+    ax = (pin[2] + piston[2]) * p.rod_inverse_mass + p.gravity_x
+    ay = (pin[3] + piston[3]) * p.rod_inverse_mass + p.gravity_y
     moment = (
         pin[4]
         + piston[4]
         - p.rod_to_crank_end * (rod_cos * pin[3] - rod_sin * pin[2])
         + p.rod_to_piston_end * (rod_cos * piston[3] - rod_sin * piston[2])
     )
-    return ax, ay, moment / p.rod_inertia, p.gravity_x - piston[2] / p.slider_mass
+    return ax, ay, moment * p.rod_inverse_inertia, p.gravity_x - piston[2] * p.slider_inverse_mass

@@ -13,8 +13,8 @@ import math
 
 from jointgap.dynamics.compiled import compiled
 from jointgap.dynamics.equations import CLAMPED, CONTACT, FLIGHT
-from jointgap.dynamics.integrator import AFTER, BEFORE, step, stretch
-from jointgap.dynamics.motion import directions, relative_motion
+from jointgap.dynamics.integrator import AFTER, BEFORE, instant, step, stretch
+from jointgap.dynamics.motion import relative_motion
 
 NOWHERE = 2.0
 
@@ -115,24 +115,37 @@ def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
 
 
 @compiled
-def joint_conditions(p, joint, modes, approaches, motion):
-    """`conditions` of joint 0 (crank pin) or 1 (piston pin)."""
-    if joint == 0:
-        return conditions(p.crank_pin, modes[0], approaches[0], motion[0])
-    return conditions(p.piston_pin, modes[1], approaches[1], motion[1])
+def all_conditions(p, here, motion):
+    """`conditions` of crank pin and piston pin."""
+    return (
+        conditions(p.crank_pin, here.modes[0], here.approaches[0], motion[0]),
+        conditions(p.piston_pin, here.modes[1], here.approaches[1], motion[1]),
+    )
 
 
 @compiled
-def next_event(p, modes, approaches, before, after, duration, margin):
-    """Where in a step the first condition of any joint ends: fraction, joint and which of its conditions."""
+def next_event(before, after, duration, margin):
+    """Where in a step the first condition of any joint ends: fraction (or `NOWHERE`), joint, which of its conditions.
+
+    Parameters
+    ----------
+    before, after
+        `all_conditions` at both ends of the step.
+    duration : float
+        Its length [s].
+    margin : float
+        As in `first_crossing` [m].
+    """
     first, which, kind = NOWHERE, 0, 0
     for joint in range(2):
-        g0, v0, a0, h0, w0 = joint_conditions(p, joint, modes, approaches, before)
-        g1, v1, a1, h1, w1 = joint_conditions(p, joint, modes, approaches, after)
+        g0, v0, a0, h0, w0 = before[joint]
+        g1, v1, a1, h1, w1 = after[joint]
         x = first_crossing(g0, v0, a0, g1, v1, a1, duration, margin)
         if x < first:
             first, which, kind = x, joint, 0
-        # Of the second condition only one derivative is known; the curvatures of the cubic make the quintic that cubic.
+        if h0 > 0.0 and h1 >= 0.0 and not w0 < 0.0 < w1:
+            continue
+        # Of the second condition only one derivative is known; with the cubic's curvatures the quintic is that cubic.
         slope = (h1 - h0) / duration
         bend0, bend1 = (6.0 * slope - 4.0 * w0 - 2.0 * w1) / duration, (2.0 * w0 + 4.0 * w1 - 6.0 * slope) / duration
         x = first_crossing(h0, w0, bend0, h1, w1, bend1, duration, 0.0)
@@ -143,7 +156,7 @@ def next_event(p, modes, approaches, before, after, duration, margin):
 
 @compiled
 def switched(mode, approach, kind, speed):
-    """Mode and approach speed of a joint after its condition `kind` has ended at the rate `speed` of the distance."""
+    """Mode and approach speed of a joint after its condition `kind` has ended with the surfaces closing at `speed`."""
     if mode == FLIGHT:
         return CONTACT, max(speed, LEAST_APPROACH)
     if kind == 0:
@@ -152,26 +165,7 @@ def switched(mode, approach, kind, speed):
 
 
 @compiled
-def locate(
-    p,
-    angles,
-    modes,
-    approaches,
-    y,
-    slope,
-    time,
-    course,
-    s,
-    duration,
-    joint,
-    kind,
-    guess,
-    close,
-    weights,
-    k,
-    new,
-    new_slope,
-):
+def locate(p, here, course, s, duration, joint, kind, guess, close, velocity_time, k):
     """Redo a step so that it ends where condition `kind` of `joint` falls through zero.
 
     Newton's method with true steps, kept between the last points found before and after the event. Towards a separation
@@ -179,19 +173,20 @@ def locate(
 
     Parameters
     ----------
+    p, here, course, s, velocity_time, k
+        As in `step`.
     duration, guess : float
         Length of the step that passed the event, and where in it the event is thought to be [s].
     close : float
         The condition counts as zero below this.
-    others
-        As in `step`.
 
     Returns
     -------
     tuple
-        Whether there is such a point, course, s and ds of the step that ends there, its error [m], steps made.
+        Whether there is such a point, the instant of it, course, s and ds of the step that ends there, its error [m], steps
+        made.
     """
-    to_separation = kind == 0 and modes[joint] == CONTACT and not (course == AFTER and s == 0.0)
+    to_separation = kind == 0 and here.modes[joint] == CONTACT and not (course == AFTER and s == 0.0)
     low, high = 0.0, math.inf
     for count in range(1, 60):
         if to_separation:
@@ -199,13 +194,13 @@ def locate(
             ds = -begin
         else:
             run, begin, ds = course, s, stretch(course, s, guess)
-        error = step(p, angles, modes, approaches, y, slope, run, begin, ds, weights, k, new, new_slope)
-        motion = relative_motion(p, directions(p, time + guess, new[2]), new, new_slope)
-        g, v, _, h, w = joint_conditions(p, joint, modes, approaches, motion)
+        y, error = step(p, here, run, begin, ds, velocity_time, k)
+        there = instant(p, here.time + guess, y, here.modes, here.approaches)
+        g, v, _, h, w = all_conditions(p, there, relative_motion(p, there))[joint]
         if kind == 1:
             g, v = h, w
         if abs(g) <= close:
-            return True, run, begin, ds, error, count
+            return True, there, run, begin, ds, error, count
         if g < 0.0:
             high = guess
         elif v >= 0.0 and high == math.inf:
@@ -216,7 +211,7 @@ def locate(
         if not low < guess < high:
             guess = 0.5 * (low + high)
         if high - low <= 1e-14 * duration or low == guess or guess == high:
-            return True, run, begin, ds, error, count
+            return True, there, run, begin, ds, error, count
         if guess > 1.5 * duration:
             break
-    return False, course, s, stretch(course, s, duration), math.inf, count
+    return False, there, run, begin, ds, error, count

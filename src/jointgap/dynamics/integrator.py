@@ -9,6 +9,7 @@ root is a branch point. In sigma = sqrt(time from the event) it is smooth again.
 """
 
 import math
+from typing import NamedTuple
 
 from jointgap.dynamics import tableau
 from jointgap.dynamics.compiled import compiled
@@ -18,6 +19,32 @@ LINEAR, AFTER, BEFORE = 0, 1, -1
 
 NODES, STAGES = tableau.NODES, tableau.STAGES
 ERROR_5, ERROR_3, COUNT = tableau.ERROR_5, tableau.ERROR_3, tableau.COUNT
+
+
+class Instant(NamedTuple):
+    """Where a march is: all that a step starts from.
+
+    Attributes
+    ----------
+    time : float
+        [s].
+    y, slope : tuples of 8 floats
+        State and its time derivative.
+    crank_cos, crank_sin, rod_cos, rod_sin : float
+        Directions of crank and rod.
+    modes, approaches : tuples of 2
+        Modes of crank pin and piston pin, approach speeds [m/s] of their contacts.
+    """
+
+    time: float
+    y: tuple[float, ...]
+    slope: tuple[float, ...]
+    crank_cos: float
+    crank_sin: float
+    rod_cos: float
+    rod_sin: float
+    modes: tuple[int, int]
+    approaches: tuple[float, float]
 
 
 @compiled
@@ -42,51 +69,65 @@ def stretch(course, s, duration):
 
 
 @compiled
-def rates(p, angles, turn, y0, y1, y2, y3, y4, y5, y6, y7, rod_angle, modes, approaches):
-    """Accelerations at one state; `angles` = cos, sin of crank and rod at an instant from which the crank is `turn` on
-    and the rod at `rod_angle`."""
-    crank_cos, crank_sin = turned(angles[0], angles[1], turn)
-    rod_cos, rod_sin = turned(angles[2], angles[3], y2 - rod_angle)
-    pin, piston = clearance_vectors(p, crank_cos, crank_sin, rod_cos, rod_sin, y0, y1, y3, y4, y5, y6, y7)
+def hystereses(p, approaches):
+    """chi / d'_0 [s/m] of both contacts."""
+    return p.crank_pin.damping / approaches[0], p.piston_pin.damping / approaches[1]
+
+
+@compiled
+def accelerations_at(p, crank_cos, crank_sin, rod_cos, rod_sin, y, modes, drags):
+    """Accelerations of rod (x, y, angle) and slider at a state."""
+    pin, piston = clearance_vectors(p, crank_cos, crank_sin, rod_cos, rod_sin, y)
     return accelerations(
         p,
         rod_cos,
         rod_sin,
-        joint_force(p.crank_pin, modes[0], approaches[0], pin, y6, p.speed),
-        joint_force(p.piston_pin, modes[1], approaches[1], piston, y6, 0.0),
+        joint_force(p.crank_pin, modes[0], drags[0], pin, y[6], p.speed),
+        joint_force(p.piston_pin, modes[1], drags[1], piston, y[6], 0.0),
     )
 
 
 @compiled
-def step(p, angles, modes, approaches, y, slope, course, s, ds, weights, k, new, new_slope):
+def instant(p, time, y, modes, approaches):
+    """The instant of a state."""
+    crank_angle = p.start_angle + p.speed * time
+    crank_cos, crank_sin, rod_cos, rod_sin = (
+        math.cos(crank_angle),
+        math.sin(crank_angle),
+        math.cos(y[2]),
+        math.sin(y[2]),
+    )
+    forces = accelerations_at(p, crank_cos, crank_sin, rod_cos, rod_sin, y, modes, hystereses(p, approaches))
+    slope = (y[4], y[5], y[6], y[7], forces[0], forces[1], forces[2], forces[3])
+    return Instant(time, y, slope, crank_cos, crank_sin, rod_cos, rod_sin, modes, approaches)
+
+
+@compiled
+def step(p, here, course, s, ds, velocity_time, k):
     """Advance the state from s to s + ds with the modes frozen.
 
     Parameters
     ----------
     p : Parameters
-    angles : tuple of 4 floats
-        Cosine and sine of crank and rod angle at the start of the step.
-    modes, approaches : tuples of 2
-        Modes of crank pin and piston pin, approach speeds [m/s] of their contacts.
-    y, slope : (8,) arrays
-        State and its time derivative at the start.
+    here : Instant
+        Start of the step.
     course, s, ds : int, float, float
         How time runs, and where the step starts and how long it is.
-    weights : tuple of 3 floats
-        Metres that an error of one unit counts for: in the rod angle, in linear, in angular velocity.
+    velocity_time : float
+        Time [s] that turns an error in a velocity into one in a position.
     k : (12, 8) array
-        Work space.
-    new, new_slope : (8,) arrays
-        Overwritten with the state at the end and its time derivative.
+        Work space for the stages.
 
     Returns
     -------
-    float
-        Estimated local error [m].
+    tuple
+        State at the end (8 floats), estimated local error [m].
     """
+    y, drags = here.y, hystereses(p, here.approaches)
     factor = pace(course, s)
     for i in range(STATES):
-        k[0, i] = factor * slope[i]
+        k[0, i] = factor * here.slope[i]
+    z = y
     for stage in range(1, COUNT + 1):
         z0 = z1 = z2 = z3 = z4 = z5 = z6 = z7 = 0.0
         for j in range(stage):
@@ -99,52 +140,37 @@ def step(p, angles, modes, approaches, y, slope, course, s, ds, weights, k, new,
             z5 += a * k[j, 5]
             z6 += a * k[j, 6]
             z7 += a * k[j, 7]
-        z0 = y[0] + ds * z0
-        z1 = y[1] + ds * z1
-        z2 = y[2] + ds * z2
-        z3 = y[3] + ds * z3
-        z4 = y[4] + ds * z4
-        z5 = y[5] + ds * z5
-        z6 = y[6] + ds * z6
-        z7 = y[7] + ds * z7
+        z0, z1, z2, z3 = y[0] + ds * z0, y[1] + ds * z1, y[2] + ds * z2, y[3] + ds * z3
+        z4, z5, z6, z7 = y[4] + ds * z4, y[5] + ds * z5, y[6] + ds * z6, y[7] + ds * z7
+        z = (z0, z1, z2, z3, z4, z5, z6, z7)
+        if stage == COUNT:
+            break
         advance = NODES[stage] * ds
-        turn = p.speed * elapsed(course, s, advance)
-        ax, ay, alpha, ap = rates(p, angles, turn, z0, z1, z2, z3, z4, z5, z6, z7, y[2], modes, approaches)
-        if stage < COUNT:
-            factor = pace(course, s + advance)
-            k[stage, 0] = factor * z4
-            k[stage, 1] = factor * z5
-            k[stage, 2] = factor * z6
-            k[stage, 3] = factor * z7
-            k[stage, 4] = factor * ax
-            k[stage, 5] = factor * ay
-            k[stage, 6] = factor * alpha
-            k[stage, 7] = factor * ap
-        else:
-            new[0], new[1], new[2], new[3], new[4], new[5], new[6], new[7] = z0, z1, z2, z3, z4, z5, z6, z7
-            new_slope[0], new_slope[1], new_slope[2], new_slope[3] = z4, z5, z6, z7
-            new_slope[4], new_slope[5], new_slope[6], new_slope[7] = ax, ay, alpha, ap
-    return ds_error(k, ds, weights)
+        crank_cos, crank_sin = turned(here.crank_cos, here.crank_sin, p.speed * elapsed(course, s, advance))
+        rod_cos, rod_sin = turned(here.rod_cos, here.rod_sin, z2 - y[2])
+        ax, ay, alpha, ap = accelerations_at(p, crank_cos, crank_sin, rod_cos, rod_sin, z, here.modes, drags)
+        factor = pace(course, s + advance)
+        k[stage, 0], k[stage, 1], k[stage, 2], k[stage, 3] = factor * z4, factor * z5, factor * z6, factor * z7
+        k[stage, 4], k[stage, 5], k[stage, 6], k[stage, 7] = factor * ax, factor * ay, factor * alpha, factor * ap
+    rod_length = p.rod_to_crank_end + p.rod_to_piston_end
+    return z, abs(ds) * relative_error(k, rod_length, velocity_time)
 
 
 @compiled
-def ds_error(k, ds, weights):
-    """Estimated local error [m] of a step from its stages: the 5th-order estimate, damped by the 3rd-order one."""
+def relative_error(k, rod_length, velocity_time):
+    """Estimated local error [m] over ds, from a step's stages: the 5th-order estimate, damped by the 3rd-order one.
+
+    Errors in the rod angle count by the rod's length, errors in velocities by `velocity_time`.
+    """
     fifth = third = 0.0
     for i in range(STATES):
         e5 = e3 = 0.0
         for j in range(COUNT):
             e5 += ERROR_5[j] * k[j, i]
             e3 += ERROR_3[j] * k[j, i]
-        weight = 1.0
-        if i == 2:
-            weight = weights[0]
-        elif i == 6:
-            weight = weights[2]
-        elif i > 3:
-            weight = weights[1]
+        weight = (velocity_time if i > 3 else 1.0) * (rod_length if i == 2 or i == 6 else 1.0)
         fifth += (weight * e5) ** 2
         third += (weight * e3) ** 2
     if fifth == 0.0 and third == 0.0:
         return 0.0
-    return abs(ds) * fifth / math.sqrt(fifth + 0.01 * third)
+    return fifth / math.sqrt(fifth + 0.01 * third)

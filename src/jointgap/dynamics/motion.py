@@ -4,7 +4,6 @@ import math
 
 from jointgap.dynamics.compiled import compiled
 from jointgap.dynamics.equations import clearance_vectors
-from jointgap.dynamics.integrator import rates
 
 _PIECES = 16
 
@@ -16,33 +15,17 @@ def resolution(p):
 
 
 @compiled
-def directions(p, time, rod_angle):
-    """Cosine and sine of crank and rod angle."""
-    crank_angle = p.start_angle + p.speed * time
-    return math.cos(crank_angle), math.sin(crank_angle), math.cos(rod_angle), math.sin(rod_angle)
-
-
-@compiled
-def relative_motion(p, angles, y, slope):
-    """Clearance vector, rate and second rate of both joints, 6 numbers each."""
+def relative_motion(p, here):
+    """Clearance vector, rate and second rate of crank pin and piston pin, 6 numbers each [m, m/s, m/s^2]."""
+    y, slope, rod_cos, rod_sin = here.y, here.slope, here.rod_cos, here.rod_sin
     a, b, c = p.rod_to_crank_end, p.rod_to_piston_end, p.crank_length * p.speed**2
-    crank_cos, crank_sin, rod_cos, rod_sin = angles
-    pin, piston = clearance_vectors(p, crank_cos, crank_sin, rod_cos, rod_sin, y[0], y[1], y[3], y[4], y[5], y[6], y[7])
+    pin, piston = clearance_vectors(p, here.crank_cos, here.crank_sin, rod_cos, rod_sin, y)
     square, alpha = y[6] * y[6], slope[6]
-    pin_x = slope[4] + a * (alpha * rod_sin + square * rod_cos) + c * crank_cos
-    pin_y = slope[5] - a * (alpha * rod_cos - square * rod_sin) + c * crank_sin
+    pin_x = slope[4] + a * (alpha * rod_sin + square * rod_cos) + c * here.crank_cos
+    pin_y = slope[5] - a * (alpha * rod_cos - square * rod_sin) + c * here.crank_sin
     piston_x = slope[4] - b * (alpha * rod_sin + square * rod_cos) - slope[7]
     piston_y = slope[5] + b * (alpha * rod_cos - square * rod_sin)
     return pin + (pin_x, pin_y), piston + (piston_x, piston_y)
-
-
-@compiled
-def slope_of(p, angles, y, modes, approaches, slope):
-    """Write the time derivative of state `y` into `slope`."""
-    slope[:4] = y[4:]
-    slope[4], slope[5], slope[6], slope[7] = rates(
-        p, angles, 0.0, y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[2], modes, approaches
-    )
 
 
 @compiled
@@ -72,3 +55,16 @@ def swept_angle(before, after, duration):
         total += math.atan2(px * qy - py * qx, px * qx + py * qy)
         px, py = qx, qy
     return total
+
+
+@compiled
+def direction(angle, before, after, duration, least):
+    """Unwrapped direction [rad] of a clearance vector after `duration`, NaN where it is no longer than `least`.
+
+    `angle` is the direction before; NaN (not known yet) starts afresh within (-pi, pi].
+    """
+    if math.hypot(after[0], after[1]) <= least:
+        return math.nan
+    if math.isnan(angle):
+        return math.atan2(after[1], after[0])
+    return angle + swept_angle(before, after, duration)

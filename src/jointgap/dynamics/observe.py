@@ -6,7 +6,8 @@ import numpy as np
 
 from jointgap.dynamics.compiled import compiled
 from jointgap.dynamics.equations import joint_force
-from jointgap.dynamics.motion import directions, relative_motion, resolution, slope_of
+from jointgap.dynamics.integrator import hystereses, instant
+from jointgap.dynamics.motion import relative_motion, resolution
 
 
 @compiled
@@ -65,24 +66,24 @@ def observe(p, times, states, modes_at, approaches_at, directions_at):
         Samples as `jointgap.dynamics.march.march` leaves them.
     """
     seen = np.empty((times.size, 29))
-    slope, least = np.empty(8), resolution(p)
+    least = resolution(p)
     for i in range(times.size):
         y, row = states[i], seen[i]
         modes = (modes_at[i, 0], modes_at[i, 1])
         approaches = (approaches_at[i, 0], approaches_at[i, 1])
-        angles = directions(p, times[i], y[2])
-        slope_of(p, angles, y, modes, approaches, slope)
-        pin, piston = relative_motion(p, angles, y, slope)
+        here = instant(p, times[i], (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7]), modes, approaches)
+        pin, piston = relative_motion(p, here)
         row[0], row[1], row[2], row[3], row[4], row[5] = polar_rates(pin, directions_at[i, 0], least)
         row[6], row[7], row[8], row[9], row[10], row[11] = polar_rates(piston, directions_at[i, 1], least)
-        row[12:16] = slope[4:]
-        on_pin = never_pulling(joint_force(p.crank_pin, modes[0], approaches[0], pin[:4], y[6], p.speed))
-        on_piston = never_pulling(joint_force(p.piston_pin, modes[1], approaches[1], piston[:4], y[6], 0.0))
+        row[12], row[13], row[14], row[15] = here.slope[4], here.slope[5], here.slope[6], here.slope[7]
+        drags = hystereses(p, approaches)
+        on_pin = never_pulling(joint_force(p.crank_pin, modes[0], drags[0], pin[:4], y[6], p.speed))
+        on_piston = never_pulling(joint_force(p.piston_pin, modes[1], drags[1], piston[:4], y[6], 0.0))
         row[16], row[17], row[18], row[19] = on_pin[0], on_pin[1], on_pin[2], on_pin[3]
         row[20], row[21], row[22], row[23] = on_piston[0], on_piston[1], on_piston[2], on_piston[3]
 
         # Crank: the rod's force acts on its pin turned round, with the friction's moment about the pin's centre.
-        crank_cos, crank_sin, length = angles[0], angles[1], p.crank_length
+        crank_cos, crank_sin, length = here.crank_cos, here.crank_sin, p.crank_length
         arm, weight_x, weight_y = p.crank_mass_centre, p.crank_mass * p.gravity_x, p.crank_mass * p.gravity_y
         centripetal = p.crank_mass * arm * p.speed**2
         row[24] = (

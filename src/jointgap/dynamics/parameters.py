@@ -30,11 +30,12 @@ class Parameters(NamedTuple):
     crank_length: float
     crank_mass: float
     crank_mass_centre: float
-    rod_mass: float
-    rod_inertia: float
+    rod_inverse_mass: float
+    rod_inverse_inertia: float
     rod_to_crank_end: float
     rod_to_piston_end: float
     slider_mass: float
+    slider_inverse_mass: float
     slider_offset: float
     gravity_x: float
     gravity_y: float
@@ -71,11 +72,12 @@ def parameters(mechanism: Mechanism, speed: float, start_angle: float) -> Parame
         crank_length=mechanism.crank.length,
         crank_mass=mechanism.crank.mass,
         crank_mass_centre=mechanism.crank.mass_centre,
-        rod_mass=rod.mass,
-        rod_inertia=rod.inertia,
+        rod_inverse_mass=1 / rod.mass,
+        rod_inverse_inertia=1 / rod.inertia,
         rod_to_crank_end=rod.mass_centre,
         rod_to_piston_end=rod.length - rod.mass_centre,
         slider_mass=mechanism.slider.mass,
+        slider_inverse_mass=1 / mechanism.slider.mass,
         slider_offset=mechanism.slider.offset,
         gravity_x=gravity_x,
         gravity_y=gravity_y,
