@@ -14,7 +14,7 @@ from jointgap.config import Scenario
 from jointgap.track.commit import commit
 from jointgap.track.content import records
 from jointgap.track.record import Record
-from jointgap.track.store import EXPERIMENT, Store, StoredRun, address_for, locked
+from jointgap.track.store import Store, StoredRun, address_for, locked
 
 SCENARIO, STAGE, OUTPUT, DIGEST = (f"jointgap.{key}" for key in ("scenario", "stage", "output", "digest"))
 PARENT = "mlflow.parentRunId"
@@ -133,6 +133,7 @@ def _tags(shared: _Scenario, record: Record, parent: str | None) -> dict[str, st
         "mlflow.user": shared.user,
         "mlflow.note.content": shared.description,
     }
+    tags |= {f"jointgap.{name}": text for name, text in record.notes.items()}
     return tags | ({PARENT: parent} if record.nested else {})
 
 

@@ -96,6 +96,8 @@ class Record:
         Artifacts by their path in the run.
     costs : mapping of str to float
         Metrics that say what the run cost. They differ from one go to the next, so they take no part in the digest.
+    notes : mapping of str to str
+        Words about the result, kept as tags.
     """
 
     stage: str
@@ -106,6 +108,7 @@ class Record:
     datasets: tuple[Dataset, ...] = ()
     files: Mapping[str, Path | bytes] = field(default_factory=dict)
     costs: Mapping[str, float] = field(default_factory=dict)
+    notes: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def nested(self) -> bool:
@@ -117,6 +120,7 @@ class Record:
         """SHA-256 over everything the run holds except its costs: equal digests, equal results."""
         content = {
             "params": dict(self.params),
+            "notes": dict(self.notes),
             "metrics": {name: repr(float(value)) for name, value in self.metrics.items()},
             "curves": {
                 name: hashlib.sha256(

@@ -1,0 +1,30 @@
+"""What is worth tracking of each stage: from tables to records, one module a stage."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from jointgap.track.content import figures as pictures
+from jointgap.track.content import kinematics, optimise, simulate, surrogate
+from jointgap.track.content.given import Given, Tables
+from jointgap.track.costs import read_costs
+from jointgap.track.record import Record
+
+
+def records(options, tables: Tables, figures: Sequence[Path], benchmarks: Sequence[Path]) -> list[Record]:
+    """The runs that one scenario's finished tables make, a stage's own run before those nested in it.
+
+    Parameters
+    ----------
+    options : Scenario
+    tables : mapping of str to Path
+        Parquet files by ``table`` or ``table/output``. A stage whose tables are missing makes no run.
+    figures, benchmarks : sequence of Path
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read as what it is said to be.
+    """
+    given = Given(options, dict(tables), read_costs(benchmarks))
+    found = [record for stage in (simulate, surrogate, kinematics, optimise) for record in stage.records(given)]
+    return found + pictures.records(given, figures)
