@@ -17,7 +17,7 @@ const pause = () => new Promise(done => setTimeout(done, 300));
     const seen = {};
     await pause();
     seen["start"] = document.body.innerText;
-    seen["graphics"] = document.querySelectorAll("#app svg, #app canvas").length;
+    seen["graphics"] = document.querySelectorAll("#rulegraph canvas, #rulegraph svg").length;
     for (const category of Object.keys(categories)) {
         for (const subcategory of Object.keys(categories[category])) {
             app.setView({navbarMode: "subcategory", category: category, subcategory: subcategory});
