@@ -13,7 +13,7 @@ Sources, `NAME` being a surrogate's name such as ``networks``:
 The last two show what it does that independent fits need not agree.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,11 +22,8 @@ from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_simpson
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.mechanism import ClearanceMotion, LinkageMotion, Motion, linkage_motion
+from jointgap.mechanism import ClearanceMotion, Fit, LinkageMotion, Motion, linkage_motion
 from jointgap.tables.kinematics import QUANTITIES
-
-Fit = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Crank angles (n,) [rad] to an output (n,) in SI and its derivative by the crank angle (n,)."""
 
 UNITS = {name: unit for name, unit, _ in QUANTITIES}
 PAST = np.radians(60.0)  # where the paper's transient is over by any account

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from dataclasses import fields
 
 import numpy as np
@@ -104,3 +106,8 @@ def test_the_whole_stage_is_the_same_twice(mechanism, trajectory, found):
     again = optimise(mechanism, SIMULATE, OPTIMISE, POINTS, trajectory, {"networks": fits_of(trajectory)})
     for field in fields(found):
         pd.testing.assert_frame_equal(getattr(found, field.name), getattr(again, field.name), check_exact=True)
+
+
+def test_torch_and_mlflow_are_not_needed():
+    code = "import sys, jointgap.kinematics, jointgap.optimise.stage; sys.exit(bool({'torch', 'mlflow'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

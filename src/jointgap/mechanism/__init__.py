@@ -5,7 +5,7 @@ rod angle from +x seen from the crank end. Equation numbers are those of Erkaya 
 (2009) 493-508. Joint 2 is the crank pin, joint 3 the piston pin.
 """
 
-from jointgap.mechanism.clearance import ClearanceMotion
+from jointgap.mechanism.clearance import ClearanceMotion, Fit
 from jointgap.mechanism.cycle import IdealCycle, ideal_cycle
 from jointgap.mechanism.linkage import LinkageMotion, linkage_motion
 from jointgap.mechanism.motion import Motion, rotating_vector
@@ -13,6 +13,7 @@ from jointgap.mechanism.transmission import clearance_lift, transmission_angle
 
 __all__ = [
     "ClearanceMotion",
+    "Fit",
     "IdealCycle",
     "LinkageMotion",
     "Motion",

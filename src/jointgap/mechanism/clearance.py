@@ -1,10 +1,15 @@
 """The two clearance vectors: what the contact simulation delivers and the networks learn."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
 import pandas as pd
 
 from jointgap.mechanism.motion import Motion, rotating_vector
+
+Fit = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""A learned output: crank angles (n,) [rad] to its values (n,) in SI and their derivative by the crank angle (n,)."""
 
 
 @dataclass(frozen=True)

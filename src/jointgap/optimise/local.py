@@ -99,7 +99,7 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
     )
     end = np.clip(lengths(result.x), region.lower, region.upper)  # bounds met up to rounding are met
     if result.success:
-        status = f"stopped: the error changes by less than {tolerance:g} of its original value"
+        status = f"stopped: the sum of squares changes by less than {tolerance:g} of its value at the original lengths"
     else:
         status = (
             f"not converged ({str(result.message).strip().lower()}): raise the tolerance {tolerance:g} or check the box"

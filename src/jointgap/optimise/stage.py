@@ -1,20 +1,17 @@
 """The stage optimise: sources in, tables out."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Optimise, Simulate
-from jointgap.mechanism import clearance_lift, ideal_cycle
+from jointgap.mechanism import Fit, clearance_lift, ideal_cycle
 from jointgap.optimise import search as searching
 from jointgap.optimise.objective import Objective, frozen_objective
 from jointgap.optimise.resimulate import Resimulation, compare, resimulate, stretches
 from jointgap.optimise.search import PRINTED, Point
-
-Fit = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Crank angles (n,) [rad] to an output (n,) in SI and its derivative by the crank angle (n,)."""
 
 COORDINATES = ("r2", "gamma2", "r3", "gamma3")
 DIGITS = 6  # lengths are simulated again to the micrometre; points that agree so far are simulated once

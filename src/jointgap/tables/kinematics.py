@@ -27,7 +27,14 @@ KINEMATICS = Table(
     "kinematics",
     "Motion of rod and slider over the first revolution, from the equations and from the simulation itself",
     (
-        Column("source", "", "where the motion comes from (config/README.md lists the sources)", "text"),
+        Column(
+            "source",
+            "",
+            "simulation (its own values), ideal (no clearance), simulation_exact and simulation_paper_form (equations fed by "
+            "the simulation, with the derivatives of r and without), NAME_paper_form, NAME_exact (fed by a surrogate), "
+            "NAME_own_rates, NAME_integrated (rates of gamma as derivatives, gamma as integrals of its fits)",
+            "text",
+        ),
         Column("crank_angle", "rad", "crank angle theta2"),
         *(Column(name, unit, f"{description}{_UNDEFINED}", nullable=True) for name, unit, description in QUANTITIES),
     ),
