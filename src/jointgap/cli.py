@@ -12,10 +12,24 @@ options_option = click.option(
     "--options", required=True, help="The scenario: JSON text, or the path of a YAML or JSON file (config/README.md)."
 )
 
+results_option = click.option(
+    "--results",
+    type=click.Path(file_okay=False, path_type=Path),
+    required=True,
+    help="The scenario's results folder: tables are read and written at their places in it.",
+)
+
 
 def need(flag: str, meaning: str, kind: click.Path = IN):
     """A required option that names a file."""
     return click.option(flag, type=kind, required=True, help=meaning)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write `text` whole or not at all."""
+    from jointgap.tables import write_whole
+
+    write_whole(path, lambda temporary: Path(temporary).write_text(text, encoding="utf-8"))
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -41,6 +55,165 @@ def simulate(options: str, trajectory: Path, events: Path) -> None:
     run = simulate(scenario.mechanism, scenario.simulate)
     tables.write(tables.EVENTS, run.events, events)
     tables.write(tables.TRAJECTORY, run.samples, trajectory)
+
+
+@cli.command()
+@options_option
+@need("--trajectory", "Parquet file to read: the simulated motion.")
+@click.option("--output-name", required=True, help="The output to learn: a column such as r2 or gamma3_ddot.")
+@need("--fit", "Parquet file to write: weights of the networks, a row each.", OUT)
+@need("--history", "Parquet file to write: error after every iteration.", OUT)
+@need("--errors", "Parquet file to write: errors at and between the training points.", OUT)
+def surrogate(options: str, trajectory: Path, output_name: str, fit: Path, history: Path, errors: Path) -> None:
+    """Train the paper's network of one output with Levenberg-Marquardt."""
+    from jointgap import tables
+    from jointgap.config import parse_options
+    from jointgap.errors import InputError, did_you_mean
+    from jointgap.surrogate.train import train
+
+    scenario = parse_options(options)
+    if output_name not in tables.OUTPUTS:
+        raise InputError(f"--output-name {output_name}: no such output; {did_you_mean(output_name, tables.OUTPUTS)}")
+    trained = train(tables.read(tables.TRAJECTORY, trajectory), output_name, scenario.surrogate)
+    tables.write(tables.FIT_HISTORY, trained.history(), history)
+    tables.write(tables.FIT_ERRORS, trained.errors(), errors)
+    tables.write(tables.FIT, trained.weights(), fit)
+
+
+@cli.command()
+@options_option
+@results_option
+def kinematics(options: str, results: Path) -> None:
+    """Feed the paper's equations by networks and by the simulation, and hold them against the simulation."""
+    from jointgap import tables
+    from jointgap.config import parse_options
+    from jointgap.kinematics import kinematics
+    from jointgap.results import Results
+
+    scenario, folder = parse_options(options), Results(results)
+    found = kinematics(
+        scenario.mechanism,
+        scenario.simulate,
+        scenario.surrogate.training_points,
+        folder.read(tables.TRAJECTORY),
+        folder.surrogates(),
+    )
+    folder.write(tables.KINEMATICS_ERRORS, found.errors)
+    folder.write(tables.KINEMATICS_CONTRADICTIONS, found.contradictions)
+    folder.write(tables.KINEMATICS, found.motion)
+
+
+@cli.command()
+@options_option
+@results_option
+def optimise(options: str, results: Path) -> None:
+    """Search the link lengths for the transmission angle, and simulate again what was found."""
+    from jointgap import tables
+    from jointgap.config import parse_options
+    from jointgap.optimise.stage import optimise
+    from jointgap.results import Results
+
+    scenario, folder = parse_options(options), Results(results)
+    found = optimise(
+        scenario.mechanism,
+        scenario.simulate,
+        scenario.optimise,
+        scenario.surrogate.training_points,
+        folder.read(tables.TRAJECTORY),
+        folder.surrogates(),
+    )
+    for table, frame in (
+        (tables.POPULATION, found.population),
+        (tables.PATHS, found.paths),
+        (tables.TOLERANCE, found.tolerance),
+        (tables.VALLEY, found.valley),
+        (tables.FLOOR, found.floor),
+        (tables.RESIMULATED, found.resimulated),
+        (tables.WORTH, found.worth),
+        (tables.OPTIMA, found.optima),
+    ):
+        folder.write(table, frame)
+
+
+@cli.command()
+@options_option
+@results_option
+@click.option("--figure", "names", multiple=True, help="Name of a figure, repeatable; all still figures when absent.")
+@click.option("--folder", type=click.Path(file_okay=False, path_type=Path), required=True, help="Folder to write to.")
+def figures(options: str, results: Path, names: tuple[str, ...], folder: Path) -> None:
+    """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
+    from jointgap.config import parse_options
+    from jointgap.figures.catalogue import FIGURES
+    from jointgap.figures.stage import draw_all, needed_tables
+    from jointgap.figures.samples import predictions
+    from jointgap.results import PLACES, Results
+
+    wanted, scenario, stored = names or FIGURES, parse_options(options), Results(results)
+    needed = needed_tables(wanted)
+    frames = stored.frames(name for name in needed if name in PLACES)
+    if "predictions" in needed:
+        frames["predictions"] = predictions(stored.surrogates(), frames["trajectory"], scenario)
+    draw_all(frames, scenario, folder, wanted)
+
+
+@cli.command()
+@options_option
+@results_option
+def compare(options: str, results: Path) -> None:
+    """Put every number and claim of the paper beside ours."""
+    from jointgap import tables
+    from jointgap.compare import NEEDED, compare, html, markdown
+    from jointgap.config import parse_options
+    from jointgap.results import Results
+
+    scenario, folder = parse_options(options), Results(results)
+    found = compare(folder.frames(NEEDED), scenario)
+    write_text(results / "comparison.html", html(found, scenario))
+    write_text(results / "comparison.md", markdown(found, scenario))
+    folder.write(tables.COMPARISON, found)
+
+
+@cli.command()
+@options_option
+@results_option
+@click.option("--scenario", required=True, help="Name of the scenario: with stage and output it identifies a run.")
+@click.option("--store", type=click.Path(file_okay=False, path_type=Path), required=True, help="Folder of the store.")
+@need("--published", "JSON file to write: what was published where.", OUT)
+def track(options: str, results: Path, scenario: str, store: Path, published: Path) -> None:
+    """Publish a scenario's tables and figures to MLflow; nothing twice."""
+    import json
+
+    from jointgap.config import parse_options
+    from jointgap.results import Results
+    from jointgap.track.publish import publish
+
+    folder = Results(results)
+    summary = publish(
+        scenario,
+        parse_options(options),
+        folder.files(),
+        sorted((results / "figures").glob("*.[psg][nvi][gf]")),
+        sorted((results / "benchmarks").rglob("*.tsv")),
+        None,
+        store,
+    )
+    write_text(published, json.dumps(summary, indent=2) + "\n")
+
+
+@cli.command()
+@click.option(
+    "--results",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("results"),
+    show_default=True,
+    help="Folder that holds the default store.",
+)
+@click.option("--port", default=5000, show_default=True, help="First port to try.")
+def dashboard(results: Path, port: int) -> None:
+    """Open MLflow's pages on this machine and print an address that compares the scenarios."""
+    from jointgap.dashboard import dashboard
+
+    dashboard(results, port, say=click.echo)
 
 
 @cli.command()
@@ -80,13 +253,12 @@ def schema(path: Path | None) -> None:
     import json
 
     from jointgap.config import json_schema
-    from jointgap.tables import write_whole
 
     text = json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
     if path is None:
         click.echo(text, nl=False)
     else:
-        write_whole(path, lambda temporary: Path(temporary).write_text(text, encoding="utf-8"))
+        write_text(path, text)
 
 
 def main() -> None:

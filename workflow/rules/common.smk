@@ -6,8 +6,9 @@ from snakemake.exceptions import WorkflowError
 
 from jointgap.config import options_for, resolve
 from jointgap.errors import InputError
-from jointgap.figures.catalogue import CATALOGUE, FIGURES
+from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FIGURES
 from jointgap.provenance import code_digest
+from jointgap.results import PLACES, tables_of
 from jointgap.tables import OUTPUTS
 
 try:
@@ -26,15 +27,26 @@ def options(stage):
     return lambda wildcards: options_for(SCENARIOS[wildcards.scenario], stage)
 
 
-def reported_figures():
-    """For output: each figure of a scenario, with its caption and its place in the report."""
+def written_by(stage):
+    """For output: the tables of a stage, by name."""
+    return {name: f"results/{{scenario}}/{place}" for name, place in tables_of(stage).items()}
+
+
+def read_from(*stages):
+    """For input: the tables of stages, by name; all eight outputs where there is a table for each."""
     return {
-        name: report(
-            f"results/{{scenario}}/figures/{name}.png",
-            caption=f"../report/{name}.rst",
-            category="{scenario}",
-            subcategory=figure.category,
-            labels={"figure": figure.title},
-        )
-        for name, figure in CATALOGUE.items()
+        name: expand(path, output=OUTPUTS, allow_missing=True) if "{output}" in path else path
+        for stage in stages
+        for name, path in written_by(stage).items()
     }
+
+
+def reported(name, figure, ending):
+    """For output: one figure with its caption and its place in the report."""
+    return report(
+        f"results/{{scenario}}/figures/{name}.{ending}",
+        caption=f"../report/{name}.rst",
+        category="{scenario}",
+        subcategory=figure.category,
+        labels={"figure": figure.title},
+    )

@@ -1,10 +1,6 @@
 rule simulate:
     output:
-        trajectory="results/{scenario}/simulate/trajectory.parquet",
-        events="results/{scenario}/simulate/events.parquet",
-    params:
-        options=options("simulate"),
-        code=code_digest("simulate"),
+        **written_by("simulate"),
     log:
         "results/{scenario}/logs/simulate.log",
     benchmark:
@@ -12,7 +8,11 @@ rule simulate:
     conda:
         "../envs/jointgap.yaml"
     resources:
-        mem_mb=1000,
+        mem_mb=1500,
         runtime=10,
+    params:
+        options=options("simulate"),
+        code=code_digest("simulate"),
     shell:
-        "jointgap simulate --options {params.options:q} --trajectory {output.trajectory:q} --events {output.events:q} > {log:q} 2>&1"
+        "jointgap simulate --options {params.options:q}"
+        " --trajectory {output.trajectory:q} --events {output.events:q} > {log:q} 2>&1"

@@ -151,6 +151,8 @@ class Scenario(Section):
     @model_validator(mode="after")
     def _training_points_are_samples(self):
         samples, intervals = self.simulate.samples_per_revolution, self.surrogate.training_points - 1
+        if not {"simulate", "surrogate"} <= self.model_fields_set:
+            return self  # a stage that reads one of them alone is given that one alone
         if samples % intervals or samples < 5 * intervals:
             raise ValueError(
                 f"simulate.samples_per_revolution {samples} must be a multiple of surrogate.training_points - 1 = {intervals}, "
@@ -160,6 +162,8 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _settled_revolution_is_simulated(self):
+        if not {"simulate", "optimise"} <= self.model_fields_set:
+            return self
         if self.optimise.ensemble.settled_revolution > self.simulate.revolutions:
             raise ValueError(
                 f"optimise.ensemble.settled_revolution {self.optimise.ensemble.settled_revolution} is more than the "

@@ -4,6 +4,7 @@ One module per stage names its tables: ``tables.write(tables.TRAJECTORY, frame, 
 """
 
 from jointgap.tables.columns import Column, Table
+from jointgap.tables.compare import COMPARISON
 from jointgap.tables.figures import PLOTTED
 from jointgap.tables.kinematics import KINEMATICS, KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
 from jointgap.tables.optimise import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
@@ -12,6 +13,7 @@ from jointgap.tables.store import describe, read, to_arrow, write, write_whole
 from jointgap.tables.surrogate import FIT, FIT_ERRORS, FIT_HISTORY
 
 __all__ = [
+    "COMPARISON",
     "EVENTS",
     "FIT",
     "FIT_ERRORS",

@@ -1,0 +1,37 @@
+"""The stage compare: tables of a scenario in, the comparison out."""
+
+from collections.abc import Mapping
+
+import pandas as pd
+
+from jointgap.compare.claims import claims
+from jointgap.compare.numbers import numbers
+from jointgap.compare.rows import Row
+from jointgap.config import Scenario
+
+NEEDED = (
+    "trajectory",
+    "kinematics",
+    "fit_errors",
+    "optimise_optima",
+    "optimise_tolerance",
+    "optimise_resimulated",
+)
+
+
+def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> pd.DataFrame:
+    """Every number and claim of the paper beside ours.
+
+    Parameters
+    ----------
+    frames : mapping of str to DataFrame
+        The tables `NEEDED`, by name.
+    scenario : Scenario
+
+    Returns
+    -------
+    DataFrame
+        Columns of the table comparison; numbers first.
+    """
+    rows: list[Row] = [*numbers(frames, scenario), *claims(frames, scenario)]
+    return pd.DataFrame([row.record() for row in rows])

@@ -1,0 +1,47 @@
+rule figures:
+    input:
+        **read_from("simulate", "surrogate", "kinematics", "optimise"),
+    output:
+        expand("results/{{scenario}}/figures/{figure}.{ending}", figure=FIGURES, ending=["svg", "parquet"]),
+        **{name: reported(name, figure, "png") for name, figure in CATALOGUE.items()},
+    log:
+        "results/{scenario}/logs/figures.log",
+    benchmark:
+        "results/{scenario}/benchmarks/figures.tsv"
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=2000,
+        runtime=20,
+    params:
+        options=options("figures"),
+        code=code_digest("figures"),
+        results=subpath(input.trajectory, ancestor=2),
+        folder=subpath(output[0], parent=True),
+    shell:
+        "jointgap figures --options {params.options:q} --results {params.results:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule animation:
+    input:
+        trajectory=rules.simulate.output.trajectory,
+    output:
+        gif=reported("animation", ANIMATION, "gif"),
+        data="results/{scenario}/figures/animation.parquet",
+    log:
+        "results/{scenario}/logs/animation.log",
+    benchmark:
+        "results/{scenario}/benchmarks/animation.tsv"
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=2000,
+        runtime=20,
+    params:
+        options=options("figures"),
+        code=code_digest("figures"),
+        results=subpath(input.trajectory, ancestor=2),
+        folder=subpath(output.gif, parent=True),
+    shell:
+        "jointgap figures --figure animation --options {params.options:q} --results {params.results:q}"
+        " --folder {params.folder:q} > {log:q} 2>&1"
