@@ -1,6 +1,5 @@
 """Small tables of made-up numbers with the columns that the stages write."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +8,15 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Scenario, load_mechanism
 from jointgap.tables import OUTPUTS, Table
+from jointgap.tables.kinematics import KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
+from jointgap.tables.optimise import OPTIMA, PATHS, POPULATION, RESIMULATED, WORTH
 
 HIDDEN = (3, 2)
+SEEDS = (7, 8)
+ITERATIONS = 2000
+MEASURES = ("rms", "mean_absolute", "peak", "sum_of_squares")
+POINTS = {("networks", "paper"): 0.149, ("simulation", "wide"): 0.148}
+"""Crank length [m] by source and box."""
 
 
 def scenario(**more) -> Scenario:
@@ -18,29 +24,90 @@ def scenario(**more) -> Scenario:
     base = {
         "description": "made up",
         "mechanism": load_mechanism("config/mechanisms/erkaya2009.yaml").model_dump(),
-        "surrogate": {"hidden": HIDDEN, "seeds": (7, 8)},
+        "surrogate": {"hidden": HIDDEN, "seeds": SEEDS, "iterations": ITERATIONS, "seed_iterations": 100},
     }
     return Scenario.model_validate(base | more)
 
 
-def numbers(table: Table, rows: int, seed: int, **given) -> pd.DataFrame:
+def numbers(table: Table, rows: int, salt: int = 0, **given) -> pd.DataFrame:
     """`rows` rows of the table: the columns `given`, the others numbers between 0 and 1."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(salt)
     made = {"float": lambda: random.random(rows), "int": lambda: random.integers(1, 9, rows)}
     made |= {"text": lambda: ["text"] * rows, "bool": lambda: [True] * rows}
     return pd.DataFrame({c.name: given[c.name] if c.name in given else made[c.kind]() for c in table.columns})
 
 
-def weights_in_long_form(seed: int, generator: np.random.Generator) -> pd.DataFrame:
-    """The weights of one network."""
+def fit(salt: int) -> pd.DataFrame:
+    """The networks of one output, one for each seed."""
+    random = np.random.default_rng(salt)
     sizes = (1, *HIDDEN, 1)
     rows = [
-        (seed, layer, neuron, source, generator.normal())
+        (start, layer, neuron, source, random.normal(), 0.0, 2 * np.pi, -3.0, 5.0)
+        for start in SEEDS
         for layer in range(len(sizes) - 1)
         for neuron in range(sizes[layer + 1])
         for source in range(-1, sizes[layer])
     ]
-    return pd.DataFrame(rows, columns=["seed", "layer", "neuron", "source", "weight"])
+    return pd.DataFrame(rows, columns=[column.name for column in tables.FIT.columns])
+
+
+def simulated(folder: Path, salt: int = 0) -> dict[str, Path]:
+    """Tables of the stage simulate."""
+    events = {"joint": ["crank_pin"] * 3 + ["piston_pin"], "event": ["impact", "separation", "impact", "impact"]}
+    return _write(
+        folder,
+        {
+            "trajectory": numbers(tables.TRAJECTORY, 50, salt),
+            "events": numbers(tables.EVENTS, 4, salt, **events),
+        },
+    )
+
+
+def finished(folder: Path, salt: int = 0) -> dict[str, Path]:
+    """Tables of all stages."""
+    frames = {}
+    for place, output in enumerate(OUTPUTS):
+        steps = np.concatenate([np.arange(ITERATIONS + 1), np.arange(101)])
+        history = {"iteration": steps, "seed": np.repeat(SEEDS, [ITERATIONS + 1, 101]), "mse": 0.1 / (1.0 + steps)}
+        errors = {"output": [output] * 4, "model": ["network"] * 4, "seed": np.repeat(SEEDS, 2)}
+        errors["region"] = ["all", "past_60_deg"] * 2
+        frames |= {
+            f"fit/{output}": fit(salt + place),
+            f"fit_history/{output}": numbers(tables.FIT_HISTORY, len(steps), **history),
+            f"fit_errors/{output}": numbers(tables.FIT_ERRORS, 4, salt + place, **errors),
+        }
+    frames |= {
+        "kinematics_errors": numbers(KINEMATICS_ERRORS, 2, salt, region=["first_revolution", "past_60_deg"]),
+        "kinematics_contradictions": numbers(KINEMATICS_CONTRADICTIONS, 1, salt, region=["first_revolution"]),
+    }
+    return simulated(folder, salt) | _write(folder, frames | _optimised(salt))
+
+
+def _optimised(salt: int) -> dict[str, pd.DataFrame]:
+    keys = [(source, box, method) for source, box in POINTS for method in ("genetic", "local")]
+    source, box, method = map(list, zip(*keys, strict=True))
+    points = ["_".join(key) for key in keys]
+    again = [(point, stretch, measure) for point in points for stretch in ("window", "settled") for measure in MEASURES]
+    point, stretch, measure = map(list, zip(*again, strict=True))
+    where = {"source": source, "box": box}
+    length = {"crank_length": [POINTS[key[:2]] for key in keys]}
+    return {
+        "optimise_optima": numbers(OPTIMA, 4, salt, point=points, method=method, **where, **length),
+        "optimise_population": numbers(POPULATION, 4, salt, generation=[0, 0, 1, 1], **where),
+        "optimise_paths": numbers(PATHS, 4, salt, start=[0, 1, 0, 1], iteration=[0, 0, 0, 0], **where),
+        "optimise_resimulated": numbers(RESIMULATED, len(again), salt, point=point, stretch=stretch, measure=measure),
+        "optimise_worth": numbers(WORTH, 8, salt, point=points * 2, cycle=["ideal"] * 4 + ["simulated"] * 4),
+    }
+
+
+def _write(folder: Path, frames: dict[str, pd.DataFrame]) -> dict[str, Path]:
+    kinds = {table.name: table for table in (tables.TRAJECTORY, tables.EVENTS, tables.FIT, tables.FIT_HISTORY)}
+    others = (tables.FIT_ERRORS, KINEMATICS_ERRORS, KINEMATICS_CONTRADICTIONS)
+    kinds |= {table.name: table for table in (*others, OPTIMA, POPULATION, PATHS, RESIMULATED, WORTH)}
+    files = {name: folder / f"{name}.parquet" for name in frames}
+    for name, frame in frames.items():
+        tables.write(kinds[name.partition("/")[0]], frame, files[name])
+    return files
 
 
 def benchmark(path: Path, seconds: float) -> Path:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -67,10 +68,15 @@ class Curve:
         count = len(self.steps)
         if count <= points:
             return self
-        for spacings in range(2 * points, points - 1, -1):
-            kept = np.unique(np.geomspace(1, count, spacings).round().astype(int)) - 1
-            if len(kept) <= points:
-                break
+
+        def spaced(number: int) -> np.ndarray:
+            return np.unique(np.geomspace(1, count, number).round().astype(int)) - 1
+
+        # early indices coincide after rounding, so more spacings are asked for than points wanted
+        most = int(points * np.log(count)) + 2
+        numbers = range(points, most)
+        number = numbers[bisect_right(numbers, points, key=lambda number: len(spaced(number))) - 1]
+        kept = spaced(number)
         return Curve(self.steps[kept], self.values[kept])
 
 

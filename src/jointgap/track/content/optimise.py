@@ -50,7 +50,7 @@ def _found_there(row: dict) -> bool:
 def _main(given: Given, found: pd.DataFrame) -> int:
     """The paper's way: networks, the main box, the genetic algorithm. Else the first."""
     box = next(iter(given.options.optimise.boxes))
-    wanted = (found["source"] == "network") & (found["box"] == box) & (found["method"] == "genetic")
+    wanted = found["source"].str.startswith("network") & (found["box"] == box) & (found["method"] == "genetic")
     return int(np.argmax(wanted.to_numpy()))
 
 

@@ -1,0 +1,165 @@
+"""What is logged of each stage, and under which names."""
+
+import hashlib
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from jointgap.tables import OUTPUTS
+from jointgap.track import weights
+from jointgap.track.publish import publish
+from jointgap.track.record import Curve
+from tests.track.conftest import arguments, client_of
+from tests.track.synthetic import ITERATIONS, fit, scenario
+from tests.track.synthetic import finished as finished_tables
+
+
+@pytest.fixture(scope="module")
+def finished(new_results):
+    """What `publish` takes, for a scenario that is done. Published once: the tests here only look."""
+    results = new_results()
+    return arguments(results, finished_tables(results / "made_up"))
+
+
+@pytest.fixture(scope="module")
+def client(finished):
+    return client_of(finished["results_folder"])
+
+
+@pytest.fixture(scope="module")
+def published(finished, client):
+    """The runs of a finished scenario by their key, as MLflow shows them."""
+    return {name: client.get_run(run["run_id"]) for name, run in publish(**finished)["runs"].items()}
+
+
+def test_results_costs_and_configuration_of_the_simulation_are_logged(published, client):
+    run = published["simulate"]
+    metrics, params = run.data.metrics, run.data.params
+    assert metrics["seconds"] == 3.5 and metrics["peak_memory_mb"] == 123.4
+    assert metrics["crank_pin_impacts"] == 2 and metrics["piston_pin_impacts"] == 1
+    assert params["mechanism.crank.length"] == "0.15" and params["simulate.revolutions"] == "4"
+    assert params["mechanism.joints.crank_pin.contact.friction"] == "0.05"
+    with open(client.download_artifacts(run.info.run_id, "options.json")) as file:
+        assert json.load(file)["simulate"]["revolutions"] == 4
+
+
+def test_the_eight_networks_are_nested_in_the_run_of_their_scenario(published):
+    for output in OUTPUTS:
+        nested = published[f"surrogate/{output}"]
+        assert nested.data.tags["mlflow.parentRunId"] == published["surrogate"].info.run_id
+        assert nested.info.run_name == f"made_up {output}"
+
+
+def test_a_network_has_its_errors_the_papers_its_seconds_and_its_seeds(published):
+    metrics = published["surrogate/r2"].data.metrics
+    for name in ("training_mse", "held_out_mse", "paper_mse", "spline_held_out_mse"):
+        assert metrics[f"log10_{name}"] == pytest.approx(np.log10(metrics[name]))
+        assert f"{name}_past_60_deg" in metrics
+    assert metrics["seconds"] == 10.0 and published["surrogate"].data.metrics["seconds"] == 30.0
+    assert metrics["seeds"] == 2 and metrics["seeds_iterations"] == 100
+    assert metrics["seeds_mse_median"] == pytest.approx(0.1 / 101)  # all seeds after as many iterations
+
+
+def test_curves_are_thinned_evenly_on_a_logarithmic_axis_and_keep_both_ends(published, client):
+    for name, run in (("mse", "surrogate/r2"), ("log10_mse", "surrogate/r2"), ("log10_mse/r2", "surrogate")):
+        points = client.get_metric_history(published[run].info.run_id, name)
+        steps = sorted(point.step for point in points)
+        assert 280 <= len(steps) <= 300 and len(set(steps)) == len(steps)
+        assert steps[:20] == list(range(20)) and steps[-1] == ITERATIONS
+    error = {
+        point.step: point.value for point in client.get_metric_history(published["surrogate/r2"].info.run_id, "mse")
+    }
+    assert all(value == pytest.approx(0.1 / (1 + step)) for step, value in error.items())
+
+
+@pytest.mark.parametrize("count", [1, 2, 299, 300, 301, 1000, 20_001])
+def test_thinning_keeps_short_curves_whole_and_cuts_long_ones(count):
+    thin = Curve(np.arange(count), np.arange(count) * 2.0).thinned(300)
+    assert len(thin.steps) == count if count <= 300 else 280 <= len(thin.steps) <= 300
+    assert thin.steps[0] == 0 and thin.steps[-1] == count - 1 and np.all(np.diff(thin.steps) > 0)
+    np.testing.assert_array_equal(thin.values, 2 * thin.steps)
+
+
+def test_published_weights_give_back_the_networks_outputs(published, client):
+    folder = client.download_artifacts(published["surrogate/r2"].info.run_id, "network")
+    network = weights.load(folder)
+    angle = np.linspace(0, 2 * np.pi, 50)
+    np.testing.assert_allclose(network(angle), _by_hand(fit(0), 7, angle), rtol=1e-13)
+
+
+def _by_hand(frame, seed: int, angle: np.ndarray) -> np.ndarray:
+    """Neuron by neuron, as the table's description says."""
+    rows = frame[frame["seed"] == seed].set_index(["layer", "neuron", "source"])["weight"]
+    result = []
+    for value in angle / (2 * np.pi):
+        signal = np.array([value])
+        for layer in range(3):
+            neurons = rows.loc[layer].index.get_level_values("neuron").unique()
+            matrix = np.array([[rows[layer, n, s] for s in range(len(signal))] for n in neurons])
+            signal = matrix @ signal + np.array([rows[layer, n, -1] for n in neurons])
+            signal = np.tanh(signal) if layer < 2 else signal
+        result.append(8.0 * signal[0] - 3.0)
+    return np.array(result)
+
+
+def test_torch_loads_published_weights_without_pickle(published, client):
+    import torch
+
+    folder = client.download_artifacts(published["surrogate/gamma2"].info.run_id, "network")
+    with open(f"{folder}/network.json") as file:
+        sizes = json.load(file)["neurons"]
+    layers = [torch.nn.Linear(a, b, dtype=torch.float64) for a, b in pairwise(sizes)]
+    chain = torch.nn.Sequential(*(part for layer in layers for part in (layer, torch.nn.Tanh())))[:-1]
+    arrays = np.load(f"{folder}/weights.npz", allow_pickle=False)
+    chain.load_state_dict({name: torch.from_numpy(arrays[name]) for name in arrays})
+    angle = np.linspace(0, 2 * np.pi, 9)
+    scaled = torch.from_numpy(angle / (2 * np.pi))[:, None]
+    ours = (weights.load(folder)(angle) + 3.0) / 8.0
+    np.testing.assert_allclose(chain(scaled).detach().numpy()[:, 0], ours, rtol=1e-12)
+
+
+def test_dataset_inputs_carry_the_digest_of_their_file(published, finished):
+    inputs = {found.dataset.name: found for found in published["surrogate/r2"].inputs.dataset_inputs}
+    assert set(inputs) == {"trajectory", "fit/r2", "fit_errors/r2", "fit_history/r2"}
+    for name, found in inputs.items():
+        path = finished["tables"][name]
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        tags = {tag.key: tag.value for tag in found.tags}
+        assert tags["jointgap.sha256"] == digest and digest.startswith(found.dataset.digest)
+        assert tags["mlflow.data.context"] == ("input" if name == "trajectory" else "result")
+        assert json.loads(found.dataset.source)["uri"] == str(path)
+
+
+def test_the_optimum_of_the_paper_s_way_stands_for_the_scenario(published):
+    metrics = published["optimise"].data.metrics
+    assert published["optimise"].data.tags["jointgap.point"] == "networks_paper_genetic"
+    assert metrics["crank_length_mm"] == pytest.approx(149.0)
+    assert metrics == published["optimise/networks_paper_genetic"].data.metrics
+    assert published["optimise/simulation_wide_local"].data.metrics["crank_length_mm"] == pytest.approx(148.0)
+
+
+def test_an_optimum_has_lengths_counts_and_four_reductions_frozen_and_true_with_spread(published):
+    metrics = published["optimise/simulation_wide_genetic"].data.metrics
+    assert {"crank_length_mm", "rod_length_mm", "evaluations"} <= set(metrics)
+    for measure in ("rms", "mean_absolute", "peak", "sum_of_squares"):
+        assert f"frozen_{measure}_reduction" in metrics
+        for stretch in ("window", "settled"):
+            for end in ("reduction", "reduction_low", "reduction_high"):
+                assert f"resimulated_{stretch}_{measure}_{end}" in metrics
+    assert {"ideal_stroke_change_mm", "simulated_smallest_transmission_angle_deg"} <= set(metrics)
+
+
+def test_figures_are_kept_with_the_scenario(published, client):
+    with open(client.download_artifacts(published["figures"].info.run_id, "figures/figure 5.png"), "rb") as file:
+        assert file.read() == b"a picture"
+
+
+def test_names_of_metrics_and_parameters_are_the_same_in_every_scenario(published, finished, client):
+    files = finished_tables(finished["results_folder"] / "other", salt=5)
+    other = finished | {"scenario_name": "other", "tables": files, "options": scenario(simulate={"revolutions": 5})}
+    for name, summary in publish(**other)["runs"].items():
+        run = client.get_run(summary["run_id"])
+        assert set(run.data.metrics) == set(published[name].data.metrics)
+        assert set(run.data.params) == set(published[name].data.params)
