@@ -1,0 +1,102 @@
+"""The same mechanism once more, written without a line of the package: vectors, cross products and scipy.
+
+Slow and plain on purpose. Bodies are given by their own radii and material points; the event search is scipy's. Friction
+in a joint acts halfway through the overlap of the surfaces.
+"""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+CRANK, ROD, CENTRE = 0.15, 0.564, 0.282
+ROD_MASS, ROD_INERTIA, SLIDER_MASS = 0.773, 2.482e-2, 0.4482
+JOURNAL, BEARING = 0.007, 0.008
+STIFFNESS = 4 / (6 * (1 - 0.3**2) / 207e9) * np.sqrt(JOURNAL * BEARING / (BEARING - JOURNAL))
+
+
+def cross(a, b):
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def turn(rate, arm):
+    return rate * np.array([-arm[1], arm[0]])
+
+
+def ends(t, z, speed):
+    """Per joint: centres of pin and ring, their velocities, angular velocities of their bodies; rod's mass centre."""
+    along = np.array([np.cos(z[2]), np.sin(z[2])])
+    centre, velocity, rate = z[0:2], z[4:6], z[6]
+    crank = CRANK * np.array([np.cos(speed * t), np.sin(speed * t)])
+    near, far = -CENTRE * along, (ROD - CENTRE) * along
+    return (
+        (crank, centre + near, turn(speed, crank), velocity + turn(rate, near), speed, rate),
+        (np.array([z[3], 0.0]), centre + far, np.array([z[7], 0.0]), velocity + turn(rate, far), 0.0, rate),
+    ), centre
+
+
+def penetration(joint):
+    return np.linalg.norm(joint[1] - joint[0]) - (BEARING - JOURNAL)
+
+
+def approach_rate(joint):
+    gap = joint[1] - joint[0]
+    return gap @ (joint[3] - joint[2]) / np.linalg.norm(gap)
+
+
+def force_on_ring(joint, approach, chi, friction, friction_speed):
+    """Force on the body with the ring (the rod), and the point where it acts."""
+    pin, ring, pin_velocity, ring_velocity, pin_rate, ring_rate = joint
+    depth = max(penetration(joint), 0.0)
+    outward = (pin - ring) / np.linalg.norm(pin - ring)  # from the ring's centre to the place of contact
+    point = ring + (BEARING + depth / 2) * outward
+    slip = (ring_velocity + turn(ring_rate, point - ring)) - (pin_velocity + turn(pin_rate, point - pin))
+    tangent = np.array([-outward[1], outward[0]])
+    push = max(STIFFNESS * depth**1.5 * (1 + chi * approach_rate(joint) / approach), 0.0)
+    return push * outward - friction * np.tanh(slip @ tangent / friction_speed) * push * tangent, point
+
+
+def slope(t, z, speed, approaches, law):
+    joints, centre = ends(t, z, speed)
+    total, moment, on_slider = np.zeros(2), 0.0, 0.0
+    for joint, approach in zip(joints, approaches, strict=True):
+        if approach is not None:
+            force, point = force_on_ring(joint, approach, *law)
+            total, moment, on_slider = total + force, moment + cross(point - centre, force), -force[0]
+    if approaches[1] is None:
+        on_slider = 0.0
+    return np.concatenate((z[4:], total / ROD_MASS, [moment / ROD_INERTIA, on_slider / SLIDER_MASS]))
+
+
+def simulate(angles, speed, chi, friction, friction_speed, tolerance):
+    """States (n, 8) at crank angles `angles` [rad] from dead centre, and impacts (time, joint, approach speed)."""
+    times = np.asarray(angles) / speed
+    rate = -CRANK * speed / ROD
+    z = np.array([CRANK + CENTRE, 0, 0, CRANK + ROD, 0, CRANK * speed + CENTRE * rate, rate, 0.0])
+    t, approaches, states, impacts = 0.0, [None, None], [], []
+    events = []
+    for joint in range(2):
+
+        def touches(t, z, *_, joint=joint):
+            return penetration(ends(t, z, speed)[0][joint])
+
+        touches.terminal = True
+        events.append(touches)
+    scale = np.array([1, 1, 1 / ROD, 1, 1e4, 1e4, 1e4 / ROD, 1e4])
+    while t < times[-1]:
+        for joint, approach in enumerate(approaches):
+            events[joint].direction = 1 if approach is None else -1
+        law = (chi, friction, friction_speed)
+        part = solve_ivp(
+            slope, (t, times[-1]), z, "DOP853", events=events, args=(speed, approaches, law),
+            rtol=1e-13, atol=tolerance * scale, first_step=1e-7, max_step=1e-3, dense_output=True,
+        )  # fmt: skip
+        inside = times[(times > t if states else times >= t) & (times <= part.t[-1])]
+        states += [part.sol(time) for time in inside]
+        t, z = part.t[-1], part.y[:, -1]
+        if part.status == 1:
+            joint = 0 if part.t_events[0].size else 1
+            if approaches[joint] is None:
+                approaches[joint] = approach_rate(ends(t, z, speed)[0][joint])
+                impacts.append((t, joint, approaches[joint]))
+            else:
+                approaches[joint] = None
+    return np.array(states), np.array(impacts)
