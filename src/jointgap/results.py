@@ -1,12 +1,12 @@
 """A scenario's results folder: where each table lies. One list for the rules and the command line."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from jointgap import tables
+from jointgap.mechanism import Fit
 from jointgap.tables import OUTPUTS, Table
 
 PLACES = {
@@ -31,9 +31,6 @@ PLACES = {
 """Path of each table within ``results/{scenario}``; ``{output}`` stands for one of the eight outputs."""
 
 TABLES = {table.name: table for table in vars(tables).values() if isinstance(table, Table)}
-
-Fit = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Crank angles (n,) [rad] to an output (n,) in SI and its derivative by the crank angle (n,)."""
 
 
 def tables_of(stage: str) -> dict[str, str]:

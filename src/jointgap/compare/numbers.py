@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import pandas as pd
 
 from jointgap.compare.printed import OPTIMA, TRAINING_ITERATIONS, TRAINING_MSE, PrintedOptimum
-from jointgap.compare.rows import Row
+from jointgap.compare.rows import AGREES, LENGTH_AGREES, Row
 from jointgap.config import Scenario
 
 MM = 1e3
@@ -60,6 +60,7 @@ def _optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
         ours["crank_length"] * MM,
         f"Follows from the rod's length along the valley: L2/L3 = {ours['ratio']:.5f}, the paper's "
         f"{printed.crank_length / printed.rod_length:.5f}.",
+        agrees=LENGTH_AGREES,
     )
     yield Row(
         "number",
@@ -68,6 +69,7 @@ def _optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
         printed.rod_length * MM,
         ours["rod_length"] * MM,
         f"The error falls with L3 all the way, so that the bound decides, which the paper does not print; {where}.",
+        agrees=LENGTH_AGREES,
     )
     yield Row(
         "number",
@@ -112,7 +114,8 @@ def _another_end(printed: PrintedOptimum, ends: pd.DataFrame) -> Iterator[Row]:
         ("rod length L3", printed.rod_length * MM, ours["rod_length"] * MM, "mm"),
         ("error decreases by", printed.reduction * PERCENT, ours["rms_reduction"] * PERCENT, "%"),
     ):
-        yield Row("number", f"{printed.name}: {name}", unit, theirs, float(value), sentence)
+        agrees = LENGTH_AGREES if unit == "mm" else AGREES
+        yield Row("number", f"{printed.name}: {name}", unit, theirs, float(value), sentence, agrees=agrees)
 
 
 def _printed_points(optima: pd.DataFrame) -> Iterator[Row]:

@@ -5,6 +5,7 @@ import math
 
 import pandas as pd
 
+from jointgap.compare.rows import AGREES, LENGTH_AGREES
 from jointgap.config import Scenario
 
 HEADS = {
@@ -35,16 +36,24 @@ def _cells(row) -> tuple[str, ...]:
 
 
 def _counts(comparison: pd.DataFrame) -> str:
+    """How many numbers agree and claims hold, in a sentence."""
     counts = comparison.groupby("kind")["verdict"].value_counts()
-    parts = [f"{count} {kind}{'s' if count > 1 else ''} {verdict}" for (kind, verdict), count in counts.items()]
-    return ", ".join(parts)
+
+    def count(kind: str, verdict: str) -> int:
+        return int(counts.get((kind, verdict), 0))
+
+    return (
+        f"Of {counts['number'].sum()} printed numbers {count('number', 'agrees')} agree and {count('number', 'differs')} differ; "
+        f"of {counts['claim'].sum()} claims {count('claim', 'holds')} hold, {count('claim', 'does not hold')} do not, and "
+        f"{count('claim', 'cannot be told')} cannot be told."
+    )
 
 
 def _introduction(scenario: Scenario, comparison: pd.DataFrame) -> list[str]:
     return [
         scenario.description,
-        f"{_counts(comparison)[:1].upper() + _counts(comparison)[1:]}. A number agrees within 1 %. Nothing here is tuned to match: contact "
-        "parameters, bounds and window are those of the configuration.",
+        f"{_counts(comparison)} A number agrees within {AGREES:.0%} of the paper's, an optimum length within {LENGTH_AGREES:.1%}. "
+        "Nothing is tuned to match: contact parameters, bounds and window are those of the configuration.",
     ]
 
 

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-AGREES = 0.01  # [1] of the paper's value within which a number agrees
+AGREES = 0.01  # share of the paper's value within which a number agrees
+LENGTH_AGREES = 0.001  # the same for optimum lengths: any point of the box would agree within 1 %
 
 HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "cannot be told"
 
@@ -20,6 +21,8 @@ class Row:
         In `unit`; None where there is none.
     verdict : str
         For claims; numbers judge themselves.
+    agrees : float
+        For numbers: share of the paper's value within which ours agrees.
     """
 
     kind: str
@@ -29,6 +32,7 @@ class Row:
     ours: float | None
     sentence: str
     verdict: str = ""
+    agrees: float = AGREES
 
     def record(self) -> dict:
         """The row of the table comparison."""
@@ -36,7 +40,7 @@ class Row:
         ratio = self.ours / self.paper if both else None
         verdict = self.verdict
         if self.kind == "number":
-            verdict = UNKNOWN if ratio is None else "agrees" if abs(ratio - 1) <= AGREES else "differs"
+            verdict = UNKNOWN if ratio is None else "agrees" if abs(ratio - 1) <= self.agrees else "differs"
         return {
             "kind": self.kind,
             "item": self.item,
