@@ -5,6 +5,7 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config import Scenario, load_mechanism
+from jointgap.figures.samples import predictions
 from jointgap.kinematics import kinematics
 from jointgap.mechanism import ClearanceMotion, Motion, linkage_motion
 
@@ -92,14 +93,96 @@ def fits(samples: pd.DataFrame) -> dict:
     return {output: fit(output) for output in tables.OUTPUTS}
 
 
+def fit_history() -> pd.DataFrame:
+    """Errors that fall from two starts, outputs below each other."""
+    iteration = np.arange(401)
+    frames = [
+        pd.DataFrame(
+            {"output": output, "seed": seed, "iteration": iteration, "mse": (1.0 + seed) / (1.0 + iteration) ** 2}
+        )
+        for output in tables.OUTPUTS
+        for seed in (0, 1)
+    ]
+    return pd.concat(frames, ignore_index=True)
+
+
+def fit_errors() -> pd.DataFrame:
+    """Two networks and the second surrogate, for both regions."""
+    rows = []
+    numbers = {column.name: 1e-5 for column in tables.FIT_ERRORS.columns if column.kind == "float"}
+    numbers |= {column.name: 10 for column in tables.FIT_ERRORS.columns if column.kind == "int"}
+    for place, output in enumerate(tables.OUTPUTS):
+        for region in ("all", "past_60_deg"):
+            for model, seed in (("network", 0), ("network", 1), ("clearance", None)):
+                errors = {"training_mse": 1e-8 * (place + 1), "held_out_mse": 10.0 ** -(5 + (seed or 0))}
+                words = {"output": output, "unit": "1", "model": model, "region": region, "stop": "done"}
+                rows.append(numbers | errors | words | {"seed": seed})
+    return pd.DataFrame(rows).astype({"seed": "Int64"})
+
+
+def optimisation() -> dict[str, pd.DataFrame]:
+    """A straight valley along one ratio, and what optimisers might have done on it."""
+    cranks, rods = np.meshgrid(np.linspace(0.147, 0.153, 9), np.linspace(0.555, 0.564, 7))
+    off_ratio = np.abs(cranks / rods - 0.2655)
+    size = (1e-3 + off_ratio).ravel()
+    point = {"source": "networks", "box": "paper"}
+    valley = pd.DataFrame({"crank_length": cranks.ravel(), "rod_length": rods.ravel(), "allowed": True})
+    valley = valley.assign(**point, rms=size, mean_absolute=0.8 * size, peak=3.0 * size, sum_of_squares=size**2)
+    rod = np.linspace(0.555, 0.564, 5)
+    floor = pd.concat(
+        pd.DataFrame(
+            point
+            | {"measure": measure, "crank_length": 0.2655 * rod, "rod_length": rod, "ratio": 0.2655, "value": 1e-3}
+            | {"reduction": factor * (rod - 0.55), "invariant": 0.5}
+        )
+        for factor, measure in enumerate(("rms", "mean_absolute", "peak", "sum_of_squares"), 1)
+    )
+    steps = pd.DataFrame({"crank_length": [0.1485, 0.1497], "rod_length": [0.556, 0.564], "sum_of_squares": [2.0, 1.0]})
+    paths = pd.concat(steps.assign(**point, start=start, iteration=[0, 1]) for start in range(6))
+    population = pd.concat(
+        steps.assign(**point, generation=generation, individual=[0, 1], origin="first", evaluations=2)
+        for generation in range(3)
+    )
+    optima, resimulated = [], []
+    for source in ("networks", "simulation"):
+        for name, box, method in (
+            ("original", None, "original"),
+            ("printed_genetic", None, "printed"),
+            (f"{source}_paper_genetic", "paper", "genetic"),
+            (f"{source}_paper_local", "paper", "local"),
+        ):
+            numbers = {column.name: 0.1 for column in tables.OPTIMA.columns if column.kind == "float"}
+            numbers |= {column.name: None for column in tables.OPTIMA.columns if column.kind != "float"}
+            lengths = {"crank_length": 0.1497, "rod_length": 0.563}
+            optima.append(numbers | lengths | {"source": source, "point": name, "box": box, "method": method})
+            if source == "simulation" and box is None:
+                continue  # named once
+            for stretch in ("window", "settled"):
+                for measure in ("rms", "mean_absolute", "peak", "sum_of_squares"):
+                    numbers = {column.name: 0.05 for column in tables.RESIMULATED.columns if column.kind == "float"}
+                    spread = {"reduction_low": -0.02, "reduction_high": 0.09}
+                    words = {"point": name, "stretch": stretch, "measure": measure, "members": 3}
+                    resimulated.append(numbers | spread | words | lengths)
+    counts = [column.name for column in tables.OPTIMA.columns if column.kind == "int"]
+    return {
+        "optimise_valley": valley,
+        "optimise_floor": floor.reset_index(drop=True),
+        "optimise_paths": paths.reset_index(drop=True),
+        "optimise_population": population.reset_index(drop=True),
+        "optimise_optima": pd.DataFrame(optima).astype(dict.fromkeys(counts, "Int64")),
+        "optimise_resimulated": pd.DataFrame(resimulated),
+    }
+
+
 def tables_of(options: Scenario) -> dict[str, pd.DataFrame]:
     """Every table that a figure needs, by name."""
     motion = trajectory(options)
-    first = motion.iloc[: SAMPLES + 1]
-    found = kinematics(options.mechanism, options.simulate, TRAINING, motion, {"networks": fits(first)})
+    surrogates = {"networks": fits(motion.iloc[: SAMPLES + 1])}
+    found = kinematics(options.mechanism, options.simulate, TRAINING, motion, surrogates)
     return {
         "trajectory": motion,
         "kinematics": found.motion,
-        "kinematics_errors": found.errors,
-        "kinematics_contradictions": found.contradictions,
-    }
+        "predictions": predictions(surrogates, motion, options),
+        "fit_history": fit_history(),
+        "fit_errors": fit_errors(),
+    } | optimisation()

@@ -1,9 +1,15 @@
-"""Parts of a trajectory that figures show."""
+"""What several figures take from the tables: parts of a trajectory, and the surrogates at its samples."""
+
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.mechanism import Fit
+
+NETWORKS = "networks"
+"""Name of the surrogate that the paper's networks make."""
 
 
 def revolution(trajectory: pd.DataFrame, scenario: Scenario, number: int) -> pd.DataFrame:
@@ -31,3 +37,43 @@ def degrees(crank_angle: pd.Series) -> np.ndarray:
     """Crank angle for an abscissa, running from the start of its revolution [deg]: the revolution begins in [0, 360)."""
     angle = np.degrees(crank_angle.to_numpy())
     return angle - 360.0 * np.floor(angle[0] / 360.0 + 1e-9)
+
+
+def predictions(
+    surrogates: Mapping[str, Mapping[str, Fit]], trajectory: pd.DataFrame, scenario: Scenario
+) -> pd.DataFrame:
+    """What surrogates say at the samples of the first revolution: the frame ``predictions`` that some figures need.
+
+    Parameters
+    ----------
+    surrogates : mapping of str to mapping of str to Fit
+        By surrogate (``networks`` must be among them) and output.
+    trajectory : DataFrame
+        Table `jointgap.tables.TRAJECTORY`.
+    scenario : Scenario
+
+    Returns
+    -------
+    DataFrame
+        surrogate, output, crank_angle [rad], value [SI] and rate (the fit's own time derivative) [SI per s].
+    """
+    angle = revolution(trajectory, scenario, 1)["crank_angle"].to_numpy()
+    frames = []
+    for surrogate, fits in surrogates.items():
+        for output, fit in fits.items():
+            value, slope = fit(angle)
+            columns = {"crank_angle": angle, "value": value, "rate": slope * scenario.simulate.speed}
+            frames.append(pd.DataFrame({"surrogate": surrogate, "output": output} | columns))
+    return pd.concat(frames, ignore_index=True)
+
+
+def predicted(tables: Mapping[str, pd.DataFrame], surrogate: str, output: str) -> pd.DataFrame:
+    """The rows of one surrogate and output in the frame ``predictions``."""
+    frame = tables["predictions"]
+    chosen = frame[(frame["surrogate"] == surrogate) & (frame["output"] == output)]
+    return chosen.reset_index(drop=True)
+
+
+def training_rows(scenario: Scenario) -> slice:
+    """The samples of a revolution at which the networks were trained."""
+    return slice(None, None, scenario.simulate.samples_per_revolution // (scenario.surrogate.training_points - 1))

@@ -78,13 +78,14 @@ class Panel:
         self.record(series, x, y)
 
     def marks(
-        self, series: str, x: ArrayLike, y: ArrayLike, colour: str, low=None, high=None, labels=None, **look
+        self, series: str, x: ArrayLike, y: ArrayLike, colour: str, low=None, high=None, labels=None, along="y", **look
     ) -> None:
-        """Points, with bars from `low` to `high` where these are given; `labels` name categories."""
+        """Points, with bars from `low` to `high` along an axis where these are given; `labels` name categories."""
         look = {"marker": "o", "markersize": 4.0, "linestyle": "none"} | look
         if low is not None:
-            spread = np.abs([np.asarray(y) - np.asarray(low), np.asarray(high) - np.asarray(y)])
-            self.axes.errorbar(x, y, yerr=spread, label=series, color=COLOURS[colour], capsize=2.5, **look)
+            centre = np.asarray(y if along == "y" else x)
+            spread = {f"{along}err": np.abs([centre - np.asarray(low), np.asarray(high) - centre])}
+            self.axes.errorbar(x, y, **spread, label=series, color=COLOURS[colour], capsize=2.5, **look)
         else:
             self.axes.plot(x, y, label=series, color=COLOURS[colour], **look)
         self.record(series, x, y, low=low, high=high, label=labels)
@@ -109,15 +110,25 @@ class Panel:
         )
         return drawn
 
-    def level(self, series: str, y: float, colour: str = "limit", **look) -> None:
-        """A horizontal line across the panel."""
-        self.axes.axhline(y, label=series, color=COLOURS[colour], **({"linewidth": 0.9, "linestyle": ":"} | look))
+    def level(self, series: str, y: float) -> None:
+        """A horizontal line across the panel, not in the legend."""
+        self.axes.axhline(y, color=COLOURS["limit"], linewidth=0.9, linestyle=":")
         self.record(series, [np.nan], [y])
 
     def categories(self, names: Sequence[str]) -> None:
         """Names on the abscissa at 0, 1, 2, ..."""
         self.axes.set_xticks(range(len(names)), names)
         self.axes.grid(False, axis="x")
+
+    def rows(self, names: Sequence[str], places: ArrayLike) -> None:
+        """Names on the ordinate at `places`."""
+        self.axes.set_yticks(places, names)
+        self.axes.grid(False, axis="y")
+
+    def upright(self, series: str, x: float, named: bool = True) -> None:
+        """A vertical line across the panel, in the legend if `named`."""
+        self.axes.axvline(x, label=series if named else None, color=COLOURS["limit"], linewidth=0.9, linestyle="--")
+        self.record(series, [x], [np.nan])
 
     def over_crank_angle(self, start: float, end: float) -> None:
         """Ticks and limits for crank angles from `start` to `end` [deg]."""
@@ -135,7 +146,7 @@ class Panel:
         """An ordinate that is linear up to +-`threshold` (grey band) and logarithmic beyond; call it after plotting."""
         bottom, top = self.axes.dataLim.intervaly
         decades = 10.0 ** np.arange(np.floor(np.log10(threshold)) + 1.0, 20.0)
-        beyond = decades[decades > 1.5 * threshold]
+        beyond = decades[decades > 4.0 * threshold]  # a label nearer would touch that of the threshold
         ticks = [-threshold, 0.0, threshold, *beyond[beyond <= 1.3 * top], *-beyond[beyond <= -1.3 * bottom]]
         self.axes.set_yscale("symlog", linthresh=threshold, linscale=1.2)
         self.axes.yaxis.set_major_locator(FixedLocator(sorted(ticks)))
@@ -181,10 +192,10 @@ class Sheet:
         self.panels.append(panel)
         return panel
 
-    def legend(self) -> None:
-        """One legend for all panels, above them; each series once."""
+    def legend(self, panels: Sequence[Panel] | None = None) -> None:
+        """One legend for some panels (all by default), above them; each series once."""
         handles: dict[str, object] = {}
-        for panel in self.panels:
+        for panel in panels or self.panels:
             for handle, label in zip(*panel.axes.get_legend_handles_labels(), strict=True):
                 handles.setdefault(label, handle)
         longest = max(map(len, handles))

@@ -26,6 +26,7 @@ COLOURS = {
     "first": "#56B4E9",
     "settled": "#0072B2",
     "limit": "#777777",
+    "other": "#999999",
 }
 LOOK = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
