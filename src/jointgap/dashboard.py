@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from jointgap.errors import InputError
-from jointgap.track.store import address_for
+from jointgap.track.store import address_for, artifacts_beside
 from jointgap.track.view import addresses
 
 HOST = "127.0.0.1"
@@ -50,7 +50,7 @@ def dashboard(
     if address.startswith("sqlite:///") and not file.is_file():
         raise InputError(f"{file}: no such file; run `make run` (or `jointgap track`) first, then open the dashboard")
     port = free_port(port)
-    with _interrupted_by_signals(), _server(address, port) as server:
+    with _interrupted_by_signals(), _server(address, artifacts_beside(address, results), port) as server:
         _wait_until_it_answers(server, port)
         _announce(address, f"http://{HOST}:{port}", say)
         say("Ctrl-C ends it.")
@@ -94,13 +94,14 @@ def _interrupted_by_signals() -> Iterator[None]:
 
 
 @contextmanager
-def _server(address: str, port: int) -> Iterator[subprocess.Popen]:
+def _server(address: str, artifacts: Path, port: int) -> Iterator[subprocess.Popen]:
     """MLflow's server and all its workers; none of them is left afterwards."""
     command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", address]
+    command += ["--artifacts-destination", artifacts.as_uri()]  # of what is published through it
     command += ["--host", HOST, "--port", str(port), "--workers", "1"]
+    command += ["--uvicorn-opts", "--timeout-graceful-shutdown 1"]  # a browser may keep its connection open
     quiet = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
     with tempfile.TemporaryDirectory(prefix="jointgap-dashboard-") as folder:
-        command += ["--artifacts-destination", Path(folder).as_uri()]  # only for uploads through it: there are none
         with open(Path(folder, "log"), "w+", encoding="utf-8") as log:
             server = subprocess.Popen(
                 command,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from jointgap.track.publish import publish
 from jointgap.track.store import create_store, default_address
 from tests.track import synthetic
 
@@ -32,6 +33,21 @@ def new_results(tmp_path_factory) -> Callable[[], Path]:
     return make
 
 
+@pytest.fixture(scope="session")
+def two_scenarios(new_results) -> dict[str, dict]:
+    """Two finished scenarios, published into one store: by name, what `publish` took and the runs it made.
+
+    For tests that only look.
+    """
+    results = new_results()
+    found = {}
+    for salt, name in enumerate(("paper", "frictionless")):
+        options = synthetic.scenario(simulate={"revolutions": 4 + salt})
+        given = arguments(results, synthetic.finished(results / name, salt), name) | {"options": options}
+        found[name] = {"given": given, "runs": publish(**given)["runs"]}
+    return found
+
+
 @pytest.fixture
 def results(new_results) -> Path:
     """A results folder that holds an empty store."""
@@ -51,14 +67,14 @@ def client_of(results: Path):
     return MlflowClient(tracking_uri=default_address(results))
 
 
-def arguments(results: Path, files: dict[str, Path]) -> dict:
+def arguments(results: Path, files: dict[str, Path], name: str = "made_up") -> dict:
     """What `publish` takes."""
-    figure = results / "made_up/figures/figure 5.png"
+    figure = results / name / "figures/figure 5.png"
     figure.parent.mkdir(parents=True)
     figure.write_bytes(b"a picture")
-    benchmarks = results / "made_up/benchmarks"
+    benchmarks = results / name / "benchmarks"
     return {
-        "scenario_name": "made_up",
+        "scenario_name": name,
         "options": synthetic.scenario(),
         "tables": files,
         "figures": [figure],
@@ -79,6 +95,6 @@ def simulated(results: Path) -> dict:
 
 
 @pytest.fixture
-def finished(results: Path) -> dict:
-    """What `publish` takes, for a scenario that is done."""
-    return arguments(results, synthetic.finished(results / "made_up"))
+def learned(results: Path) -> dict:
+    """What `publish` takes, for a scenario of which the simulation and two networks are done."""
+    return arguments(results, synthetic.learned(results / "made_up"))

@@ -1,5 +1,6 @@
 """Small tables of made-up numbers with the columns that the stages write."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -63,10 +64,10 @@ def simulated(folder: Path, salt: int = 0) -> dict[str, Path]:
     )
 
 
-def finished(folder: Path, salt: int = 0) -> dict[str, Path]:
-    """Tables of all stages."""
+def learned(folder: Path, salt: int = 0, outputs: Sequence[str] = ("r2", "r3")) -> dict[str, Path]:
+    """Tables of the stages simulate and surrogate."""
     frames = {}
-    for place, output in enumerate(OUTPUTS):
+    for place, output in enumerate(outputs):
         steps = np.concatenate([np.arange(ITERATIONS + 1), np.arange(101)])
         history = {"iteration": steps, "seed": np.repeat(SEEDS, [ITERATIONS + 1, 101]), "mse": 0.1 / (1.0 + steps)}
         errors = {"output": [output] * 4, "model": ["network"] * 4, "seed": np.repeat(SEEDS, 2)}
@@ -76,11 +77,16 @@ def finished(folder: Path, salt: int = 0) -> dict[str, Path]:
             f"fit_history/{output}": numbers(tables.FIT_HISTORY, len(steps), **history),
             f"fit_errors/{output}": numbers(tables.FIT_ERRORS, 4, salt + place, **errors),
         }
-    frames |= {
+    return simulated(folder, salt) | _write(folder, frames)
+
+
+def finished(folder: Path, salt: int = 0) -> dict[str, Path]:
+    """Tables of all stages."""
+    frames = {
         "kinematics_errors": numbers(KINEMATICS_ERRORS, 2, salt, region=["first_revolution", "past_60_deg"]),
         "kinematics_contradictions": numbers(KINEMATICS_CONTRADICTIONS, 1, salt, region=["first_revolution"]),
     }
-    return simulated(folder, salt) | _write(folder, frames | _optimised(salt))
+    return learned(folder, salt, OUTPUTS) | _write(folder, frames | _optimised(salt))
 
 
 def _optimised(salt: int) -> dict[str, pd.DataFrame]:

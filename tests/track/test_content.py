@@ -9,29 +9,32 @@ import pytest
 
 from jointgap.tables import OUTPUTS
 from jointgap.track import weights
-from jointgap.track.publish import publish
 from jointgap.track.record import Curve
-from tests.track.conftest import arguments, client_of
-from tests.track.synthetic import ITERATIONS, fit, scenario
-from tests.track.synthetic import finished as finished_tables
+from tests.track.conftest import client_of
+from tests.track.synthetic import ITERATIONS, fit
+
+pytestmark = pytest.mark.xdist_group("track")  # shares the store of two scenarios
 
 
-@pytest.fixture(scope="module")
-def finished(new_results):
-    """What `publish` takes, for a scenario that is done. Published once: the tests here only look."""
-    results = new_results()
-    return arguments(results, finished_tables(results / "made_up"))
+@pytest.fixture
+def finished(two_scenarios) -> dict:
+    """What was published."""
+    return two_scenarios["paper"]["given"]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def client(finished):
     return client_of(finished["results_folder"])
 
 
-@pytest.fixture(scope="module")
-def published(finished, client):
-    """The runs of a finished scenario by their key, as MLflow shows them."""
-    return {name: client.get_run(run["run_id"]) for name, run in publish(**finished)["runs"].items()}
+@pytest.fixture
+def published(two_scenarios, client):
+    """The runs of a scenario by their key, as MLflow shows them."""
+    return runs_of(two_scenarios["paper"], client)
+
+
+def runs_of(scenario: dict, client) -> dict:
+    return {name: client.get_run(run["run_id"]) for name, run in scenario["runs"].items()}
 
 
 def test_results_costs_and_configuration_of_the_simulation_are_logged(published, client):
@@ -49,7 +52,7 @@ def test_the_eight_networks_are_nested_in_the_run_of_their_scenario(published):
     for output in OUTPUTS:
         nested = published[f"surrogate/{output}"]
         assert nested.data.tags["mlflow.parentRunId"] == published["surrogate"].info.run_id
-        assert nested.info.run_name == f"made_up {output}"
+        assert nested.info.run_name == f"paper {output}"
 
 
 def test_a_network_has_its_errors_the_papers_its_seconds_and_its_seeds(published):
@@ -156,10 +159,9 @@ def test_figures_are_kept_with_the_scenario(published, client):
         assert file.read() == b"a picture"
 
 
-def test_names_of_metrics_and_parameters_are_the_same_in_every_scenario(published, finished, client):
-    files = finished_tables(finished["results_folder"] / "other", salt=5)
-    other = finished | {"scenario_name": "other", "tables": files, "options": scenario(simulate={"revolutions": 5})}
-    for name, summary in publish(**other)["runs"].items():
-        run = client.get_run(summary["run_id"])
+def test_names_of_metrics_and_parameters_are_the_same_in_every_scenario(published, two_scenarios, client):
+    other = runs_of(two_scenarios["frictionless"], client)
+    assert set(other) == set(published)
+    for name, run in other.items():
         assert set(run.data.metrics) == set(published[name].data.metrics)
         assert set(run.data.params) == set(published[name].data.params)

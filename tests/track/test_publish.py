@@ -83,21 +83,21 @@ def test_a_run_killed_after_it_was_marked_complete_but_before_it_ended_is_replac
     assert states(publish(**simulated))["simulate"] == "written"
 
 
-def test_nested_runs_follow_a_new_parent(finished, client):
-    old = publish(**finished)["runs"]
+def test_nested_runs_follow_a_new_parent(learned, client):
+    old = publish(**learned)["runs"]
     parent = client.get_run(old["surrogate"]["run_id"])
     client.delete_run(parent.info.run_id)
-    new = publish(**finished)
+    new = publish(**learned)
     assert states(new)["surrogate"] == "written" and states(new)["surrogate/r2"] == "kept"
     nested = client.get_run(new["runs"]["surrogate/r2"]["run_id"])
     assert nested.data.tags["mlflow.parentRunId"] == new["runs"]["surrogate"]["run_id"] != parent.info.run_id
 
 
-def test_an_output_that_is_no_longer_there_leaves_the_experiment(finished, client):
-    publish(**finished)
+def test_an_output_that_is_no_longer_there_leaves_the_experiment(learned, client):
+    publish(**learned)
     for table in ("fit", "fit_history", "fit_errors"):
-        del finished["tables"][f"{table}/r3"]
-    done = publish(**finished)
+        del learned["tables"][f"{table}/r3"]
+    done = publish(**learned)
     assert "surrogate/r3" not in done["runs"]
     assert "made_up r3" not in {run.info.run_name for run in all_runs(client)}
 

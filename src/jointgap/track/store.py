@@ -32,6 +32,12 @@ def address_for(results: Path, tracking_uri: str | None = None) -> str:
     return tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or default_address(results)
 
 
+def artifacts_beside(address: str, results: Path) -> Path:
+    """Folder of artifacts of a store without a server: beside the SQLite file, else in the results folder."""
+    folder = Path(address.removeprefix("sqlite:///")).parent if address.startswith("sqlite:///") else results
+    return folder.resolve() / "mlflow-artifacts"
+
+
 @contextmanager
 def locked(results: Path) -> Iterator[None]:
     """Hold the results folder's lock: one process at a time makes the store or publishes.
@@ -78,10 +84,8 @@ class Store:
 
     def __init__(self, address: str):
         self.address = address
-        self._artifacts = None
-        if address.startswith("sqlite:///"):
-            # a server knows where its artifacts lie; with a file we say it, or they land in the working directory
-            self._artifacts = Path(address.removeprefix("sqlite:///")).resolve().parent / "mlflow-artifacts"
+        # a server knows where its artifacts lie; with a file we say it, or they land in the working directory
+        self._artifacts = artifacts_beside(address, Path()) if address.startswith("sqlite:///") else None
         with self._explained():
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # deprecations inside MLflow and what it imports

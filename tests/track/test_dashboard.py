@@ -1,0 +1,131 @@
+"""The dashboard: addresses that compare scenarios, a page that shows them, a clean end."""
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+
+import pytest
+
+from jointgap.dashboard import dashboard, free_port
+from jointgap.errors import InputError
+from jointgap.track.publish import publish
+from tests.track import synthetic
+from tests.track.conftest import arguments
+
+pytestmark = pytest.mark.xdist_group("track")  # shares the store of two scenarios
+
+SERVE = """
+import sys
+from pathlib import Path
+from jointgap.dashboard import dashboard
+dashboard(Path(sys.argv[1]), int(sys.argv[2]), say=lambda line: print(line, flush=True))
+"""
+
+
+class Serving:
+    """A dashboard in a process of its own, and what it has printed."""
+
+    def __init__(self, results):
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", SERVE, str(results), str(free_port(5600))], stdout=subprocess.PIPE, text=True
+        )
+        self.lines = []
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip())
+            if line.startswith("Ctrl-C"):
+                break
+
+    @property
+    def base(self) -> str:
+        return self.lines[0].removeprefix("dashboard: ")
+
+    def address(self, what: str) -> str:
+        return next(line.partition(": ")[2] for line in self.lines if line.startswith(what))
+
+    def children(self) -> list[int]:
+        """Process numbers of the server and its workers."""
+        found = subprocess.run(["ps", "-ww", "-eo", "pid=,args="], capture_output=True, text=True, check=True).stdout
+        port = self.base.rpartition(":")[2]
+        return [int(line.split()[0]) for line in found.splitlines() if "mlflow" in line and f"--port {port}" in line]
+
+    def end(self) -> str:
+        self.process.send_signal(signal.SIGINT)
+        return self.process.communicate(timeout=30)[0]
+
+
+@pytest.fixture(scope="module")
+def serving(two_scenarios):
+    """A dashboard over two finished scenarios."""
+    server = Serving(two_scenarios["paper"]["given"]["results_folder"])
+    yield server
+    if server.process.poll() is None:
+        server.end()
+
+
+def words(page: str) -> str:
+    """What a reader sees of a page."""
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", page))
+
+
+def test_the_addresses_are_on_loopback_and_answer(serving):
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+", serving.base)
+    for what in ("optima of all scenarios", "MSE curves of all scenarios"):
+        assert serving.address(what).startswith(f"{serving.base}/#/")
+    with urllib.request.urlopen(serving.base) as answer:
+        assert answer.status == 200
+
+
+def test_the_comparison_shows_the_optima_of_all_scenarios(serving, page_text):
+    page = words(page_text(serving.address("optima of all scenarios")))
+    for word in ("Comparing 2 Runs", "paper", "frictionless", "crank_length_mm", "frozen_rms_reduction", "149"):
+        assert word in page, word
+
+
+def test_the_charts_show_the_curves_of_all_networks(serving, page_text):
+    page = words(page_text(serving.address("MSE curves of all scenarios")))
+    for word in ("paper", "frictionless", "log10_mse (8)", "log10_mse/gamma2"):
+        assert word in page, word
+
+
+def test_what_is_published_through_the_dashboard_is_kept(serving, new_results):
+    other = new_results()
+    given = arguments(other, synthetic.simulated(other / "made_up")) | {"tracking_uri": serving.base}
+    first, second = publish(**given), publish(**given)
+    assert {run["state"] for run in first["runs"].values()} == {"written"}
+    assert {run["state"] for run in second["runs"].values()} == {"kept"}
+    from mlflow.tracking import MlflowClient
+
+    client = MlflowClient(tracking_uri=serving.base)
+    with open(client.download_artifacts(first["runs"]["figures"]["run_id"], "figures/figure 5.png"), "rb") as file:
+        assert file.read() == b"a picture"
+
+
+def test_ctrl_c_ends_the_dashboard_and_all_its_workers(serving):
+    assert len(serving.children()) >= 2
+    begun = time.monotonic()
+    assert serving.end().strip() == "dashboard: ended"
+    assert time.monotonic() - begun < 10 and serving.process.returncode == 0
+    assert serving.children() == []
+
+
+def test_without_a_store_it_says_what_to_run(tmp_path):
+    with pytest.raises(InputError, match=r"mlflow\.db: no such file; run `make run`"):
+        dashboard(tmp_path)
+
+
+def test_a_port_in_use_is_passed_over():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert free_port(port) > port
+
+
+def test_a_server_in_the_environment_is_not_started_again(results, monkeypatch):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
+    with pytest.raises(InputError, match=r"http://127\.0\.0\.1:9 cannot be reached"):
+        dashboard(results)
