@@ -2,6 +2,8 @@
 
 import itertools
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -175,3 +177,14 @@ def test_several_figures_are_drawn_in_one_go(tables, scenario, tmp_path):
         f"{name}{suffix}" for name in names for suffix in (".svg", ".png", ".parquet")
     ]
     assert all(path.stat().st_size > 0 for path in written)
+
+
+def loaded_by(module):
+    """Names of all modules that importing `module` loads in a fresh interpreter."""
+    code = f"import sys, {module}; print(*sys.modules)"
+    return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
+
+
+def test_the_catalogue_loads_no_matplotlib_and_the_stage_no_torch():
+    assert "matplotlib" not in loaded_by("jointgap.figures.catalogue")
+    assert not {"torch", "numba", "mlflow", "matplotlib.pyplot"} & loaded_by("jointgap.figures.stage")

@@ -52,7 +52,7 @@ CATALOGUE = {
         "Networks that contradict each other",
         _NETWORKS,
         "contradictions:contradictions",
-        ("predictions", "kinematics"),
+        (*_LEARNED, "kinematics"),
     ),
     "valley": FigureSpec(
         "The valley of the objective",

@@ -9,6 +9,7 @@ from jointgap.config import LooseJoint, Scenario
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.samples import degrees, revolution, settled_revolution
 from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet
+from jointgap.figures.style import COLOURS
 
 JOINTS = {"crank_pin": 2, "piston_pin": 3}  # with the paper's numbers
 DEPTH_MAGNIFIED = 20.0  # times that penetrations of the settled orbit are drawn
@@ -33,7 +34,7 @@ def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
     shown = (
         ("first revolution", "first", revolution(trajectory, scenario, 1), 1.0),
         (
-            f"settled revolution ({number_settled}), depth ×{DEPTH_MAGNIFIED:g} on the orbit",
+            f"settled revolution ({number_settled})",
             "settled",
             settled_revolution(trajectory, scenario),
             DEPTH_MAGNIFIED,
@@ -56,6 +57,8 @@ def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
             panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
             panel.line(series, 1e3 * stretch * x, 1e3 * stretch * y, colour, linewidth=0.9)
             panel.square(1.4 * radius)
+            if magnified != 1.0:
+                panel.axes.text(0, 0, f"depth ×{magnified:g}", ha="center", va="center", color=COLOURS["limit"])
             angle = degrees(samples["crank_angle"])
             depth.line(series, angle, 1e6 * (distance - joint.clearance), colour, linewidth=0.8)
             depth.over_crank_angle(angle[0], angle[-1])

@@ -89,7 +89,7 @@ def _compare(tables: Tables, curves: list[Curve]) -> Drawing:
         for panel, less in ((above, 0.0), (below, desired)):
             panel.line(NETWORKS, angle, networks - less, "network", linewidth=0.8)
             panel.line(SIMULATION, angle, simulated - less, "simulation", linewidth=0.9)
-            _spread_scale(panel, desired, simulated - less)
+            _spread_scale(panel, desired, np.concatenate([simulated - less, networks - less]))
         above.line(DESIRED, angle, desired, "ideal", linestyle="--", linewidth=1.1)
         below.over_crank_angle(angle[0], angle[-1])
     sheet.legend()

@@ -86,8 +86,11 @@ def _floor(sheet: Sheet, floor: pd.DataFrame, optima: pd.DataFrame, box: str) ->
         part = floor[floor["measure"] == measure]
         dashes = "--" if measure == "mean_absolute" else "-"  # it may lie on the RMS
         panel.line(words, 1e3 * part["rod_length"], 100 * part["reduction"], colour, linewidth=1.3, linestyle=dashes)
-    panel.axes.legend(loc="best", frameon=True, framealpha=0.9, title="lowest by L₂, each measure")
+    measures = panel.axes.get_lines()
     _points(panel, optima, box, "rod_length", 1e3, "rms_reduction", 100.0)
+    bottom, top = panel.axes.get_ylim()
+    panel.axes.set_ylim(bottom, top + 0.5 * (top - bottom))  # room for the legend
+    panel.axes.legend(handles=measures, loc="upper left")
 
 
 def _points(panel: Panel, optima: pd.DataFrame, box: str, x: str, x_factor: float, y: str, y_factor: float) -> None:

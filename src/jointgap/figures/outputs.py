@@ -12,10 +12,10 @@ from jointgap.figures.samples import NETWORKS, degrees, predicted, revolution, t
 from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet, round_up
 
 Tables = Mapping[str, pd.DataFrame]
-SIMULATION, NETWORK, BETWEEN, AT_POINTS = (
+SIMULATION, NETWORK, EVERYWHERE, AT_POINTS = (
     "simulation",
     "network",
-    "network − simulation, held-out samples",
+    "network − simulation, all samples",
     "network − simulation, training points",
 )
 BULK = 95.0  # [%] of the samples lie in the linear part of a scale that is logarithmic beyond
@@ -82,8 +82,6 @@ def _compare(tables: Tables, scenario: Scenario, kinds: tuple) -> Drawing:
     samples = revolution(tables["trajectory"], scenario, 1)
     angle = degrees(samples["crank_angle"])
     points = training_rows(scenario)
-    between = np.ones(len(angle))
-    between[points] = np.nan
     sheet = Sheet(0.6 + 4.2 * len(kinds), 2 * len(kinds), 2)
     for column, (joint, name) in enumerate(JOINTS):
         for row, kind in enumerate(kinds):
@@ -98,7 +96,7 @@ def _compare(tables: Tables, scenario: Scenario, kinds: tuple) -> Drawing:
             spread_scale(above, output.factor * np.concatenate([simulated, network]))
             error = output.error_factor * (network - simulated)
             below = sheet.panel((2 * row + 1, column), f"{name}: error", CRANK_ANGLE, output.error, below=above)
-            below.marks(BETWEEN, angle, between * error, "network", markersize=1.2)
+            below.line(EVERYWHERE, angle, error, "network", linewidth=0.7)
             below.marks(AT_POINTS, angle[points], error[points], "ideal", markersize=1.6)
             below.over_crank_angle(angle[0], angle[-1])
             spread_scale(below, error)
