@@ -90,12 +90,6 @@ class Panel:
             self.axes.plot(x, y, label=series, color=COLOURS[colour], **look)
         self.record(series, x, y, low=low, high=high, label=labels)
 
-    def coloured(self, series: str, x: ArrayLike, y: ArrayLike, value: ArrayLike, quantity: Quantity, **look):
-        """Points coloured by a third quantity; hands back what a colour bar needs."""
-        drawn = self.axes.scatter(x, y, c=value, label=series, **look)
-        self.record(series, x, y, value=value, value_quantity=quantity.name, value_unit=quantity.unit)
-        return drawn
-
     def contours(self, series: str, x: np.ndarray, y: np.ndarray, value: np.ndarray, quantity: Quantity, **look):
         """Filled contours over a grid of shape (len(y), len(x)); hands back what a colour bar needs."""
         drawn = self.axes.contourf(x, y, value, **look)
