@@ -1,6 +1,7 @@
 """Integrals over a motion, as exact as the motion itself."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -50,9 +51,9 @@ def motion(mechanism, revolutions: float, tolerance=1e-14, panels_per_revolution
     run = run_march(p, start_state(p), np.array([0.0, end]), tolerance)
     corners = np.concatenate(([0.0], run.events[:, 0], [end]))
     times, weights = [], []
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
+    for a, b in pairwise(corners):
         edges = np.linspace(0.0, np.pi / 2, 2 + int((b - a) / end * revolutions * panels_per_revolution))
-        for u0, u1 in zip(edges[:-1], edges[1:], strict=True):
+        for u0, u1 in pairwise(edges):
             u = np.concatenate(([u0], 0.5 * (u0 + u1) + 0.5 * (u1 - u0) * NODES, [u1]))
             times.append(np.clip(a + (b - a) * np.sin(u) ** 2, a, b))
             weights.append(0.5 * (u1 - u0) * WEIGHTS * (b - a) * np.sin(2 * u[1:-1]))

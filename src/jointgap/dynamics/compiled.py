@@ -24,8 +24,8 @@ def _is_writable(folder: Path) -> bool:
         return False
 
 
-def _cache_folder() -> str:
-    """First writable place of: the user's choice, beside the sources, the user's cache, the system's temporary folder.
+def cache_folder(beside: Path) -> str:
+    """First writable place of: the user's choice, the folder `beside` the sources, the user's cache, the temporary folder.
 
     Returns an empty string (numba's own choice) when none is.
     """
@@ -35,7 +35,7 @@ def _cache_folder() -> str:
     user = f"jointgap-{os.getuid()}" if hasattr(os, "getuid") else "jointgap"
     bases = [
         *([Path(chosen) / "jointgap"] if chosen else []),
-        _PACKAGE / "__pycache__",
+        beside,
         Path(os.environ.get("XDG_CACHE_HOME") or Path(os.path.expanduser("~"), ".cache")) / "jointgap",
         Path(tempfile.gettempdir()) / user,
     ]
@@ -45,7 +45,7 @@ def _cache_folder() -> str:
     return ""
 
 
-_FOLDER = _cache_folder()
+_FOLDER = cache_folder(_PACKAGE / "__pycache__")
 
 
 def compiled(function):

@@ -165,7 +165,7 @@ def switched(mode, approach, kind, speed):
 
 
 @compiled
-def locate(p, here, course, s, duration, joint, kind, guess, close, velocity_time, k):
+def locate(p, here, course, s, duration, joint, kind, guess, close, tolerance, velocity_time, k):
     """Redo a step so that it ends where condition `kind` of `joint` falls through zero.
 
     Newton's method with true steps, kept between the last points found before and after the event. Towards a separation
@@ -179,12 +179,13 @@ def locate(p, here, course, s, duration, joint, kind, guess, close, velocity_tim
         Length of the step that passed the event, and where in it the event is thought to be [s].
     close : float
         The condition counts as zero below this.
+    tolerance : float
+        With a larger error [m] than this the search is given up.
 
     Returns
     -------
     tuple
-        Whether there is such a point, the instant of it, course, s and ds of the step that ends there, its error [m], steps
-        made.
+        Whether there is such a point; its instant; course, s, ds and error [m] of the last step made; steps made.
     """
     to_separation = kind == 0 and here.modes[joint] == CONTACT and not (course == AFTER and s == 0.0)
     low, high = 0.0, math.inf
@@ -195,6 +196,8 @@ def locate(p, here, course, s, duration, joint, kind, guess, close, velocity_tim
         else:
             run, begin, ds = course, s, stretch(course, s, guess)
         y, error = step(p, here, run, begin, ds, velocity_time, k)
+        if not error <= tolerance:
+            return False, here, run, begin, ds, error, count
         there = instant(p, here.time + guess, y, here.modes, here.approaches)
         g, v, _, h, w = all_conditions(p, there, relative_motion(p, there))[joint]
         if kind == 1:
@@ -214,4 +217,4 @@ def locate(p, here, course, s, duration, joint, kind, guess, close, velocity_tim
             return True, there, run, begin, ds, error, count
         if guess > 1.5 * duration:
             break
-    return False, there, run, begin, ds, error, count
+    return False, here, run, begin, ds, 0.0, count

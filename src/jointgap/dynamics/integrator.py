@@ -11,14 +11,16 @@ root is a branch point. In sigma = sqrt(time from the event) it is smooth again.
 import math
 from typing import NamedTuple
 
-from jointgap.dynamics import tableau
+import numpy as np
+
 from jointgap.dynamics.compiled import compiled
 from jointgap.dynamics.equations import STATES, accelerations, clearance_vectors, joint_force, turned
+from jointgap.dynamics.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
 
 LINEAR, AFTER, BEFORE = 0, 1, -1
 
-NODES, STAGES = tableau.NODES, tableau.STAGES
-ERROR_5, ERROR_3, COUNT = tableau.ERROR_5, tableau.ERROR_3, tableau.COUNT
+SECOND = np.array([1, 1, *(1 + np.flatnonzero(row[1:])[0] for row in STAGES[2:])])
+"""By stage, the first column after column 0 that is not zero; in the solution's row that of the error estimators too."""
 
 
 class Instant(NamedTuple):
@@ -129,8 +131,10 @@ def step(p, here, course, s, ds, velocity_time, k):
         k[0, i] = factor * here.slope[i]
     z = y
     for stage in range(1, COUNT + 1):
-        z0 = z1 = z2 = z3 = z4 = z5 = z6 = z7 = 0.0
-        for j in range(stage):
+        a = STAGES[stage, 0]
+        z0, z1, z2, z3 = a * k[0, 0], a * k[0, 1], a * k[0, 2], a * k[0, 3]
+        z4, z5, z6, z7 = a * k[0, 4], a * k[0, 5], a * k[0, 6], a * k[0, 7]
+        for j in range(SECOND[stage], stage):
             a = STAGES[stage, j]
             z0 += a * k[j, 0]
             z1 += a * k[j, 1]
@@ -164,8 +168,8 @@ def relative_error(k, rod_length, velocity_time):
     """
     fifth = third = 0.0
     for i in range(STATES):
-        e5 = e3 = 0.0
-        for j in range(COUNT):
+        e5, e3 = ERROR_5[0] * k[0, i], ERROR_3[0] * k[0, i]
+        for j in range(SECOND[COUNT], COUNT):
             e5 += ERROR_5[j] * k[j, i]
             e3 += ERROR_3[j] * k[j, i]
         weight = (velocity_time if i > 3 else 1.0) * (rod_length if i == 2 or i == 6 else 1.0)

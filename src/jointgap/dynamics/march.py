@@ -8,9 +8,10 @@ import math
 
 import numpy as np
 
+from jointgap.dynamics.advance import advance
 from jointgap.dynamics.compiled import compiled
 from jointgap.dynamics.equations import FLIGHT, STATES
-from jointgap.dynamics.events import NOWHERE, all_conditions, locate, next_event, switched
+from jointgap.dynamics.events import all_conditions, switched
 from jointgap.dynamics.integrator import AFTER, BEFORE, COUNT, LINEAR, elapsed, instant, step, stretch
 from jointgap.dynamics.motion import direction, relative_motion, resolution
 
@@ -18,8 +19,6 @@ DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE = 0, 1, 2, 3
 
 _LONGEST_TURN = 0.1  # rad of crank angle in one step: a clearance vector leaves its circle once in it, not twice
 _FAR = 20.0  # steps after an impact from which on its branch point no longer matters
-_HOPELESS = 100.0  # tolerances beyond which a step is repeated shorter before events are looked for
-_MARGIN = 100.0  # tolerances by which the interpolant of a grazing passage may err
 
 
 @compiled
@@ -62,7 +61,7 @@ def march(p, start, times, tolerance, velocity_time, step_limit, states, modes_a
     proposal, course, s = 0.1 * longest, LINEAR, 0.0
 
     y = (start[0], start[1], start[2], start[3], start[4], start[5], start[6], start[7])
-    here = instant(p, times[0], y, (FLIGHT, FLIGHT), (0.0, 0.0))
+    here = instant(p, times[0], y, (FLIGHT, FLIGHT), (math.inf, math.inf))
     motion = relative_motion(p, here)
     holding = all_conditions(p, here, motion)
     seen, seen_time = motion, here.time  # where the directions were last followed to
@@ -70,42 +69,21 @@ def march(p, start, times, tolerance, velocity_time, step_limit, states, modes_a
     gamma3 = direction(math.nan, motion[1], motion[1], 0.0, least)
 
     while True:
-        # The step, or a shorter one to the first event in it.
         if steps >= step_limit:
             return TOO_MANY_STEPS, here.time, here.y, events[:event_count], steps
         proposal = min(proposal, longest)
         if course == AFTER and s * s > _FAR * proposal:
             course, s = LINEAR, 0.0
-        run, begin, ds = course, s, stretch(course, s, proposal)
-        duration = elapsed(run, begin, ds)
-        y, error = step(p, here, run, begin, ds, velocity_time, k)
-        steps += 1
-        happens, joint, kind = False, 0, 0
-        there, there_motion, there_holding = here, motion, holding
-        if error <= _HOPELESS * tolerance:
-            there = instant(p, here.time + duration, y, here.modes, here.approaches)
-            there_motion = relative_motion(p, there)
-            there_holding = all_conditions(p, there, there_motion)
-            x, joint, kind = next_event(holding, there_holding, duration, _MARGIN * tolerance)
-            if x == 0.0:
-                happens, ds, error, there = True, 0.0, 0.0, here
-            elif x < NOWHERE:
-                close = max(1e-3 * tolerance, 1e-15) if kind == 0 else 1e-9 * here.approaches[joint]
-                happens, event, event_run, event_begin, event_ds, event_error, made = locate(
-                    p, here, course, s, duration, joint, kind, x * duration, close, velocity_time, k
-                )
-                steps += made
-                if happens:
-                    there, run, begin, ds, error = event, event_run, event_begin, event_ds, event_error
-            if happens:
-                there_motion = relative_motion(p, there)
-                there_holding = all_conditions(p, there, there_motion)
+        happens, joint, kind, there, there_motion, there_holding, run, begin, ds, error, made = advance(
+            p, here, motion, holding, course, s, proposal, tolerance, velocity_time, k
+        )
+        steps += made
 
         # Accepted or not, the error says how long the next step may be.
         factor = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * (tolerance / error) ** 0.125))
         if not error <= tolerance:
             factor = min(factor, 0.9) if error < math.inf else 0.1
-            proposal = 0.5 * (there.time - here.time) if run == BEFORE else elapsed(run, begin, ds * factor)
+            proposal = 0.5 * elapsed(run, begin, ds) if run == BEFORE else elapsed(run, begin, ds * factor)
             if proposal < 1e-15 * (abs(here.time) + longest):
                 status = STEP_TOO_SMALL if error < math.inf else NOT_FINITE
                 return status, here.time, here.y, events[:event_count], steps
@@ -130,8 +108,8 @@ def march(p, start, times, tolerance, velocity_time, step_limit, states, modes_a
         gamma2 = direction(gamma2, seen[0], there_motion[0], there.time - seen_time, least)
         gamma3 = direction(gamma3, seen[1], there_motion[1], there.time - seen_time, least)
         seen, seen_time = there_motion, there.time
-        if run == AFTER:
-            s = begin + ds
+        if course == AFTER:
+            s = math.sqrt(s * s + there.time - here.time)
         if not happens:
             proposal = elapsed(run, begin + ds, ds * factor)
             here, motion, holding = there, there_motion, there_holding
