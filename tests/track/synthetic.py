@@ -9,6 +9,7 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Scenario, load_mechanism
 from jointgap.tables import OUTPUTS, Table
+from jointgap.tables.compare import COMPARISON
 from jointgap.tables.kinematics import KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
 from jointgap.tables.optimise import OPTIMA, PATHS, POPULATION, RESIMULATED, WORTH
 
@@ -86,7 +87,12 @@ def finished(folder: Path, salt: int = 0) -> dict[str, Path]:
         "kinematics_errors": numbers(KINEMATICS_ERRORS, 2, salt, region=["first_revolution", "past_60_deg"]),
         "kinematics_contradictions": numbers(KINEMATICS_CONTRADICTIONS, 1, salt, region=["first_revolution"]),
     }
-    return learned(folder, salt, OUTPUTS) | _write(folder, frames | _optimised(salt))
+    verdicts = {"kind": ["number", "claim", "claim"], "verdict": ["agrees", "holds", "holds"]}
+    items = {"item": ["rod's gain: real, at 5 %", "second", "third"]}
+    frames["comparison"] = numbers(COMPARISON, 3, salt, **verdicts, **items)
+    files = learned(folder, salt, OUTPUTS) | _write(folder, frames | _optimised(salt))
+    (folder / "comparison.md").write_text("in words")
+    return files
 
 
 def _optimised(salt: int) -> dict[str, pd.DataFrame]:
@@ -108,7 +114,7 @@ def _optimised(salt: int) -> dict[str, pd.DataFrame]:
 
 def _write(folder: Path, frames: dict[str, pd.DataFrame]) -> dict[str, Path]:
     kinds = {table.name: table for table in (tables.TRAJECTORY, tables.EVENTS, tables.FIT, tables.FIT_HISTORY)}
-    others = (tables.FIT_ERRORS, KINEMATICS_ERRORS, KINEMATICS_CONTRADICTIONS)
+    others = (tables.FIT_ERRORS, COMPARISON, KINEMATICS_ERRORS, KINEMATICS_CONTRADICTIONS)
     kinds |= {table.name: table for table in (*others, OPTIMA, POPULATION, PATHS, RESIMULATED, WORTH)}
     files = {name: folder / f"{name}.parquet" for name in frames}
     for name, frame in frames.items():

@@ -81,7 +81,7 @@ def test_the_addresses_are_on_loopback_and_answer(serving):
 
 def test_the_comparison_shows_the_optima_of_all_scenarios(serving, page_text):
     page = words(page_text(serving.address("optima of all scenarios")))
-    for word in ("Comparing 2 Runs", "paper", "frictionless", "crank_length_mm", "frozen_rms_reduction", "149"):
+    for word in ("Comparing 2 Runs", "paper", "frictionless", "crank_length_mm", "frozen/rms_reduction", "149"):
         assert word in page, word
 
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from jointgap.track.content import compare, kinematics, optimise, simulate, surrogate
 from jointgap.track.content import figures as pictures
-from jointgap.track.content import kinematics, optimise, simulate, surrogate
 from jointgap.track.content.given import Given, Tables
 from jointgap.track.costs import read_costs
 from jointgap.track.record import Record
@@ -26,5 +26,7 @@ def records(options, tables: Tables, figures: Sequence[Path], benchmarks: Sequen
         A file that cannot be read as what it is said to be.
     """
     given = Given(options, dict(tables), read_costs(benchmarks))
-    found = [record for stage in (simulate, surrogate, kinematics, optimise) for record in stage.records(given)]
+    found = [
+        record for stage in (simulate, surrogate, kinematics, optimise, compare) for record in stage.records(given)
+    ]
     return found + pictures.records(given, figures)

@@ -1,4 +1,7 @@
-"""Optimisation: a run for the scenario with its main optimum, and under it one for each pair of lengths found."""
+"""Optimisation: a run for the scenario with its main optimum, and under it one for each pair of lengths found.
+
+What stands before the slash of a metric's name is the section in which the interface shows it.
+"""
 
 import numpy as np
 import pandas as pd
@@ -61,8 +64,8 @@ def _point(given: Given, row: dict) -> Record:
         "ratio": row["ratio"],
         "invariant_mm": 1e3 * row["invariant"],
         **{name: row[name] for name in _COUNTS if pd.notna(row[name])},
-        **{f"frozen_{measure}_reduction": row[f"{measure}_reduction"] for measure in MEASURES},
-        **_sizes("frozen_", row, ""),
+        **{f"frozen/{measure}_reduction": row[f"{measure}_reduction"] for measure in MEASURES},
+        **_sizes(row),
         **_resimulated(given, row["point"]),
         **_worth(given, row["point"]),
     }
@@ -78,10 +81,10 @@ def _point(given: Given, row: dict) -> Record:
     )
 
 
-def _sizes(prefix: str, row: dict, suffix: str) -> dict[str, float]:
+def _sizes(row: dict) -> dict[str, float]:
     """The errors themselves: angles in degrees, the sum of squares as equation (12) has it."""
-    angles = {f"{prefix}{measure}_deg{suffix}": np.rad2deg(row[measure]) for measure in MEASURES[:3]}
-    return angles | {f"{prefix}sum_of_squares_rad2{suffix}": row["sum_of_squares"]}
+    angles = {f"frozen/{measure}_deg": np.rad2deg(row[measure]) for measure in MEASURES[:3]}
+    return angles | {"frozen/sum_of_squares_rad2": row["sum_of_squares"]}
 
 
 def _resimulated(given: Given, point: str) -> dict[str, float]:
@@ -91,7 +94,7 @@ def _resimulated(given: Given, point: str) -> dict[str, float]:
     rows = given.read(RESIMULATED)
     metrics = {}
     for row in rows[rows["point"] == point].to_dict("records"):
-        name = f"resimulated_{row['stretch']}_{row['measure']}"
+        name = f"resimulated_{row['stretch']}/{row['measure']}"
         metrics |= {
             f"{name}_reduction": row["reduction"],
             f"{name}_reduction_low": row["reduction_low"],
@@ -112,8 +115,8 @@ def _worth(given: Given, point: str) -> dict[str, float]:
     rows = given.read(WORTH)
     metrics = {}
     for row in rows[rows["point"] == point].to_dict("records"):
-        metrics |= {f"{row['cycle']}_{name}_deg": np.rad2deg(row[name]) for name in _ANGLES}
-        metrics |= {f"{row['cycle']}_{name}_change_mm": 1e3 * row[f"{name}_change"] for name in _WAYS}
+        metrics |= {f"{row['cycle']}_cycle/{name}_deg": np.rad2deg(row[name]) for name in _ANGLES}
+        metrics |= {f"{row['cycle']}_cycle/{name}_change_mm": 1e3 * row[f"{name}_change"] for name in _WAYS}
     return metrics
 
 

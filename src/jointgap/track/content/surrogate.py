@@ -11,14 +11,12 @@ from jointgap.track.record import Curve, Record
 NETWORK = "network"
 """The paper's model; its runs are named by the output alone."""
 
-_NUMBERS = (
-    "weights",
-    "iterations",
+_WHOLE = ("weights", "iterations", "paper_mse")
+_BY_REGION = (
     "training_points",
     "held_out_points",
     "training_mse",
     "held_out_mse",
-    "paper_mse",
     "spline_held_out_mse",
     "held_out_peak",
     "training_rms",
@@ -73,8 +71,8 @@ def _fit(given: Given, model: str, output: str, rows: pd.DataFrame, curve: Curve
     metrics = {}
     for row in rows.to_dict("records"):
         suffix = _REGIONS[row["region"]]
-        metrics |= {f"{name}{suffix}": row[name] for name in _NUMBERS}
-        metrics |= {f"log10_{name}{suffix}": np.log10(row[name]) for name in _LOGARITHMS if row[name] > 0}
+        metrics |= {f"{name}{suffix}": row[name] for name in _BY_REGION} | {name: row[name] for name in _WHOLE}
+    metrics |= {f"log10_{name}": np.log10(metrics[name]) for name in _LOGARITHMS if metrics.get(name, 0.0) > 0}
     configuration = given.configuration("surrogate")
     results = [f"fit_errors/{output}"]
     curves, files = {}, {}
