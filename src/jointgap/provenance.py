@@ -8,9 +8,9 @@ CODE = {
     "simulate": ("dynamics", "tables/simulate.py"),
     "surrogate": ("surrogate", "tables/simulate.py", "tables/surrogate.py"),
     "kinematics": ("kinematics.py", "mechanism", "tables/kinematics.py"),
-    "optimise": ("optimise", "mechanism", "dynamics", "tables/optimise.py"),
+    "optimise": ("optimise", "paper.py", "mechanism", "dynamics", "tables/optimise.py"),
     "figures": ("figures", "tables/figures.py"),
-    "compare": ("compare", "tables/compare.py"),
+    "compare": ("compare", "paper.py", "tables/compare.py"),
     "track": ("track",),
 }
 

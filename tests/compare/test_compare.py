@@ -7,9 +7,9 @@ import pytest
 from jointgap import tables
 from jointgap.compare import html, markdown
 from jointgap.compare.claims import _contact, _distinct, _superposed
-from jointgap.compare.printed import OPTIMA, TRAINING_MSE
 from jointgap.compare.rows import FAILS, HOLDS, UNKNOWN, Row, claim
 from jointgap.config import read_yaml, resolve
+from jointgap.paper import OPTIMA, TRAINING_MSE
 from jointgap.tables import OUTPUTS
 
 

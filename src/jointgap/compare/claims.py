@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import pandas as pd
 
-from jointgap.compare.printed import OPTIMA, PISTON_DEVIATION_M, ROD_DEVIATION_M, TRAINING_MSE, UNSTABLE_UNTIL_DEG
 from jointgap.compare.rows import Row, claim
 from jointgap.config import Scenario
+from jointgap.paper import OPTIMA, PISTON_DEVIATION_M, ROD_DEVIATION_M, TRAINING_MSE, UNSTABLE_UNTIL_DEG
 
 ABOUT = 1.1  # how far a number that the paper calls "about" may go beyond it
 IN_CONTACT = 0.999  # share of the clearance from which on the journal counts as on its bearing

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping
 
 import pandas as pd
 
-from jointgap.compare.printed import OPTIMA, TRAINING_ITERATIONS, TRAINING_MSE, PrintedOptimum
 from jointgap.compare.rows import AGREES, LENGTH_AGREES, Row
 from jointgap.config import Scenario
+from jointgap.paper import OPTIMA, TRAINING_ITERATIONS, TRAINING_MSE, PrintedOptimum
 
 MM = 1e3
 PERCENT = 100
@@ -122,8 +122,7 @@ def _printed_points(optima: pd.DataFrame) -> Iterator[Row]:
     """What the paper's own lengths give on our motion."""
     points = optima[(optima["source"] == "networks") & (optima["method"] == "printed")]
     for printed in OPTIMA:
-        near = points[(points["rod_length"] - printed.rod_length).abs() < 1e-9]
-        ours = near.iloc[0]
+        ours = points[points["point"] == printed.key].iloc[0]
         yield Row(
             "number",
             f"at the printed lengths of: {printed.name}, error decreases by",

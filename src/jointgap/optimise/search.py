@@ -12,13 +12,10 @@ from jointgap.optimise.genetic import GeneticResult, evaluations_until, evolve
 from jointgap.optimise.local import LocalResult
 from jointgap.optimise.objective import MEASURES, Objective
 from jointgap.optimise.region import Region
+from jointgap.paper import OPTIMA
 
 # What the paper prints as its optima (L2, L3) [m].
-PRINTED = {
-    "printed_genetic": (0.149465, 0.563196),
-    "printed_local": (0.149170, 0.562083),
-    "printed_local_other": (0.147287, 0.555001),
-}
+PRINTED = {point.key: (point.crank_length, point.rod_length) for point in OPTIMA}
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What Erkaya & Uzmay (2009) print: numbers and claims, each with the place in the paper it stands at."""
+"""What Erkaya & Uzmay (2009) print, as far as results are held against it."""
 
 from dataclasses import dataclass
 
@@ -19,8 +19,9 @@ TRAINING_ITERATIONS = 20_000
 
 @dataclass(frozen=True)
 class PrintedOptimum:
-    """One optimum of the paper's table: lengths in m, reduction as a fraction, evaluations (None: not printed)."""
+    """One optimum of the paper: lengths in m, reduction as a fraction, evaluations (None: not printed)."""
 
+    key: str
     name: str
     crank_length: float
     rod_length: float
@@ -29,9 +30,9 @@ class PrintedOptimum:
 
 
 OPTIMA = (
-    PrintedOptimum("genetic algorithm", 0.149465, 0.563196, 0.14980, 32),
-    PrintedOptimum("local, best start", 0.149170, 0.562083, 0.14804, 17),
-    PrintedOptimum("local, another start", 0.147287, 0.555001, 0.13716, None),
+    PrintedOptimum("printed_genetic", "genetic algorithm", 0.149465, 0.563196, 0.14980, 32),
+    PrintedOptimum("printed_local", "local, best start", 0.149170, 0.562083, 0.14804, 17),
+    PrintedOptimum("printed_local_other", "local, another start", 0.147287, 0.555001, 0.13716, None),
 )
 
 UNSTABLE_UNTIL_DEG = 30.0
