@@ -19,6 +19,8 @@ rule all:
         figures=expand("results/{scenario}/figures/{figure}.svg", scenario=SCENARIOS, figure=FIGURES),
         animation=expand("results/{scenario}/figures/animation.gif", scenario=SCENARIOS),
         published=expand("results/{scenario}/track/published.json", scenario=SCENARIOS),
+    message:
+        "every scenario is complete"
 
 
 include: "workflow/rules/simulate.smk"

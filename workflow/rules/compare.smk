@@ -24,5 +24,7 @@ rule compare:
         options=options("compare"),
         code=code_digest("compare"),
         results=subpath(output.table, parent=True),
+    message:
+        "{wildcards.scenario}: compare with the paper"
     shell:
         "jointgap compare --options {params.options:q} --results {params.results:q} > {log:q} 2>&1"

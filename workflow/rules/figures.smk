@@ -18,6 +18,8 @@ rule figures:
         code=code_digest("figures"),
         results=subpath(input.trajectory, ancestor=2),
         folder=subpath(output[0], parent=True),
+    message:
+        "{wildcards.scenario}: draw the figures"
     shell:
         "jointgap figures --options {params.options:q} --results {params.results:q} --folder {params.folder:q} > {log:q} 2>&1"
 
@@ -42,6 +44,8 @@ rule animation:
         code=code_digest("figures"),
         results=subpath(input.trajectory, ancestor=2),
         folder=subpath(output.gif, parent=True),
+    message:
+        "{wildcards.scenario}: animate"
     shell:
         "jointgap figures --figure animation --options {params.options:q} --results {params.results:q}"
         " --folder {params.folder:q} > {log:q} 2>&1"

@@ -16,5 +16,7 @@ rule kinematics:
         options=options("kinematics"),
         code=code_digest("kinematics"),
         results=subpath(input.trajectory, ancestor=2),
+    message:
+        "{wildcards.scenario}: kinematics from networks and simulation"
     shell:
         "jointgap kinematics --options {params.options:q} --results {params.results:q} > {log:q} 2>&1"

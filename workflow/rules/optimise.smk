@@ -16,5 +16,7 @@ rule optimise:
         options=options("optimise"),
         code=code_digest("optimise"),
         results=subpath(input.trajectory, ancestor=2),
+    message:
+        "{wildcards.scenario}: optimise the link lengths"
     shell:
         "jointgap optimise --options {params.options:q} --results {params.results:q} > {log:q} 2>&1"

@@ -13,6 +13,8 @@ rule simulate:
     params:
         options=options("simulate"),
         code=code_digest("simulate"),
+    message:
+        "{wildcards.scenario}: simulate the contact"
     shell:
         "jointgap simulate --options {params.options:q}"
         " --trajectory {output.trajectory:q} --events {output.events:q} > {log:q} 2>&1"

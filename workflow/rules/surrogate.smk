@@ -15,6 +15,8 @@ rule surrogate:
     params:
         options=options("surrogate"),
         code=code_digest("surrogate"),
+    message:
+        "{wildcards.scenario}: train the network of {wildcards.output}"
     shell:
         "jointgap surrogate --options {params.options:q} --trajectory {input.trajectory:q} --output-name {wildcards.output}"
         " --fit {output.fit:q} --history {output.fit_history:q} --errors {output.fit_errors:q} > {log:q} 2>&1"

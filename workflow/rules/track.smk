@@ -20,6 +20,8 @@ rule track:
         code=code_digest("track"),
         results=subpath(input.comparison, parent=True),
         store=subpath(input.comparison, ancestor=2),
+    message:
+        "{wildcards.scenario}: publish to MLflow"
     shell:
         "jointgap track --options {params.options:q} --results {params.results:q} --scenario {wildcards.scenario}"
         " --store {params.store:q} --published {output.published:q} > {log:q} 2>&1"
