@@ -96,4 +96,4 @@ def test_pages_hold_every_row_and_escape_what_is_not_text(scenario):
     assert "a &lt; b" in page
     assert "because &amp; so" in page
     assert "| c / d |" in text
-    assert "Of 1 printed numbers 0 agree and 1 differ; of 1 claims 0 hold, 0 do not, and 1 cannot be told." in text
+    assert "of its other numbers 0 agree and 1 differ; of 1 claims 0 hold, 0 do not, and 1 cannot be told." in text

@@ -22,7 +22,8 @@ th, td { border-bottom: 1px solid #d8dee4; padding: .4rem .6rem; text-align: lef
 th { background: #f3f5f7; } td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 td.v { white-space: nowrap; font-weight: 600; } .good { color: #116329; } .bad { color: #a40e26; } .open { color: #6a5300; }
 """
-_CLASSES = {"agrees": "good", "holds": "good", "differs": "bad", "does not hold": "bad"}
+_CLASSES = {word: "good" for word in ("agrees", "reached", "holds")}
+_CLASSES |= {word: "bad" for word in ("differs", "missed", "does not hold")}
 
 
 def _number(value: float | None) -> str:
@@ -43,7 +44,8 @@ def _counts(comparison: pd.DataFrame) -> str:
         return int(counts.get((kind, verdict), 0))
 
     return (
-        f"Of {counts['number'].sum()} printed numbers {count('number', 'agrees')} agree and {count('number', 'differs')} differ; "
+        f"Of the paper's training errors {count('number', 'reached')} are reached and {count('number', 'missed')} missed; of its other "
+        f"numbers {count('number', 'agrees')} agree and {count('number', 'differs')} differ; "
         f"of {counts['claim'].sum()} claims {count('claim', 'holds')} hold, {count('claim', 'does not hold')} do not, and "
         f"{count('claim', 'cannot be told')} cannot be told."
     )

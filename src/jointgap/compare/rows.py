@@ -6,6 +6,7 @@ AGREES = 0.01  # share of the paper's value within which a number agrees
 LENGTH_AGREES = 0.001  # the same for optimum lengths: any point of the box would agree within 1 %
 
 HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "cannot be told"
+REACHED, MISSED = "reached", "missed"
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class Row:
     paper, ours : float or None
         In `unit`; None where there is none.
     verdict : str
-        For claims; numbers judge themselves.
+        Empty for numbers that agree or differ; claims and training errors (reached or missed) bring their own.
     agrees : float
         For numbers: share of the paper's value within which ours agrees.
     """
@@ -39,7 +40,7 @@ class Row:
         both = self.paper is not None and self.ours is not None and self.paper != 0
         ratio = self.ours / self.paper if both else None
         verdict = self.verdict
-        if self.kind == "number":
+        if not verdict:
             verdict = UNKNOWN if ratio is None else "agrees" if abs(ratio - 1) <= self.agrees else "differs"
         return {
             "kind": self.kind,

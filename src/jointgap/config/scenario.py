@@ -179,6 +179,6 @@ SECTIONS = {
     "kinematics": ("mechanism", "simulate", "surrogate"),
     "optimise": ("mechanism", "simulate", "surrogate", "optimise"),
     "figures": ("mechanism", "simulate", "surrogate", "optimise", "figures"),
-    "compare": ("mechanism", "simulate", "surrogate", "optimise"),
+    "compare": ("description", "mechanism", "simulate", "surrogate", "optimise"),
     "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),
 }
