@@ -14,33 +14,12 @@ Members of a batch share the loop only: each has its own damping, factor and end
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
 
 import numpy as np
 import torch
-from scipy.linalg.lapack import dpotrf, dpotrs
 
-
-class Evaluation(Protocol):
-    """A model at parameters (B, P); see `jointgap.surrogate.model`."""
-
-    outputs: torch.Tensor
-
-    def select(self, members): ...
-    def replaced(self, other, members): ...
-    def pull_back(self, weights): ...
-    def jacobian(self): ...
-    def products_of_rows(self, member, out, work): ...
-    def along(self, step): ...
-
-
-class Model(Protocol):
-    """Outputs (B, N) as a function of parameters (B, P)."""
-
-    points: int
-    size: int
-
-    def evaluate(self, parameters: torch.Tensor) -> Evaluation: ...
+from jointgap.surrogate.damped import Dual, Primal, smaller_form
+from jointgap.surrogate.model import Evaluation, Model
 
 
 class Status(Enum):
@@ -143,7 +122,7 @@ def minimise(model: Model, targets: np.ndarray, start: np.ndarray, settings: Set
     evaluation = model.evaluate(parameters)
     if not torch.isfinite(evaluation.outputs).all():
         raise ValueError("the outputs at the start are not finite")
-    system = _Dual if model.points <= 1.5 * model.size else _Primal
+    system = smaller_form(model)
     everyone = [_Member(system(model), settings) for _ in parameters]
     for member, residual, gradient in zip(
         everyone, target - evaluation.outputs, _gradients(evaluation, target), strict=True
@@ -199,7 +178,7 @@ def _solved(active: list["_Member"], right_sides: torch.Tensor) -> torch.Tensor:
 class _Member:
     """Damping, error and end of one member."""
 
-    def __init__(self, system: "_Dual | _Primal", settings: Settings):
+    def __init__(self, system: "Dual | Primal", settings: Settings):
         self.system = system
         self._settings = settings
         self.status: Status | None = None
@@ -254,62 +233,3 @@ class _Member:
             self.status = Status.STALLED
         elif len(self.errors) > settings.iterations:
             self.status = Status.BUDGET
-
-
-class _Factored:
-    """A symmetric matrix, and the Cholesky factor of it plus a multiple of the identity."""
-
-    def __init__(self, rows: int):
-        self._matrix = np.zeros((rows, rows), order="F")
-        self._factor = np.zeros((rows, rows), order="F")
-        self._diagonal = np.diag_indices(rows)
-
-    def factor(self, damping: float) -> bool:
-        """Factor matrix + damping I; False if it is not positive definite in double precision."""
-        np.copyto(self._factor, self._matrix)
-        self._factor[self._diagonal] += damping
-        _, failed = dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
-        return not failed
-
-    def _solve(self, right_side: np.ndarray) -> np.ndarray:
-        return dpotrs(self._factor, right_side, lower=1)[0]
-
-
-class _Dual(_Factored):
-    """v = J^T u with (J J^T + mu I) u = e."""
-
-    def __init__(self, model: Model):
-        super().__init__(model.points)
-        self._spare = np.zeros_like(self._factor)
-
-    def form(self, evaluation: Evaluation, index: int) -> float:
-        """Form J J^T and return its largest diagonal element."""
-        evaluation.products_of_rows(index, self._matrix, (self._factor, self._spare))
-        return float(self._matrix[self._diagonal].max())
-
-    def solve(self, right_side: np.ndarray) -> np.ndarray:
-        return self._solve(right_side)
-
-    @staticmethod
-    def expand(evaluation: Evaluation, solutions: torch.Tensor) -> torch.Tensor:
-        return evaluation.pull_back(solutions)
-
-
-class _Primal(_Factored):
-    """(J^T J + mu I) v = J^T e."""
-
-    def __init__(self, model: Model):
-        super().__init__(model.size)
-
-    def form(self, evaluation: Evaluation, index: int) -> float:
-        """Form J^T J and return its largest diagonal element."""
-        self._jacobian = evaluation.jacobian()[index].numpy()
-        self._matrix[...] = self._jacobian.T @ self._jacobian
-        return float(self._matrix[self._diagonal].max())
-
-    def solve(self, right_side: np.ndarray) -> np.ndarray:
-        return self._solve(self._jacobian.T @ right_side)
-
-    @staticmethod
-    def expand(evaluation: Evaluation, solutions: torch.Tensor) -> torch.Tensor:
-        return solutions

@@ -7,11 +7,36 @@ is in the batch; where torch's kernels depend on the size of the batch (products
 on the same memory instead.
 """
 
+from typing import Protocol
+
 import numpy as np
 import torch
 from scipy.linalg.blas import dsyrk
 
 from jointgap.surrogate.network import Layout
+
+
+class Evaluation(Protocol):
+    """A model at parameters of shape (B, P): what Levenberg-Marquardt asks of it."""
+
+    outputs: torch.Tensor
+
+    def select(self, members: torch.Tensor) -> "Evaluation": ...
+    def replaced(self, other: "Evaluation", members: torch.Tensor) -> "Evaluation": ...
+    def pull_back(self, weights: torch.Tensor) -> torch.Tensor: ...
+    def jacobian(self) -> torch.Tensor: ...
+    def products_of_rows(self, member: int, out: np.ndarray, work: tuple[np.ndarray, np.ndarray]) -> None: ...
+    def along(self, step: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]: ...
+
+
+class Model(Protocol):
+    """Outputs at N points as a function of P parameters."""
+
+    @property
+    def points(self) -> int: ...
+    @property
+    def size(self) -> int: ...
+    def evaluate(self, parameters: torch.Tensor) -> Evaluation: ...
 
 
 class NetworkModel:
@@ -38,12 +63,12 @@ class NetworkModel:
         """Number P of parameters."""
         return self.layout.size
 
-    def evaluate(self, parameters: torch.Tensor) -> "Evaluation":
+    def evaluate(self, parameters: torch.Tensor) -> "NetworkEvaluation":
         """The networks with parameters of shape (B, P)."""
-        return Evaluation(self.layout, parameters, self._inputs)
+        return NetworkEvaluation(self.layout, parameters, self._inputs)
 
 
-class Evaluation:
+class NetworkEvaluation:
     """Networks at one point of their parameter space: outputs, and derivatives on demand.
 
     Attributes
@@ -64,9 +89,9 @@ class Evaluation:
         self.outputs = _row_times(self._matrices[-1], self._activations[-1])
         self._sensitivities: list[torch.Tensor] = []
 
-    def select(self, members: torch.Tensor) -> "Evaluation":
+    def select(self, members: torch.Tensor) -> "NetworkEvaluation":
         """The evaluation of some members, picked by index or mask."""
-        chosen = object.__new__(Evaluation)
+        chosen = object.__new__(NetworkEvaluation)
         chosen._layout = self._layout
         chosen._matrices = [matrix[members] for matrix in self._matrices]
         chosen._activations = [layer[members] for layer in self._activations]
@@ -74,11 +99,11 @@ class Evaluation:
         chosen._sensitivities = [layer[members] for layer in self._sensitivities]
         return chosen
 
-    def replaced(self, other: "Evaluation", members: torch.Tensor) -> "Evaluation":
+    def replaced(self, other: "NetworkEvaluation", members: torch.Tensor) -> "NetworkEvaluation":
         """This evaluation with the members of a mask (B,) taken from another one."""
         if members.all():
             return other
-        merged = object.__new__(Evaluation)
+        merged = object.__new__(NetworkEvaluation)
         merged._layout = self._layout
         pairs = zip(self._matrices, other._matrices, strict=True)
         merged._matrices = [torch.where(members[:, None, None], new, old) for old, new in pairs]

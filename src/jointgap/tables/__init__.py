@@ -10,9 +10,10 @@ from jointgap.tables.kinematics import KINEMATICS, KINEMATICS_CONTRADICTIONS, KI
 from jointgap.tables.optimise import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
 from jointgap.tables.simulate import EVENTS, OUTPUTS, TRAJECTORY
 from jointgap.tables.store import describe, read, to_arrow, write, write_whole
-from jointgap.tables.surrogate import FIT, FIT_ERRORS, FIT_HISTORY
+from jointgap.tables.surrogate import CLEARANCE_FIT, FIT, FIT_ERRORS, FIT_HISTORY
 
 __all__ = [
+    "CLEARANCE_FIT",
     "COMPARISON",
     "EVENTS",
     "FIT",

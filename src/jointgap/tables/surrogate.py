@@ -47,7 +47,11 @@ FIT_ERRORS = Table(
         Column("held_out_points", "1", "samples held out, in the region", "int"),
         Column("undefined_points", "1", "samples of the region left out because the output is undefined there", "int"),
         Column("range", "as unit", "largest minus smallest value at the network's training points: scales the errors"),
-        Column("training_mse", "1", "mean square error over the training points of the region"),
+        Column(
+            "training_mse",
+            "1",
+            "mean square error over the training points of the region (clearance: dense where motion is quick)",
+        ),
         Column("held_out_mse", "1", "mean square error over the samples held out"),
         Column("paper_mse", "1", "the paper's, at its training points"),
         Column("spline_held_out_mse", "1", "as held_out_mse, of the cubic spline through the same training points"),
@@ -60,5 +64,27 @@ FIT_ERRORS = Table(
         Column("spline_held_out_mse_over_variance", "1", "as held_out_mse_over_variance, of the spline"),
         Column("iterations", "1", "iterations done", "int"),
         Column("stop", "", "why training stopped, and what to do", "text"),
+    ),
+)
+
+CLEARANCE_FIT = Table(
+    "clearance_fit",
+    "Second surrogate: one layer of tansig neurons per joint with the clearance vector as its output, one row a neuron",
+    (
+        Column("joint", "1", "2 crank pin, 3 piston pin", "int"),
+        Column("neuron", "1", "neuron, from 0 along the crank angle; -1: bias of the output", "int"),
+        Column("centre", "rad", "crank angle at which the neuron gives 0; null for the bias", nullable=True),
+        Column("width", "rad", "1 / input weight; null for the bias", nullable=True),
+        Column("weight_x", "m", "output weight, x"),
+        Column("weight_y", "m", "output weight, y"),
+        Column("start_angle", "rad", "crank angle at the start of the motion"),
+        Column(
+            "settling",
+            "rad",
+            "width of the factor tanh^2((angle - start_angle) / settling) that the output is multiplied by; null for none",
+            nullable=True,
+        ),
+        Column("speed", "rad/s", "speed of the crank, that turns derivatives by the angle into time derivatives"),
+        Column("turns", "1", "whole turns to add to gamma", "int"),
     ),
 )
