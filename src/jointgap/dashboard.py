@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from jointgap.errors import InputError
@@ -55,7 +56,7 @@ def dashboard(
         _announce(address, f"http://{HOST}:{port}", say)
         say("Ctrl-C ends it.")
         try:
-            server.wait()
+            server.process.wait()
         except KeyboardInterrupt:
             say("dashboard: ended")
 
@@ -93,8 +94,19 @@ def _interrupted_by_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+@dataclass(frozen=True)
+class _Server:
+    """MLflow's server and the file of what it prints."""
+
+    process: subprocess.Popen
+    log: Path
+
+    def printed(self) -> str:
+        return self.log.read_text(encoding="utf-8", errors="replace")
+
+
 @contextmanager
-def _server(address: str, artifacts: Path, port: int) -> Iterator[subprocess.Popen]:
+def _server(address: str, artifacts: Path, port: int) -> Iterator[_Server]:
     """MLflow's server and all its workers; none of them is left afterwards."""
     command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", address]
     command += ["--artifacts-destination", artifacts.as_uri()]  # of what is published through it
@@ -102,55 +114,55 @@ def _server(address: str, artifacts: Path, port: int) -> Iterator[subprocess.Pop
     command += ["--uvicorn-opts", "--timeout-graceful-shutdown 1"]  # a browser may keep its connection open
     quiet = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
     with tempfile.TemporaryDirectory(prefix="jointgap-dashboard-") as folder:
-        with open(Path(folder, "log"), "w+", encoding="utf-8") as log:
-            server = subprocess.Popen(
+        log = Path(folder, "log")
+        with open(log, "w", encoding="utf-8") as file:
+            process = subprocess.Popen(
                 command,
                 cwd=folder,
                 env={**os.environ, **quiet},
                 stdin=subprocess.DEVNULL,
-                stdout=log,
+                stdout=file,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,  # a process group of its own, so that the workers can be ended with it
             )
-            server.log = log
-            try:
-                yield server
-            finally:
-                _end(server)
+        try:
+            yield _Server(process, log)
+        finally:
+            _end(process)
 
 
-def _end(server: subprocess.Popen) -> None:
+def _end(process: subprocess.Popen) -> None:
     """End the server's process group: kindly, and after five seconds by force."""
     for number, patience in ((signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0)):
         try:
-            os.killpg(server.pid, number)
+            os.killpg(process.pid, number)
         except ProcessLookupError:
             break
         deadline = time.monotonic() + patience
-        while time.monotonic() < deadline and _group_lives(server):
+        while time.monotonic() < deadline and _group_lives(process):
             time.sleep(0.05)
-    server.wait()
+    process.wait()
 
 
-def _group_lives(server: subprocess.Popen) -> bool:
-    server.poll()  # else the ended server itself stays in its group
+def _group_lives(process: subprocess.Popen) -> bool:
+    process.poll()  # else the ended server itself stays in its group
     try:
-        os.killpg(server.pid, 0)
+        os.killpg(process.pid, 0)
     except ProcessLookupError:
         return False
     return True
 
 
-def _wait_until_it_answers(server: subprocess.Popen, port: int) -> None:
+def _wait_until_it_answers(server: _Server, port: int) -> None:
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
-        if server.poll() is not None:
+        if server.process.poll() is not None:
             break
-        if _answers(port):
+        # another server may have taken the port since it was found free: ours must say that it listens
+        if "Uvicorn running on" in server.printed() and _answers(port):
             return
         time.sleep(0.1)
-    server.log.seek(0)
-    last = [line for line in server.log.read().splitlines() if line.strip()][-5:]
+    last = [line for line in server.printed().splitlines() if line.strip()][-5:]
     raise InputError("the interface of MLflow did not start:\n" + "\n".join(last))
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from jointgap.errors import InputError
 from jointgap.track.publish import publish
-from jointgap.track.store import create_store
+from jointgap.track.store import address_for, create_store
 from tests.track import synthetic
 from tests.track.conftest import client_of
 
@@ -86,6 +86,12 @@ def test_the_address_in_the_environment_is_used(simulated, monkeypatch):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
     with pytest.raises(InputError, match=r"http://127\.0\.0\.1:9 cannot be reached"):
         publish(**simulated)
+
+
+def test_a_relative_address_is_taken_from_the_working_folder(simulated, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "sqlite:///own.db")
+    assert address_for(simulated["results_folder"]) == f"sqlite:///{tmp_path / 'own.db'}"
 
 
 def test_a_store_that_is_no_database_is_named_with_the_mend(tmp_path):

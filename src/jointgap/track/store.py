@@ -29,7 +29,10 @@ def default_address(results: Path) -> str:
 
 def address_for(results: Path, tracking_uri: str | None = None) -> str:
     """The store to use: the one given, else ``MLFLOW_TRACKING_URI``, else the one in the results folder."""
-    return tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or default_address(results)
+    address = tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or default_address(results)
+    kind, found, file = address.partition("sqlite:///")
+    # absolute, for the dashboard's server runs in another folder
+    return f"sqlite:///{Path(file).resolve()}" if found and not kind else address
 
 
 def artifacts_beside(address: str, results: Path) -> Path:
@@ -143,7 +146,8 @@ class Store:
                 if not create:
                     return None
                 self._client.restore_experiment(found.experiment_id)
-            self._still_here(found)
+            if create:
+                self._still_here(found)
             return found.experiment_id
 
     def _still_here(self, experiment) -> None:
@@ -154,7 +158,7 @@ class Store:
         if not experiment.artifact_location.startswith(wanted):
             raise InputError(
                 f"MLflow store {self.address} was made elsewhere: its artifacts lie in {experiment.artifact_location}, "
-                f"not in {wanted}; delete the file and publish again"
+                f"not in {wanted}; delete the file and publish again (make run ARGS='--forcerun track')"
             )
 
     def runs(self, experiment_id: str, tags: dict[str, str]) -> list[StoredRun]:

@@ -1,6 +1,7 @@
 """Optimisation: a run for the scenario with its main optimum, and under it one for each pair of lengths found.
 
-What stands before the slash of a metric's name is the section in which the interface shows it.
+What stands before the slash of a metric's name is the section in which the interface shows it. Reductions are in percent,
+for the interface rounds to two decimals.
 """
 
 import numpy as np
@@ -64,7 +65,7 @@ def _point(given: Given, row: dict) -> Record:
         "ratio": row["ratio"],
         "invariant_mm": 1e3 * row["invariant"],
         **{name: row[name] for name in _COUNTS if pd.notna(row[name])},
-        **{f"frozen/{measure}_reduction": row[f"{measure}_reduction"] for measure in MEASURES},
+        **{f"frozen/{measure}_reduction_percent": 100 * row[f"{measure}_reduction"] for measure in MEASURES},
         **_sizes(row),
         **_resimulated(given, row["point"]),
         **_worth(given, row["point"]),
@@ -96,10 +97,10 @@ def _resimulated(given: Given, point: str) -> dict[str, float]:
     for row in rows[rows["point"] == point].to_dict("records"):
         name = f"resimulated_{row['stretch']}/{row['measure']}"
         metrics |= {
-            f"{name}_reduction": row["reduction"],
-            f"{name}_reduction_low": row["reduction_low"],
-            f"{name}_reduction_high": row["reduction_high"],
-            f"{name}_reduction_if_frozen": row["frozen_reduction"],
+            f"{name}_reduction_percent": 100 * row["reduction"],
+            f"{name}_reduction_low_percent": 100 * row["reduction_low"],
+            f"{name}_reduction_high_percent": 100 * row["reduction_high"],
+            f"{name}_reduction_if_frozen_percent": 100 * row["frozen_reduction"],
             f"{name}_share_better": row["share_better"],
         }
         angle = row["measure"] != "sum_of_squares"
