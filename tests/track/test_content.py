@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from jointgap import tables
+from jointgap.surrogate.clearance import ClearanceNetwork
 from jointgap.tables import OUTPUTS
 from jointgap.track import weights
 from jointgap.track.record import Curve
@@ -119,6 +121,33 @@ def test_torch_loads_published_weights_without_pickle(published, client):
     scaled = torch.from_numpy(angle / (2 * np.pi))[:, None]
     ours = (weights.load(folder)(angle) + 3.0) / 8.0
     np.testing.assert_allclose(chain(scaled).detach().numpy()[:, 0], ours, rtol=1e-12)
+
+
+@pytest.mark.parametrize("joint", [2, 3])
+def test_torch_loads_the_second_surrogate_and_its_description_says_how_to_use_it(published, finished, client, joint):
+    import torch
+
+    folder = client.download_artifacts(published[f"surrogate/clearance gamma{joint}"].info.run_id, "network")
+    with open(f"{folder}/network.json") as file:
+        about = json.load(file)
+    chain = torch.nn.Sequential(torch.nn.Linear(1, 3), torch.nn.Tanh(), torch.nn.Linear(3, 2)).double()
+    arrays = np.load(f"{folder}/weights.npz", allow_pickle=False)
+    chain.load_state_dict({name: torch.from_numpy(arrays[name]) for name in arrays})
+    angle = np.linspace(0.01, 2 * np.pi, 200)
+    x, y = chain(torch.from_numpy(angle)[:, None]).detach().numpy().T
+    s = 1.0 if about["settling"] is None else np.tanh((angle - about["start_angle"]) / about["settling"]) ** 2
+    theirs = ClearanceNetwork.from_frame(tables.read(tables.CLEARANCE_FIT, finished["tables"]["clearance_fit"]), joint)
+    np.testing.assert_allclose(s * np.hypot(x, y), theirs.output(f"r{joint}", angle)[0], rtol=1e-9)
+    turn = np.exp(1j * theirs.output(f"gamma{joint}", angle)[0])
+    np.testing.assert_allclose((x + 1j * y) / np.hypot(x, y), turn, atol=1e-9)
+
+
+def test_the_second_surrogate_is_compared_under_the_same_names(published):
+    ours, papers = (published[f"surrogate/{name}"].data.metrics for name in ("clearance r2", "r2"))
+    for name in ("training_mse", "held_out_mse", "paper_mse", "spline_held_out_mse", "weights"):
+        assert name in ours and name in papers
+    whole = published["surrogate"].data.metrics
+    assert whole["clearance_outputs"] == whole["network_outputs"] == 8
 
 
 def test_dataset_inputs_carry_the_digest_of_their_file(published, finished):

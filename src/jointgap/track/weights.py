@@ -71,28 +71,64 @@ def to_files(network: Network, output: str) -> dict[str, bytes]:
     output : str
         Name of the output it learned.
     """
-    arrays = {}
-    for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-        arrays |= {f"{2 * layer}.weight": weight, f"{2 * layer}.bias": bias}  # a Tanh takes each odd number
-    packed = io.BytesIO()
-    np.savez(packed, **arrays)
     description = {
-        "input": "crank_angle",
+        "input": "crank_angle [rad]",
         "output": output,
-        "neurons": [network.weights[0].shape[1], *(len(bias) for bias in network.biases)],
-        "hidden_activation": "tanh",
-        "output_activation": "linear",
         "input_range": network.input_range,
         "output_range": network.output_range,
         "scaling": "scaled = (value - range[0]) / (range[1] - range[0]), for input and output",
+    }
+    return _pack(network.weights, network.biases, description)
+
+
+def clearance_to_files(fit: pd.DataFrame, joint: int) -> dict[str, bytes]:
+    """The network of a joint's clearance vector, from the table clearance_fit, as the same two files.
+
+    Parameters
+    ----------
+    fit : DataFrame
+        Table clearance_fit.
+    joint : int
+        2 crank pin, 3 piston pin.
+    """
+    rows = fit[fit["joint"] == joint]
+    neurons, bias = rows[rows["neuron"] >= 0].sort_values("neuron"), rows[rows["neuron"] < 0].iloc[0]
+    slope = 1.0 / neurons["width"].to_numpy()
+    weights = (slope[:, np.newaxis], neurons[["weight_x", "weight_y"]].to_numpy().T)
+    biases = (-neurons["centre"].to_numpy() * slope, bias[["weight_x", "weight_y"]].to_numpy(dtype=float))
+    description = {
+        "input": "crank_angle [rad]",
+        "output": "clearance vector of the joint, less the factor s: w_x, w_y [m]",
+        "joint": joint,
+        "start_angle": float(bias["start_angle"]),
+        "settling": None if pd.isna(bias["settling"]) else float(bias["settling"]),
+        "speed": float(bias["speed"]),
+        "turns": int(bias["turns"]),
+        "use": "s = tanh^2((crank_angle - start_angle) / settling), 1 where settling is null; r = s |w|; "
+        "gamma = direction of w, unwrapped, plus turns; rates by calculus, times speed",
+    }
+    return _pack(weights, biases, description)
+
+
+def _pack(weights: tuple[np.ndarray, ...], biases: tuple[np.ndarray, ...], description: dict) -> dict[str, bytes]:
+    """Both files: the layers' arrays by their names in torch, and what there is to know beside."""
+    arrays = {}
+    for layer, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        arrays |= {f"{2 * layer}.weight": weight, f"{2 * layer}.bias": bias}  # a Tanh takes each odd number
+    packed = io.BytesIO()
+    np.savez(packed, **arrays)
+    shape = {
+        "neurons": [weights[0].shape[1], *map(len, biases)],
+        "hidden_activation": "tanh",
+        "output_activation": "linear",
         "weights": "weights.npz, named as the state dict of torch.nn.Sequential(Linear, Tanh, ..., Linear)",
     }
-    text = json.dumps(description, indent=2) + "\n"
+    text = json.dumps(description | shape, indent=2) + "\n"
     return {"network.json": text.encode(), "weights.npz": packed.getvalue()}
 
 
 def load(folder: Path | str) -> Network:
-    """The network in a folder that holds `network.json` and `weights.npz`.
+    """The network of one output in a folder that holds `network.json` and `weights.npz`.
 
     Raises
     ------

@@ -10,6 +10,8 @@ from jointgap.track.record import Curve, Record
 
 NETWORK = "network"
 """The paper's model; its runs are named by the output alone."""
+CLEARANCE = "clearance"
+"""The second surrogate: one network a joint, from which all outputs of the joint follow."""
 
 _WHOLE = ("weights", "iterations", "paper_mse")
 _BY_REGION = (
@@ -74,28 +76,38 @@ def _fit(given: Given, model: str, output: str, rows: pd.DataFrame, curve: Curve
         metrics |= {f"{name}{suffix}": row[name] for name in _BY_REGION} | {name: row[name] for name in _WHOLE}
     metrics |= {f"log10_{name}": np.log10(metrics[name]) for name in _LOGARITHMS if metrics.get(name, 0.0) > 0}
     configuration = given.configuration("surrogate")
-    results = [f"fit_errors/{output}"]
-    curves, files = {}, {}
+    results = [f"fit_errors/{output}", f"fit_errors/{model}"]
+    curves = {}
     if model == NETWORK:
         results += [f"fit/{output}", f"fit_history/{output}"]
         metrics |= _over_seeds(given, output)
         if curve is not None:
             curves = {"mse": curve, "log10_mse": _log10(curve)}
-        if f"fit/{output}" in given.tables:
-            fit = tables.read(tables.FIT, given.tables[f"fit/{output}"])
-            network = weights.from_table(fit[fit["seed"] == given.options.surrogate.seeds[0]])
-            files = {f"network/{name}": content for name, content in weights.to_files(network, output).items()}
+    else:
+        results += given.names(tables.CLEARANCE_FIT)
+    files = {f"network/{name}": content for name, content in _weights(given, model, output).items()}
     return Record(
         "surrogate",
         output if model == NETWORK else f"{model} {output}",
         metrics=metrics,
         curves=curves,
         datasets=given.datasets(["trajectory"], results),
-        costs=given.cost(f"surrogate/{output}") if model == NETWORK else {},
+        costs=given.cost(f"surrogate/{output if model == NETWORK else model}"),
         params=configuration["params"],
         files=configuration["files"] | files,
         notes={"model": model, "stop": rows["stop"].iloc[0]},
     )
+
+
+def _weights(given: Given, model: str, output: str) -> dict[str, bytes]:
+    """The files of the network that gives the output; none if its table was not given."""
+    if model == NETWORK and f"fit/{output}" in given.tables:
+        fit = tables.read(tables.FIT, given.tables[f"fit/{output}"])
+        return weights.to_files(weights.from_table(fit[fit["seed"] == given.options.surrogate.seeds[0]]), output)
+    if model == CLEARANCE and given.has(tables.CLEARANCE_FIT):
+        joint = int(output.removeprefix("gamma").removeprefix("r")[0])
+        return weights.clearance_to_files(given.read(tables.CLEARANCE_FIT), joint)
+    return {}
 
 
 def _history(given: Given, output: str) -> pd.DataFrame | None:
