@@ -39,9 +39,9 @@ class Dual(Damped):
         self._spare = np.zeros_like(self._factor)
 
     def form(self, evaluation: Evaluation, index: int) -> float:
-        """Form J J^T and return its largest diagonal element."""
+        """Form J J^T and return its trace."""
         evaluation.products_of_rows(index, self._matrix, (self._factor, self._spare))
-        return float(self._matrix[self._diagonal].max())
+        return float(self._matrix[self._diagonal].sum())
 
     def solve(self, right_side: np.ndarray) -> np.ndarray:
         return self._solve(right_side)
@@ -58,10 +58,10 @@ class Primal(Damped):
         super().__init__(model.size)
 
     def form(self, evaluation: Evaluation, index: int) -> float:
-        """Form J^T J and return its largest diagonal element."""
+        """Form J^T J and return its trace."""
         self._jacobian = evaluation.jacobian()[index].numpy()
         self._matrix[...] = self._jacobian.T @ self._jacobian
-        return float(self._matrix[self._diagonal].max())
+        return float(self._matrix[self._diagonal].sum())
 
     def solve(self, right_side: np.ndarray) -> np.ndarray:
         return self._solve(self._jacobian.T @ right_side)

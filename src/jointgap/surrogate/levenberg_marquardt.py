@@ -54,7 +54,7 @@ class Settings:
     exact_error : float
         Stop when the root mean square error is this small (data scaled to [0, 1]).
     initial_damping : float
-        Damping to start with, relative to the largest diagonal element of J J^T.
+        Damping to start with, relative to the mean diagonal element of J^T J.
     largest_bend : float
         Refuse a step whose bend 2|a|/|v| is larger than this (Transtrum and Sethna's alpha).
     """
@@ -123,7 +123,7 @@ def minimise(model: Model, targets: np.ndarray, start: np.ndarray, settings: Set
     if not torch.isfinite(evaluation.outputs).all():
         raise ValueError("the outputs at the start are not finite")
     system = smaller_form(model)
-    everyone = [_Member(system(model), settings) for _ in parameters]
+    everyone = [_Member(system(model), model.size, settings) for _ in parameters]
     for member, residual, gradient in zip(
         everyone, target - evaluation.outputs, _gradients(evaluation, target), strict=True
     ):
@@ -178,8 +178,9 @@ def _solved(active: list["_Member"], right_sides: torch.Tensor) -> torch.Tensor:
 class _Member:
     """Damping, error and end of one member."""
 
-    def __init__(self, system: "Dual | Primal", settings: Settings):
+    def __init__(self, system: "Dual | Primal", size: int, settings: Settings):
         self.system = system
+        self._size = size
         self._settings = settings
         self.status: Status | None = None
         self.parameters: np.ndarray | None = None
@@ -197,10 +198,10 @@ class _Member:
     def prepare(self, evaluation: Evaluation, index: int) -> None:
         """Form the damped system, anew if the last step was taken, and factor it."""
         if self._fresh:
-            largest = self.system.form(evaluation, index)
+            typical = self.system.form(evaluation, index) / self._size
             if self._damping is None:
-                self._damping = self._settings.initial_damping * largest
-            self._least = largest * np.finfo(float).eps ** 2
+                self._damping = self._settings.initial_damping * typical
+            self._least = typical * np.finfo(float).eps ** 2
         self._factored = self.system.factor(self._damping)
 
     def judge(self, residual: np.ndarray, predicted: np.ndarray, velocity: np.ndarray, bend: np.ndarray) -> bool:

@@ -87,11 +87,11 @@ def nguyen_widrow(layout: Layout, seed: int, input_range: tuple[float, float] = 
     """Parameters to start from, shape (layout.size,), by the rule of Nguyen and Widrow (IJCNN 1990).
 
     Each tansig layer of S neurons gets weight vectors of random direction and of length beta = 0.7 S^(1/R) over its R
-    inputs, and biases spread evenly over [-beta, beta] with random signs: the neurons' active regions, |z| < about 1,
-    then cover the range of the inputs evenly and overlap a little. The rule is for inputs in [-1, 1]. That is the
-    range of tansig, hence of every layer but the first; the first layer's weights and biases are transformed for
-    inputs in `input_range`, so that it covers exactly the range of the data. The linear output starts with weights
-    and bias uniform in [-1, 1], as rands of MATLAB's initnw does.
+    inputs, and biases spread evenly over [-beta, beta], with the sign of the neuron's first weight: the neurons' active
+    regions, |z| < about 1, then cover the range of the inputs evenly and overlap a little. The rule is for inputs in
+    [-1, 1]. That is the range of tansig, hence of every layer but the first; the first layer's weights and biases are
+    transformed for inputs in `input_range`, so that it covers exactly the range of the data. The linear output starts
+    with weights and bias uniform in [-1, 1]. All this is what MATLAB's initnw does.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def nguyen_widrow(layout: Layout, seed: int, input_range: tuple[float, float] = 
         weights = random.uniform(-1.0, 1.0, (neurons, sources))
         weights *= length / np.linalg.norm(weights, axis=1, keepdims=True)
         places = np.linspace(-1.0, 1.0, neurons) if neurons > 1 else np.zeros(1)
-        biases = length * places * np.sign(random.uniform(-1.0, 1.0, neurons))
+        biases = length * places * np.sign(weights[:, 0])
         matrices.append(np.column_stack([weights, biases]))
     matrices.append(random.uniform(-1.0, 1.0, layout.shapes[-1]))
     low, high = input_range

@@ -1,0 +1,151 @@
+"""The second surrogate: local basis, consistency of its outputs, training on motions known in closed form."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap import tables
+from jointgap.config import Surrogate
+from jointgap.errors import InputError
+from jointgap.surrogate.bumps import Layer
+from jointgap.surrogate.clearance import ClearanceNetwork
+from jointgap.surrogate.errors import PAPER_MSE
+from jointgap.surrogate.samples import Samples
+from jointgap.surrogate.train_clearance import train_clearance
+
+SPEED = 30.0
+LAYER = Layer(np.sort(np.random.default_rng(0).uniform(-0.5, 7.0, 60)), np.random.default_rng(1).uniform(0.1, 0.4, 60))
+
+
+def motion(samples, revolutions=1, start=0.2):
+    """Clearance vectors that start at zero with zero velocity, swing and ring; all derivatives by hand."""
+    angle = start + np.linspace(0, 2 * np.pi * revolutions, samples * revolutions + 1)
+    x = angle - start
+    frame = {"crank_angle": angle, "time": x / SPEED}
+    for joint, (turn, ring) in {2: (1.0, 40.0), 3: (-2.0, 55.0)}.items():
+        gamma = [
+            turn * x + 0.1 * np.sin(ring * x),
+            turn + 0.1 * ring * np.cos(ring * x),
+            -0.1 * ring**2 * np.sin(ring * x),
+        ]
+        f = np.exp(-(x**2))
+        r = [1e-3 * (1 - f), 2e-3 * x * f, 2e-3 * f * (1 - 2 * x**2)]
+        for order, dots in enumerate(("", "_dot", "_ddot")):
+            frame[f"r{joint}{dots}"] = r[order] * SPEED**order
+            frame[f"gamma{joint}{dots}"] = np.where(x > 0, gamma[order], np.nan) * SPEED**order
+    return pd.DataFrame(frame)
+
+
+FIT = Surrogate(training_points=121)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return train_clearance(motion(720, 2), motion(14400), FIT)
+
+
+def test_bumps_add_up_to_one_and_their_derivatives_to_zero():
+    points = np.linspace(0, 6.5, 40)
+    for block in LAYER.blocks(points, 4):
+        sums = [values.sum(axis=1) for values in block.values]
+        np.testing.assert_allclose(sums[0], 1.0, atol=1e-14)
+        for order in (1, 2, 3):
+            np.testing.assert_allclose(sums[order], 0.0, atol=1e-10)
+
+
+def test_weights_of_bumps_and_of_neurons_describe_the_same_function():
+    random = np.random.default_rng(3)
+    weights, bias = random.normal(size=60) + 1j * random.normal(size=60), 0.3 - 0.2j
+    network = ClearanceNetwork(2, LAYER, weights, bias, 0.0, np.inf, SPEED)
+    angle = random.uniform(0, 6.5, 50)
+    neurons = np.tanh((angle[:, None] - LAYER.centres) / LAYER.widths)
+    np.testing.assert_allclose(network.vector(angle)[0], neurons @ weights + bias, rtol=1e-12)
+    back = Layer.to_tansig(LAYER.from_tansig(weights, bias))
+    np.testing.assert_allclose(back[0], weights, atol=1e-12)
+    assert back[1] == pytest.approx(bias)
+
+
+def test_every_output_is_the_derivative_of_the_one_before(fit):
+    network = fit.joints[3].network
+    angle, step = np.linspace(0.3, 6.3, 40), 1e-5
+
+    def quotient(name):
+        samples = [network.output(name, angle + k * step)[0] for k in (-2, -1, 1, 2)]
+        return (samples[0] - 8 * samples[1] + 8 * samples[2] - samples[3]) / (12 * step)
+
+    for name in ("r3", "gamma3", "gamma3_dot", "gamma3_ddot"):
+        slope = network.output(name, angle)[1]
+        np.testing.assert_allclose(slope, quotient(name), atol=1e-6 * np.abs(slope).max())
+    for rate, name in (("gamma3_dot", "gamma3"), ("gamma3_ddot", "gamma3_dot")):
+        by_time = SPEED * network.output(name, angle)[1]
+        np.testing.assert_allclose(network.output(rate, angle)[0], by_time, rtol=1e-14)
+
+
+def test_a_motion_in_closed_form_is_learned_to_a_tenth_of_what_is_asked_and_between_its_points(fit):
+    errors = fit.errors()
+    assert set(errors["output"]) == set(PAPER_MSE)
+    assert (errors["held_out_mse"] <= 0.2 * errors["paper_mse"]).all()
+    assert errors["stop"].str.startswith("training errors").all()
+
+
+def test_gamma_is_defined_at_the_start_where_r_is_zero_and_continues_the_simulations_turns(fit):
+    for joint, turn in ((2, 1.0), (3, -2.0)):
+        network = fit.joints[joint].network
+        assert network.output(f"r{joint}", 0.2)[0] == 0.0
+        assert network.output(f"gamma{joint}", 0.2)[0] == pytest.approx(0.0, abs=1e-3)
+        assert network.output(f"gamma{joint}", 0.2 + 2 * np.pi)[0] == pytest.approx(
+            2 * np.pi * turn + 0.1 * np.sin({2: 40, 3: 55}[joint] * 2 * np.pi), abs=1e-3
+        )
+
+
+def test_a_motion_that_does_not_start_with_coincident_centres_needs_no_factor():
+    coarse, fine = motion(720), motion(14400)
+    late = [frame.iloc[len(frame) // 8 :].reset_index(drop=True) for frame in (coarse, fine)]
+    for frame in late:
+        frame["crank_angle"] -= frame["crank_angle"].iloc[0]
+        frame["time"] -= frame["time"].iloc[0]
+    result = train_clearance(*late, Surrogate(training_points=106))
+    assert np.isinf(result.joints[2].network.settling)
+    assert (result.errors()["held_out_mse"] <= result.errors()["paper_mse"]).all()
+
+
+def test_no_sample_that_is_held_out_is_trained_at():
+    coarse, fine = motion(720), motion(14400)
+    samples = Samples.of(coarse, fine, 2, 121, SPEED)
+    nearest = np.abs(samples.crank_angle[:, None] - coarse["crank_angle"].to_numpy()).min(axis=1)
+    assert nearest.min() > 0.9 * 2 * np.pi / 14400
+    assert samples.shares.sum() == pytest.approx(1.0)
+
+
+def test_samples_are_dense_where_a_quantity_jumps():
+    coarse, fine = motion(720), motion(14400)
+    fine.loc[fine["crank_angle"] > 3.0, "gamma2_ddot"] += 5e4
+    samples = Samples.of(coarse, fine, 2, 121, SPEED)
+    gaps = np.diff(samples.crank_angle)
+    at = np.searchsorted(samples.crank_angle, 3.0)
+    assert gaps[at - 1] < 1.1 * 2 * np.pi / 14400
+    assert np.median(gaps) > 4 * gaps[at - 1]
+
+
+@pytest.mark.parametrize("samples", [720, 1440, 14410])
+def test_a_fine_sampling_that_does_not_fit_the_trajectory_is_refused(samples):
+    with pytest.raises(InputError, match="fine sampling"):
+        Samples.of(motion(720), motion(samples), 2, 121, SPEED)
+
+
+def test_the_networks_come_back_from_parquet_the_same_to_the_last_bit(fit, tmp_path):
+    tables.write(tables.CLEARANCE_FIT, fit.weights(), tmp_path / "fit.parquet")
+    back = tables.read(tables.CLEARANCE_FIT, tmp_path / "fit.parquet")
+    angle = np.linspace(0.2, 6.4, 99)
+    for joint in (2, 3):
+        network = ClearanceNetwork.from_frame(back, joint)
+        for name in (f"r{joint}", f"gamma{joint}", f"gamma{joint}_ddot"):
+            np.testing.assert_array_equal(network.output(name, angle), fit.joints[joint].network.output(name, angle))
+    tables.write(tables.FIT_ERRORS, fit.errors(), tmp_path / "errors.parquet")
+    with pytest.raises(ValueError, match="no network of joint 4"):
+        ClearanceNetwork.from_frame(back, 4)
+
+
+def test_an_output_of_the_other_joint_is_refused(fit):
+    with pytest.raises(ValueError, match="did you mean"):
+        fit.joints[2].network.output("gamma3", 1.0)

@@ -1,0 +1,201 @@
+"""Levenberg-Marquardt on problems with known solutions, against scipy, and alone against in a batch."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import least_squares
+
+from jointgap.surrogate.levenberg_marquardt import Settings, Status, minimise
+from jointgap.surrogate.model import NetworkModel
+from jointgap.surrogate.network import Layout, nguyen_widrow
+
+LAYOUT = Layout((6, 5))
+INPUTS = np.linspace(0.0, 1.0, 60)
+
+
+class FunctionModel:
+    """Outputs f(parameters) written in torch, its derivatives by automatic differentiation."""
+
+    def __init__(self, function, points, size):
+        self.function, self.points, self.size = function, points, size
+
+    def evaluate(self, parameters):
+        return FunctionEvaluation(self, parameters)
+
+
+class FunctionEvaluation:
+    def __init__(self, model, parameters):
+        self.model, self.at = model, parameters
+        self.outputs = torch.stack([model.function(p) for p in parameters])
+
+    def select(self, members):
+        return FunctionEvaluation(self.model, self.at[members])
+
+    def replaced(self, other, members):
+        return FunctionEvaluation(self.model, torch.where(members[:, None], other.at, self.at))
+
+    def jacobian(self):
+        return torch.stack([torch.func.jacrev(self.model.function)(p) for p in self.at])
+
+    def pull_back(self, weights):
+        return torch.einsum("bnp,bn->bp", self.jacobian(), weights)
+
+    def products_of_rows(self, member, out, work):
+        jacobian = self.jacobian()[member].numpy()
+        out[...] = jacobian @ jacobian.T
+
+    def along(self, step):
+        curves = [lambda t, p=p, v=v: self.model.function(p + t * v) for p, v in zip(self.at, step, strict=True)]
+        zero = torch.zeros((), dtype=torch.float64)
+        first = torch.stack([torch.func.jacrev(curve)(zero) for curve in curves])
+        return first, torch.stack([torch.func.jacrev(torch.func.jacrev(curve))(zero) for curve in curves])
+
+
+def rosenbrock(p):
+    return torch.stack([10 * (p[1] - p[0] ** 2), 1 - p[0]])
+
+
+def powell(p):
+    """Powell's singular function: the Jacobian loses rank at the solution."""
+    return torch.stack([p[0] + 10 * p[1], 5**0.5 * (p[2] - p[3]), (p[1] - 2 * p[2]) ** 2, 10**0.5 * (p[0] - p[3]) ** 2])
+
+
+def decay(p):
+    """A sum of two exponentials at 40 points: more points than parameters, the primal form."""
+    x = torch.linspace(0, 3, 40, dtype=torch.float64)
+    return p[0] * torch.exp(-p[1] * x) + p[2] * torch.exp(-p[3] * x)
+
+
+PRECISE = Settings(iterations=500, minimum_gradient=0.0)
+
+
+@pytest.mark.parametrize(
+    ("function", "points", "size", "start", "truth", "within"),
+    [
+        (rosenbrock, 2, 2, [-1.2, 1.0], [1.0, 1.0], 1e-12),
+        (powell, 4, 4, [3.0, -1.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.0], 1e-6),
+        (decay, 40, 4, [1.0, 0.5, 1.0, 3.0], [2.0, 0.3, 1.5, 4.0], 1e-10),
+    ],
+)
+def test_the_exact_solution_of_a_problem_without_residual_is_found(function, points, size, start, truth, within):
+    model = FunctionModel(function, points, size)
+    targets = function(torch.tensor(truth, dtype=torch.float64)).numpy()
+    (result,) = minimise(model, targets, np.array(start), PRECISE)
+    np.testing.assert_allclose(result.parameters, truth, atol=within)
+    assert result.status is Status.EXACT
+
+
+def test_convergence_to_a_regular_solution_without_residual_is_quadratic_until_the_damping_rules():
+    model = FunctionModel(decay, 40, 4)
+    truth = np.array([2.0, 0.3, 1.5, 4.0])
+    targets = decay(torch.tensor(truth)).numpy()
+    (result,) = minimise(model, targets, truth + [0.1, 0.02, -0.1, 0.1], Settings(200, 0.0, initial_damping=1e-12))
+    residual = np.sqrt(result.errors[result.errors > 1e-28])
+    orders = np.diff(np.log(residual[1:])) / np.diff(np.log(residual[:-1]))
+    assert len(residual) < 8
+    assert orders[-1] > 1.8
+
+
+def test_dual_and_primal_form_take_the_same_steps():
+    def padded(extra):  # points without influence: with enough of them the primal form is chosen
+        return FunctionModel(lambda p: torch.cat([powell(p), torch.zeros(extra, dtype=p.dtype)]), 4 + extra, 4)
+
+    start = np.array([3.0, -1.0, 0.0, 1.0])
+    few, many = (
+        minimise(padded(extra), np.zeros(4 + extra), start, Settings(12, 0.0))[0].errors * (4 + extra)
+        for extra in (0, 10)
+    )
+    np.testing.assert_allclose(few, many, rtol=1e-8)
+
+
+def test_a_network_that_can_represent_the_data_learns_them_to_rounding():
+    layout = Layout((2,))
+    model = NetworkModel(layout, INPUTS)
+    teacher = nguyen_widrow(layout, 3)
+    targets = model.evaluate(torch.tensor(teacher)[None]).outputs[0].numpy()
+    (result,) = minimise(model, targets, teacher + 0.1 * nguyen_widrow(layout, 8), PRECISE)
+    assert result.status is Status.EXACT
+    np.testing.assert_allclose(result.parameters, teacher, atol=1e-9)
+
+
+def test_scipy_starting_where_it_ends_finds_nothing_better():
+    layout = Layout((3,))
+    model = NetworkModel(layout, INPUTS)
+    targets = np.sin(9 * INPUTS) * np.exp(-INPUTS)
+
+    def residual(parameters):
+        return model.evaluate(torch.tensor(parameters)[None]).outputs[0].numpy() - targets
+
+    def jacobian(parameters):
+        return model.evaluate(torch.tensor(parameters)[None]).jacobian()[0].numpy()
+
+    (result,) = minimise(model, targets, nguyen_widrow(layout, 0), Settings(5000, 1e-13, stall_iterations=5000))
+    peer = least_squares(residual, nguyen_widrow(layout, 0), jacobian, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    continued = least_squares(residual, result.parameters, jacobian, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    assert 2 * continued.cost / len(INPUTS) == pytest.approx(result.errors[-1], rel=1e-6)
+    assert result.errors[-1] <= 2 * peer.cost / len(INPUTS) * (1 + 1e-6)
+
+
+def test_every_member_of_a_batch_ends_as_if_alone_to_the_last_bit_whenever_the_others_stop():
+    model = NetworkModel(LAYOUT, INPUTS)
+    targets = np.sin(25 * INPUTS**2)
+    starts = np.stack([nguyen_widrow(LAYOUT, seed) for seed in range(4)])
+    settings = Settings(300, 3e-4)
+    together = minimise(model, targets, starts, settings)
+    assert len({result.iterations for result in together}) > 1
+    for start, member in zip(starts, together, strict=True):
+        (alone,) = minimise(model, targets, start, settings)
+        np.testing.assert_array_equal(alone.errors, member.errors)
+        np.testing.assert_array_equal(alone.parameters, member.parameters)
+        assert alone.status is member.status
+
+
+def test_the_error_never_rises_and_is_the_mean_square_at_the_end():
+    model = NetworkModel(LAYOUT, INPUTS)
+    targets = np.sign(INPUTS - 0.4)
+    (result,) = minimise(model, targets, nguyen_widrow(LAYOUT, 1), Settings(200))
+    outputs = model.evaluate(torch.tensor(result.parameters)[None]).outputs[0].numpy()
+    assert (np.diff(result.errors) <= 0).all()
+    assert result.errors[-1] == pytest.approx(np.mean((outputs - targets) ** 2), rel=1e-12)
+
+
+def run(targets=None, **settings):
+    model = NetworkModel(LAYOUT, INPUTS)
+    targets = np.sin(25 * INPUTS**2) if targets is None else targets
+    return minimise(model, targets, nguyen_widrow(LAYOUT, 0), Settings(**settings))[0]
+
+
+def test_the_budget_counts_refused_steps_too():
+    result = run(iterations=57, minimum_gradient=0.0)
+    assert result.status is Status.BUDGET
+    assert result.iterations == 57
+    assert len(result.errors) == 58
+
+
+def test_a_small_gradient_ends_it():
+    result = run(minimum_gradient=1e-3)
+    assert result.status is Status.GRADIENT
+    assert result.gradient <= 1e-3
+
+
+def test_no_progress_over_a_stretch_of_iterations_ends_it():
+    result = run(minimum_gradient=0.0, stall_iterations=50, stall_gain=0.5)
+    assert result.status is Status.STALLED
+    assert result.errors[-1] > 0.5 * result.errors[-51]
+
+
+def test_damping_beyond_its_limit_ends_it():
+    noise = np.random.default_rng(0).normal(size=60)
+    result = run(noise, minimum_gradient=0.0, stall_iterations=10**6, largest_damping=1e-1)
+    assert result.status is Status.DAMPING
+
+
+def test_every_status_says_what_to_do():
+    for status in Status:
+        assert status.sentence.startswith(status.name.lower() + ": ")
+        assert any(word in status.value for word in ("allow", "try", "nothing is left"))
+
+
+def test_targets_that_are_not_finite_are_refused():
+    with pytest.raises(ValueError, match="leave gaps out"):
+        run(np.where(INPUTS > 0.5, np.nan, 1.0))

@@ -1,0 +1,108 @@
+"""The paper's network: layout, Nguyen-Widrow start, scaling, long form, evaluation."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jointgap import tables
+from jointgap.surrogate.evaluate import values, values_and_slopes
+from jointgap.surrogate.network import Layout, Network, Scaling, nguyen_widrow
+
+PAPER = Layout((10, 10, 10, 10))
+SMALL = Layout((4, 3))
+
+
+def network(layout=PAPER, seed=0):
+    return Network(layout, nguyen_widrow(layout, seed), Scaling(0.3, 0.3 + 2 * np.pi), Scaling(-2e3, 5e3))
+
+
+def test_the_papers_network_has_361_weights():
+    assert PAPER.size == 361
+    assert PAPER.shapes == [(10, 2), (10, 11), (10, 11), (10, 11), (1, 11)]
+
+
+def test_evaluation_is_the_formula_of_the_paper_written_out_by_hand():
+    net = network(SMALL, 3)
+    first, second, last = SMALL.split(net.parameters)
+    angle = 1.7
+    x = (angle - 0.3) / (2 * np.pi)
+    tansig = [2 / (1 + np.exp(-2 * (w * x + b))) - 1 for w, b in first]
+    deeper = [2 / (1 + np.exp(-2 * (row[:-1] @ tansig + row[-1]))) - 1 for row in second]
+    expected = -2e3 + 7e3 * (last[0, :-1] @ deeper + last[0, -1])
+    assert values(net, angle) == pytest.approx(expected, rel=1e-13)
+
+
+def test_the_slope_is_the_derivative_of_the_values():
+    net = network(seed=5)
+    angle = np.linspace(0.5, 6.0, 50)
+    step = 1e-5
+    value, slope = values_and_slopes(net, angle)
+    stencil = [values(net, angle + k * step) for k in (-2, -1, 1, 2)]
+    quotient = (stencil[0] - 8 * stencil[1] + 8 * stencil[2] - stencil[3]) / (12 * step)
+    np.testing.assert_array_equal(value, values(net, angle))
+    np.testing.assert_allclose(slope, quotient, rtol=1e-7, atol=1e-7 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (2, 5)])
+def test_values_and_slopes_have_the_shape_of_the_angles(shape):
+    value, slope = values_and_slopes(network(), np.full(shape, 1.0))
+    assert value.shape == slope.shape == shape
+
+
+@pytest.mark.parametrize("input_range", [(0.0, 1.0), (-1.0, 1.0), (2.0, 7.0)])
+def test_nguyen_widrow_covers_the_range_of_the_input_evenly(input_range):
+    low, high = input_range
+    first = Layout((10, 10)).split(nguyen_widrow(Layout((10, 10)), 4, input_range))[0]
+    centres = np.sort(-first[:, 1] / first[:, 0])
+    np.testing.assert_allclose(centres, np.linspace(low, high, 10), atol=1e-12 * (high - low))
+    np.testing.assert_allclose(np.abs(first[:, 0]), 7.0 * 2 / (high - low))  # 0.7 S^(1/1), for an input 2 wide
+    overlap = 2 / np.abs(first[0, 0])  # width over which a neuron's sum goes from -1 to 1
+    assert overlap > np.diff(centres).max()
+
+
+def test_nguyen_widrow_gives_weight_vectors_of_the_prescribed_length_and_biases_within_it():
+    for matrix in PAPER.split(nguyen_widrow(PAPER, 1))[1:-1]:
+        length = 0.7 * 10 ** (1 / 10)
+        np.testing.assert_allclose(np.linalg.norm(matrix[:, :-1], axis=1), length)
+        np.testing.assert_allclose(np.sort(np.abs(matrix[:, -1])), np.sort(np.abs(np.linspace(-length, length, 10))))
+
+
+def test_the_start_is_the_same_for_the_same_seed_and_another_for_another():
+    np.testing.assert_array_equal(nguyen_widrow(PAPER, 7), nguyen_widrow(PAPER, 7))
+    assert not np.array_equal(nguyen_widrow(PAPER, 7), nguyen_widrow(PAPER, 8))
+
+
+def test_a_network_comes_back_from_parquet_the_same_to_the_last_bit(tmp_path):
+    import pandas as pd
+
+    nets = {seed: network(seed=seed) for seed in (3, 0)}
+    frame = pd.concat([net.to_frame(seed) for seed, net in nets.items()], ignore_index=True)
+    tables.write(tables.FIT, frame, tmp_path / "fit.parquet")
+    back = tables.read(tables.FIT, tmp_path / "fit.parquet")
+    angle = np.linspace(0.3, 6.5, 101)
+    for seed, net in nets.items():
+        np.testing.assert_array_equal(values(Network.from_frame(back, seed), angle), values(net, angle))
+    np.testing.assert_array_equal(values(Network.from_frame(back), angle), values(nets[3], angle))
+    shuffled = back.sample(frac=1.0, random_state=0)
+    np.testing.assert_array_equal(values(Network.from_frame(shuffled, 0), angle), values(nets[0], angle))
+
+
+def test_a_long_form_with_a_weight_missing_or_of_another_seed_is_refused():
+    frame = network().to_frame(0)
+    with pytest.raises(ValueError, match="missing or doubled"):
+        Network.from_frame(frame.drop(index=17))
+    with pytest.raises(ValueError, match="no network of seed 9"):
+        Network.from_frame(frame, 9)
+
+
+@given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.floats(0, 1))
+def test_scaling_there_and_back_changes_nothing(low, extent, share):
+    scale = Scaling(low, low + extent)
+    value = low + share * extent
+    assert scale.expand(scale.shrink(value)) == pytest.approx(value, rel=1e-12, abs=1e-12 * abs(low) + 1e-12)
+
+
+def test_values_without_a_range_cannot_be_scaled():
+    with pytest.raises(ValueError, match="no range"):
+        Scaling.of([2.0, 2.0, 2.0])

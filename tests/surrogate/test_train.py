@@ -1,0 +1,122 @@
+"""Training of one output: points, gaps, errors, tables."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap import tables
+from jointgap.config import Surrogate
+from jointgap.errors import InputError
+from jointgap.surrogate.errors import PAPER_MSE, Grid, Points, Trained, error_rows
+from jointgap.surrogate.evaluate import values
+from jointgap.surrogate.network import Network
+from jointgap.surrogate.train import train
+
+SMALL = Surrogate(hidden=(6,), training_points=73, iterations=60, seeds=(4, 1, 2), seed_iterations=25)
+
+
+def trajectory(revolutions=2, samples=720, start=0.4, gap=()):
+    """Two revolutions of a wave with a bump, undefined at the rows in `gap`."""
+    angle = start + np.linspace(0, 2 * np.pi * revolutions, samples * revolutions + 1)
+    gamma = 3.0 + 2.0 * np.sin(2 * angle) + np.exp(-((angle - 2.0) ** 2) / 0.1)
+    gamma[list(gap)] = np.nan
+    return pd.DataFrame({"crank_angle": angle, "gamma2": gamma})
+
+
+def test_every_kth_sample_of_the_first_revolution_trains_and_the_others_are_held_out():
+    grid = Grid.of(trajectory(), "gamma2", 73)
+    assert len(grid.training.values) == 73
+    assert len(grid.held_out.values) == 720 - 72
+    np.testing.assert_allclose(np.degrees(grid.training.crank_angle - 0.4), np.arange(0, 361, 5), atol=1e-9)
+    assert not np.intersect1d(grid.training.crank_angle, grid.held_out.crank_angle).size
+    assert grid.held_out.crank_angle.max() < 0.4 + 2 * np.pi
+
+
+def test_undefined_points_are_left_out_and_counted():
+    fit = train(trajectory(gap=(0, 3, 40)), "gamma2", SMALL)
+    assert (fit.grid.training.undefined, fit.grid.held_out.undefined) == (2, 1)
+    assert len(fit.grid.training.values) == 71
+    whole, late = fit.errors().iloc[:2].itertuples()
+    assert (whole.undefined_points, late.undefined_points) == (3, 0)
+    assert (whole.training_points, whole.held_out_points) == (71, 647)
+    assert np.isfinite(fit.weights()["weight"]).all()
+
+
+@pytest.mark.parametrize("points", [72, 721])
+def test_training_points_that_are_no_samples_or_leave_nothing_to_hold_out_are_refused(points):
+    with pytest.raises(InputError, match="samples_per_revolution"):
+        Grid.of(trajectory(), "gamma2", points)
+
+
+def test_errors_are_what_their_names_say():
+    grid = Grid.of(trajectory(), "gamma2", 73)
+    rows = error_rows(grid, lambda angle: 3.0 + 2.0 * np.sin(2 * angle), Trained("network", 0, 19, 5, "why"))
+    for row, first in zip(rows, (0.0, np.pi / 3), strict=True):
+        for name, points in (("training", grid.training), ("held_out", grid.held_out)):
+            inside = points.crank_angle - 0.4 >= first
+            missed = np.exp(-((points.crank_angle[inside] - 2.0) ** 2) / 0.1)
+            scale = grid.training.values.max() - grid.training.values.min()  # always over all training points
+            assert row["range"] == pytest.approx(scale)
+            assert row[f"{name}_points"] == inside.sum()
+            assert row[f"{name}_mse"] == pytest.approx(np.mean((missed / scale) ** 2))
+            assert row[f"{name}_rms"] == pytest.approx(np.mean(missed**2) ** 0.5)
+            assert row[f"{name}_mse_over_variance"] == pytest.approx(np.mean(missed**2) / np.var(points.values[inside]))
+        assert row["held_out_peak"] == pytest.approx(missed.max() / scale)
+        assert row["paper_mse"] == PAPER_MSE["gamma2"]
+        assert row["unit"] == "rad"
+
+
+def test_the_spline_goes_through_the_points_the_model_was_trained_at():
+    frame = trajectory()
+    frame["gamma2"] = (frame["crank_angle"] - 3.0) ** 3  # which a cubic spline with free ends gives exactly
+    grid = Grid.of(frame, "gamma2", 73)
+    (row, _) = error_rows(grid, np.zeros_like, Trained("network", 0, 1, 1, ""))
+    assert row["spline_held_out_mse"] < 1e-25
+    coarse = Points(grid.training.crank_angle[::24], np.sin(grid.training.crank_angle[::24]), 0)
+    (row, _) = error_rows(grid, np.zeros_like, Trained("clearance", None, 1, 1, ""), coarse)
+    assert row["spline_held_out_mse"] > 1e-3
+    assert row["training_points"] == 4
+
+
+def test_the_default_seed_comes_first_with_its_own_budget_and_the_others_share_theirs():
+    fit = train(trajectory(), "gamma2", SMALL)
+    assert list(fit.networks) == [4, 1, 2]
+    assert [result.iterations for result in fit.results.values()] == [60, 25, 25]
+    assert fit.default is fit.networks[4]
+    history = fit.history()
+    assert (history.groupby("seed")["iteration"].max() == pd.Series({1: 25, 2: 25, 4: 60})).all()
+    last = history[history["seed"] == 4]["mse"].iloc[-1]
+    training = fit.grid.training
+    error = (values(fit.default, training.crank_angle) - training.values) / fit.default.output.range
+    assert last == pytest.approx(np.mean(error**2), rel=1e-9)
+    assert fit.errors()["training_mse"].iloc[0] == pytest.approx(last, rel=1e-9)
+
+
+def test_training_is_the_same_to_the_last_bit_every_time():
+    one, other = (train(trajectory(), "gamma2", SMALL) for _ in range(2))
+    pd.testing.assert_frame_equal(one.weights(), other.weights(), check_exact=True)
+    pd.testing.assert_frame_equal(one.history(), other.history(), check_exact=True)
+
+
+def test_the_tables_hold_the_fit(tmp_path):
+    fit = train(trajectory(gap=(0,)), "gamma2", SMALL)
+    for table, frame in (
+        (tables.FIT, fit.weights()),
+        (tables.FIT_HISTORY, fit.history()),
+        (tables.FIT_ERRORS, fit.errors()),
+    ):
+        tables.write(table, frame, tmp_path / table.name)
+    back = Network.from_frame(tables.read(tables.FIT, tmp_path / "fit"))
+    angle = np.linspace(0.4, 6.0, 77)
+    np.testing.assert_array_equal(values(back, angle), values(fit.default, angle))
+    errors = tables.read(tables.FIT_ERRORS, tmp_path / "fit_errors")
+    assert errors["seed"].tolist() == [4, 4, 1, 1, 2, 2]
+    assert errors["stop"].str.contains(":").all()
+
+
+def test_later_stages_evaluate_fits_without_loading_torch():
+    import subprocess
+    import sys
+
+    code = "import sys, jointgap.surrogate.evaluate, jointgap.surrogate.clearance; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
