@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -20,10 +19,8 @@ WHERE = r"time \S+ s, crank angle \S+ deg \(state in SI: rod_position_x .*slider
 
 @pytest.mark.parametrize("stiffness", (1e30, 1e200, 1e308))
 def test_a_contact_stiff_beyond_reason_ends_in_an_error(stiffness):
-    began = time.perf_counter()
     with pytest.raises(SimulationError, match=WHERE):
         simulate(mechanism(stiffness=stiffness), options())
-    assert time.perf_counter() - began < 20
 
 
 def test_a_tolerance_below_rounding_ends_in_an_error():

@@ -4,7 +4,7 @@ import math
 
 from jointgap.dynamics.compiled import compiled
 from jointgap.dynamics.equations import CONTACT
-from jointgap.dynamics.events import NOWHERE, all_conditions, locate, next_event
+from jointgap.dynamics.events import DISTANCE, NOWHERE, all_conditions, locate, next_event
 from jointgap.dynamics.integrator import elapsed, instant, step, stretch
 from jointgap.dynamics.motion import relative_motion
 
@@ -53,14 +53,14 @@ def advance(p, here, motion, holding, course, s, duration, tolerance, velocity_t
     if ahead < duration:
         close = max(_CLOSE * tolerance, 1e-15)
         found, there, run, begin, ds, error, steps = locate(
-            p, here, course, s, ahead, joint, 0, ahead, close, tolerance, velocity_time, k
+            p, here, course, s, ahead, joint, DISTANCE, ahead, close, tolerance, velocity_time, k
         )
         if found:
             there_motion = relative_motion(p, there)
             there_holding = all_conditions(p, there, there_motion)
             x, other, _ = next_event(holding, there_holding, there.time - here.time, _MARGIN * tolerance)
             if x == NOWHERE or other == joint:
-                return True, joint, 0, there, there_motion, there_holding, run, begin, ds, error, steps
+                return True, joint, DISTANCE, there, there_motion, there_holding, run, begin, ds, error, steps
         else:
             duration = 0.5 * ahead
 
@@ -69,7 +69,7 @@ def advance(p, here, motion, holding, course, s, duration, tolerance, velocity_t
     y, error = step(p, here, course, s, ds, velocity_time, k)
     steps += 1
     if not error <= _HOPELESS * tolerance:
-        return False, 0, 0, here, motion, holding, course, s, ds, error, steps
+        return False, 0, DISTANCE, here, motion, holding, course, s, ds, error, steps
     there = instant(p, here.time + duration, y, here.modes, here.approaches)
     there_motion = relative_motion(p, there)
     there_holding = all_conditions(p, there, there_motion)
@@ -77,7 +77,7 @@ def advance(p, here, motion, holding, course, s, duration, tolerance, velocity_t
     if x == 0.0:
         return True, joint, kind, here, motion, holding, course, s, 0.0, 0.0, steps
     if x < NOWHERE:
-        close = max(_CLOSE * tolerance, 1e-15) if kind == 0 else 1e-9 * here.approaches[joint]
+        close = max(_CLOSE * tolerance, 1e-15) if kind == DISTANCE else 1e-9 * here.approaches[joint]
         found, event, run, begin, event_ds, event_error, made = locate(
             p, here, course, s, duration, joint, kind, x * duration, close, tolerance, velocity_time, k
         )
@@ -87,5 +87,5 @@ def advance(p, here, motion, holding, course, s, duration, tolerance, velocity_t
             there_holding = all_conditions(p, event, there_motion)
             return True, joint, kind, event, there_motion, there_holding, run, begin, event_ds, event_error, steps
         if not event_error <= tolerance:
-            return False, 0, 0, here, motion, holding, run, begin, event_ds, event_error, steps
-    return False, 0, 0, there, there_motion, there_holding, course, s, ds, error, steps
+            return False, 0, DISTANCE, here, motion, holding, run, begin, event_ds, event_error, steps
+    return False, 0, DISTANCE, there, there_motion, there_holding, course, s, ds, error, steps

@@ -7,11 +7,13 @@ along it, the tangent is the normal turned by +90 degrees.
 
 import math
 
+import numpy as np
+
 from jointgap.dynamics.compiled import compiled
 from jointgap.dynamics.contact import normal_force
 from jointgap.dynamics.friction import friction_coefficient
 
-FLIGHT, CONTACT, CLAMPED = 0, 1, 2
+FLIGHT, CONTACT, CLAMPED = (np.int64(mode) for mode in (0, 1, 2))
 """Modes of a joint: apart; in contact; penetrated, but parting so fast that the force, which never pulls, is zero."""
 
 STATES = 8

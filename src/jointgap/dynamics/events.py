@@ -11,12 +11,17 @@ Each mode has two conditions, numbers that stay positive while the mode lasts:
 
 import math
 
+import numpy as np
+
 from jointgap.dynamics.compiled import compiled
 from jointgap.dynamics.equations import CLAMPED, CONTACT, FLIGHT
 from jointgap.dynamics.integrator import AFTER, BEFORE, instant, step, stretch
 from jointgap.dynamics.motion import relative_motion
 
 NOWHERE = 2.0
+
+DISTANCE, FORCE = (np.int64(kind) for kind in (0, 1))
+"""Which of a mode's two conditions."""
 
 _PIECES = 16
 
@@ -136,13 +141,13 @@ def next_event(before, after, duration, margin):
     margin : float
         As in `first_crossing` [m].
     """
-    first, which, kind = NOWHERE, 0, 0
+    first, which, kind = NOWHERE, 0, DISTANCE
     for joint in range(2):
         g0, v0, a0, h0, w0 = before[joint]
         g1, v1, a1, h1, w1 = after[joint]
         x = first_crossing(g0, v0, a0, g1, v1, a1, duration, margin)
         if x < first:
-            first, which, kind = x, joint, 0
+            first, which, kind = x, joint, DISTANCE
         if h0 > 0.0 and h1 >= 0.0 and not w0 < 0.0 < w1:
             continue
         # Of the second condition only one derivative is known; with the cubic's curvatures the quintic is that cubic.
@@ -150,7 +155,7 @@ def next_event(before, after, duration, margin):
         bend0, bend1 = (6.0 * slope - 4.0 * w0 - 2.0 * w1) / duration, (2.0 * w0 + 4.0 * w1 - 6.0 * slope) / duration
         x = first_crossing(h0, w0, bend0, h1, w1, bend1, duration, 0.0)
         if x < first:
-            first, which, kind = x, joint, 1
+            first, which, kind = x, joint, FORCE
     return first, which, kind
 
 
@@ -159,7 +164,7 @@ def switched(mode, approach, kind, speed):
     """Mode and approach speed of a joint after its condition `kind` has ended with the surfaces closing at `speed`."""
     if mode == FLIGHT:
         return CONTACT, max(speed, LEAST_APPROACH)
-    if kind == 0:
+    if kind == DISTANCE:
         return FLIGHT, approach
     return (CLAMPED if mode == CONTACT else CONTACT), approach
 
@@ -187,7 +192,7 @@ def locate(p, here, course, s, duration, joint, kind, guess, close, tolerance, v
     tuple
         Whether there is such a point; its instant; course, s, ds and error [m] of the last step made; steps made.
     """
-    to_separation = kind == 0 and here.modes[joint] == CONTACT and not (course == AFTER and s == 0.0)
+    to_separation = kind == DISTANCE and here.modes[joint] == CONTACT and not (course == AFTER and s == 0.0)
     low, high = 0.0, math.inf
     for count in range(1, 60):
         if to_separation:
@@ -200,7 +205,7 @@ def locate(p, here, course, s, duration, joint, kind, guess, close, tolerance, v
             return False, here, run, begin, ds, error, count
         there = instant(p, here.time + guess, y, here.modes, here.approaches)
         g, v, _, h, w = all_conditions(p, there, relative_motion(p, there))[joint]
-        if kind == 1:
+        if kind == FORCE:
             g, v = h, w
         if abs(g) <= close:
             return True, there, run, begin, ds, error, count

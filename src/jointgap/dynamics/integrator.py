@@ -17,7 +17,7 @@ from jointgap.dynamics.compiled import compiled
 from jointgap.dynamics.equations import STATES, accelerations, clearance_vectors, joint_force, turned
 from jointgap.dynamics.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
 
-LINEAR, AFTER, BEFORE = 0, 1, -1
+LINEAR, AFTER, BEFORE = (np.int64(course) for course in (0, 1, -1))  # of one type, so that code is compiled once
 
 SECOND = np.array([1, 1, *(1 + np.flatnonzero(row[1:])[0] for row in STAGES[2:])])
 """By stage, the first column after column 0 that is not zero; in the solution's row that of the error estimators too."""
@@ -175,6 +175,7 @@ def relative_error(k, rod_length, velocity_time):
         weight = (velocity_time if i > 3 else 1.0) * (rod_length if i == 2 or i == 6 else 1.0)
         fifth += (weight * e5) ** 2
         third += (weight * e3) ** 2
-    if fifth == 0.0 and third == 0.0:
+    size = math.sqrt(fifth + 0.01 * third)
+    if size == 0.0:
         return 0.0
-    return fifth / math.sqrt(fifth + 0.01 * third)
+    return fifth / size if size < math.inf else math.inf  # an overflow or NaN must not pass for a small error

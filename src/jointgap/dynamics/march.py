@@ -18,6 +18,7 @@ from jointgap.dynamics.motion import direction, relative_motion, resolution
 DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE = 0, 1, 2, 3
 
 _LONGEST_TURN = 0.1  # rad of crank angle in one step: a clearance vector leaves its circle once in it, not twice
+_AFTER_IMPACT = 0.1  # share of the tolerance there: velocities wrong by that much last through the flight that follows
 _FAR = 20.0  # steps after an impact from which on its branch point no longer matters
 
 
@@ -74,14 +75,15 @@ def march(p, start, times, tolerance, velocity_time, step_limit, states, modes_a
         proposal = min(proposal, longest)
         if course == AFTER and s * s > _FAR * proposal:
             course, s = LINEAR, 0.0
+        allowed = tolerance * (_AFTER_IMPACT if course == AFTER else 1.0)
         happens, joint, kind, there, there_motion, there_holding, run, begin, ds, error, made = advance(
-            p, here, motion, holding, course, s, proposal, tolerance, velocity_time, k
+            p, here, motion, holding, course, s, proposal, allowed, velocity_time, k
         )
         steps += made
 
         # Accepted or not, the error says how long the next step may be.
-        factor = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * (tolerance / error) ** 0.125))
-        if not error <= tolerance:
+        factor = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * (allowed / error) ** 0.125))
+        if not error <= allowed:
             factor = min(factor, 0.9) if error < math.inf else 0.1
             proposal = 0.5 * elapsed(run, begin, ds) if run == BEFORE else elapsed(run, begin, ds * factor)
             if proposal < 1e-15 * (abs(here.time) + longest):
