@@ -82,6 +82,27 @@ def surrogate(options: str, trajectory: Path, output_name: str, fit: Path, histo
 
 @cli.command()
 @options_option
+@need("--trajectory", "Parquet file to read: the simulated motion, whose samples are held out.")
+@need("--fit", "Parquet file to write: the networks of both joints, a row a neuron.", OUT)
+@need("--errors", "Parquet file to write: errors at its own points and at the samples held out.", OUT)
+def clearance(options: str, trajectory: Path, fit: Path, errors: Path) -> None:
+    """Train the second surrogate: one network per joint for the clearance vector, all eight outputs from it."""
+    from jointgap import tables
+    from jointgap.config import parse_options
+    from jointgap.dynamics import simulate
+    from jointgap.surrogate.train_clearance import train_clearance
+
+    scenario = parse_options(options)
+    samples = scenario.simulate.samples_per_revolution * scenario.surrogate.clearance_sampling
+    finer = scenario.simulate.model_copy(update={"revolutions": 1, "samples_per_revolution": samples})
+    fine = simulate(scenario.mechanism, finer).samples  # the same motion; too large to keep
+    trained = train_clearance(tables.read(tables.TRAJECTORY, trajectory), fine, scenario.surrogate)
+    tables.write(tables.FIT_ERRORS, trained.errors(), errors)
+    tables.write(tables.CLEARANCE_FIT, trained.weights(), fit)
+
+
+@cli.command()
+@options_option
 @results_option
 def kinematics(options: str, results: Path) -> None:
     """Feed the paper's equations by networks and by the simulation, and hold them against the simulation."""
@@ -144,8 +165,8 @@ def figures(options: str, results: Path, names: tuple[str, ...], folder: Path) -
     """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
     from jointgap.config import parse_options
     from jointgap.figures.catalogue import FIGURES
-    from jointgap.figures.stage import draw_all, needed_tables
     from jointgap.figures.samples import predictions
+    from jointgap.figures.stage import draw_all, needed_tables
     from jointgap.results import PLACES, Results
 
     wanted, scenario, stored = names or FIGURES, parse_options(options), Results(results)

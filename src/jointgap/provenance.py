@@ -6,7 +6,7 @@ from pathlib import Path
 # Modules (files or folders of the package) that decide what a stage writes. Snakemake watches rules, not packages.
 CODE = {
     "simulate": ("dynamics", "tables/simulate.py"),
-    "surrogate": ("surrogate", "tables/simulate.py", "tables/surrogate.py"),
+    "surrogate": ("surrogate", "dynamics", "tables/simulate.py", "tables/surrogate.py"),
     "kinematics": ("kinematics.py", "mechanism", "tables/kinematics.py"),
     "optimise": ("optimise", "paper.py", "mechanism", "dynamics", "tables/optimise.py"),
     "figures": ("figures", "tables/figures.py"),

@@ -1,12 +1,16 @@
 """A scenario's results folder: where each table lies. One list for the rules and the command line."""
 
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
 
 from jointgap import tables
 from jointgap.mechanism import Fit
+from jointgap.surrogate.clearance import ClearanceNetwork
+from jointgap.surrogate.evaluate import values_and_slopes
+from jointgap.surrogate.network import Network
 from jointgap.tables import OUTPUTS, Table
 
 PLACES = {
@@ -15,6 +19,7 @@ PLACES = {
     "fit": "surrogate/{output}/fit.parquet",
     "fit_history": "surrogate/{output}/history.parquet",
     "fit_errors": "surrogate/{output}/errors.parquet",
+    "clearance_fit": "surrogate/clearance/fit.parquet",
     "kinematics": "kinematics/motion.parquet",
     "kinematics_errors": "kinematics/errors.parquet",
     "kinematics_contradictions": "kinematics/contradictions.parquet",
@@ -30,7 +35,15 @@ PLACES = {
 }
 """Path of each table within ``results/{scenario}``; ``{output}`` stands for one of the eight outputs."""
 
+CLEARANCE = "clearance"
+"""Stands for an output where the second surrogate has all of them in one file."""
+
 TABLES = {table.name: table for table in vars(tables).values() if isinstance(table, Table)}
+
+
+def parts(table: str) -> tuple[str, ...]:
+    """What ``{output}`` stands for in the place of `table`."""
+    return (*OUTPUTS, CLEARANCE) if table == "fit_errors" else OUTPUTS
 
 
 def tables_of(stage: str) -> dict[str, str]:
@@ -51,7 +64,7 @@ class Results:
         self.folder = folder
 
     def read(self, table: Table) -> pd.DataFrame:
-        """The frame of `table`; where there is a file per output, all of them below each other with a column output.
+        """The frame of `table`; where there is a file per output, all below each other, with a column output.
 
         Raises
         ------
@@ -61,10 +74,11 @@ class Results:
         place = PLACES[table.name]
         if "{output}" not in place:
             return tables.read(table, self.folder / place)
-        frames = [tables.read(table, self.folder / place.format(output=output)) for output in OUTPUTS]
-        return pd.concat(
-            [frame.assign(output=output) for frame, output in zip(frames, OUTPUTS, strict=True)], ignore_index=True
-        )
+        frames = []
+        for output in parts(table.name):
+            frame = tables.read(table, self.folder / place.format(output=output))
+            frames.append(frame if "output" in frame else frame.assign(output=output))
+        return pd.concat(frames, ignore_index=True)
 
     def frames(self, names: Iterable[str]) -> dict[str, pd.DataFrame]:
         """The frames of the tables `names`."""
@@ -79,18 +93,18 @@ class Results:
         found = {}
         for name, place in PLACES.items():
             if "{output}" in place:
-                found |= {f"{name}/{output}": self.folder / place.format(output=output) for output in OUTPUTS}
+                found |= {f"{name}/{output}": self.folder / place.format(output=output) for output in parts(name)}
             else:
                 found[name] = self.folder / place
         return {name: path for name, path in found.items() if path.is_file()}
 
     def surrogates(self) -> dict[str, dict[str, Fit]]:
-        """The trained surrogates as functions of the crank angle, by surrogate and output; the default seed's networks."""
-        from functools import partial
-
-        from jointgap.surrogate.evaluate import values_and_slopes
-        from jointgap.surrogate.network import Network
-
+        """The trained surrogates as functions of the crank angle: ``networks`` (default seed) and ``clearance``, by output."""
         fits = self.read(tables.FIT)
         networks = {output: Network.from_frame(fit) for output, fit in fits.groupby("output", sort=False)}
-        return {"networks": {output: partial(values_and_slopes, network) for output, network in networks.items()}}
+        fit = self.read(tables.CLEARANCE_FIT)
+        joints = {joint: ClearanceNetwork.from_frame(fit, joint) for joint in (2, 3)}
+        return {
+            "networks": {output: partial(values_and_slopes, network) for output, network in networks.items()},
+            CLEARANCE: {output: partial(joints[2 if "2" in output else 3].output, output) for output in OUTPUTS},
+        }

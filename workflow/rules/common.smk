@@ -8,7 +8,7 @@ from jointgap.config import options_for, resolve
 from jointgap.errors import InputError
 from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FIGURES
 from jointgap.provenance import code_digest
-from jointgap.results import PLACES, tables_of
+from jointgap.results import PLACES, parts, tables_of
 from jointgap.tables import OUTPUTS
 
 try:
@@ -32,10 +32,15 @@ def written_by(stage):
     return {name: f"results/{{scenario}}/{place}" for name, place in tables_of(stage).items()}
 
 
+def place(table, **wildcards):
+    """Where one table of a scenario lies; `wildcards` fills in the output."""
+    return expand(f"results/{{scenario}}/{PLACES[table]}", **wildcards, allow_missing=True)[0]
+
+
 def read_from(*stages):
     """For input: the tables of stages, by name; all eight outputs where there is a table for each."""
     return {
-        name: expand(path, output=OUTPUTS, allow_missing=True) if "{output}" in path else path
+        name: expand(path, output=parts(name), allow_missing=True) if "{output}" in path else path
         for stage in stages
         for name, path in written_by(stage).items()
     }

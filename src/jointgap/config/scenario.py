@@ -49,6 +49,10 @@ class Surrogate(Section):
     )
     seed_iterations: PositiveInt = Field(20_000, description="iterations at most of the other seeds")
 
+    clearance_sampling: Annotated[int, Field(ge=4)] = Field(
+        100, description="samples that the second surrogate chooses its points from, as a multiple of the simulation's"
+    )
+
     @model_validator(mode="after")
     def _seeds_differ(self):
         if len(set(self.seeds)) < len(self.seeds):
