@@ -36,8 +36,9 @@ def test_smoke_runs_through_a_cluster_executor_with_the_same_results(smoke, fres
     submit = fresh_project / "tests/workflow/submit.sh"
     done = run(
         fresh_project,
-        *["snakemake", "--configfile", "config/smoke.yaml", "--executor", "cluster-generic", "--jobs", "2"],
-        *["--cluster-generic-submit-cmd", f"'{submit}'", "--seconds-between-status-checks", "1"],
+        *["snakemake", "--configfile", "config/smoke.yaml", "--workflow-profile", "workflow/profiles/slurm"],
+        *["--executor", "cluster-generic", "--cluster-generic-submit-cmd", f"'{submit}'", "--jobs", "2"],
+        *["--seconds-between-status-checks", "1"],
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
     assert "Submitted job" in done.stdout + done.stderr

@@ -72,7 +72,7 @@ def test_every_profile_and_the_catalogue_entry_can_be_read():
 def test_make_help_names_every_target():
     makefile = (ROOT / "Makefile").read_text()
     targets = re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)[1].split()
-    done = run(ROOT, "make", "help")
+    done = run(ROOT, "make", "--no-print-directory", "help")
     assert done.returncode == 0, done.stderr
     assert set(targets) == {line.split()[0] for line in done.stdout.splitlines() if not line.startswith("variables")}
 
