@@ -12,7 +12,12 @@ COMPARISON = Table(
         Column("paper", "see unit", "the paper's value; null where it gives none", nullable=True),
         Column("ours", "see unit", "ours; null where it cannot be told", nullable=True),
         Column("ratio", "1", "ours / paper", nullable=True),
-        Column("verdict", "", "training errors: reached (at or below the paper's) or missed; other numbers: agrees or differs; claims: holds, does not hold, cannot be told", "text"),
+        Column(
+            "verdict",
+            "",
+            "training errors: reached (at or below the paper's) or missed; other numbers: agrees or differs; claims: holds, does not hold, cannot be told",
+            "text",
+        ),
         Column("sentence", "", "what the number is, and where it differs why", "text"),
     ),
 )

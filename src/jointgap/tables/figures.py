@@ -9,7 +9,12 @@ PLOTTED = Table(
         Column("panel", "", "title of the panel", "text"),
         Column("series", "", "name of the curve, the marks or the line in the legend", "text"),
         Column("x", "as x_unit says", "abscissa; null for a level across the panel", nullable=True),
-        Column("y", "as y_unit says", "ordinate; null where undefined (a gap in the curve) and for an upright line", nullable=True),
+        Column(
+            "y",
+            "as y_unit says",
+            "ordinate; null where undefined (a gap in the curve) and for an upright line",
+            nullable=True,
+        ),
         Column("low", "as its axis says", "lower end of a bar of spread; null without one", nullable=True),
         Column("high", "as its axis says", "upper end of a bar of spread; null without one", nullable=True),
         Column("value", "as value_unit says", "what colours or contour lines show; null without", nullable=True),
