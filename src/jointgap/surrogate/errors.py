@@ -8,20 +8,9 @@ import pandas as pd
 from scipy.interpolate import CubicSpline
 
 from jointgap.errors import InputError
+from jointgap.paper import TRAINING_MSE
 from jointgap.surrogate.network import Scaling
 from jointgap.tables import TRAJECTORY
-
-PAPER_MSE = {
-    "r2": 1.1980e-5,
-    "r3": 7.6899e-6,
-    "gamma2": 3.918e-7,
-    "gamma3": 3.3382e-7,
-    "gamma2_dot": 4.6977e-6,
-    "gamma3_dot": 1.3006e-6,
-    "gamma2_ddot": 2.5555e-5,
-    "gamma3_ddot": 1.1352e-6,
-}
-"""Training error that the paper prints for each output."""
 
 UNITS = {column.name: column.unit for column in TRAJECTORY.columns}
 REGIONS = {"all": 0.0, "past_60_deg": np.radians(60.0)}
@@ -135,7 +124,7 @@ def error_rows(
                 "range": scale.range,
                 "training_mse": learned.mean_square / scale.range**2,
                 "held_out_mse": unseen.mean_square / scale.range**2,
-                "paper_mse": PAPER_MSE[grid.output],
+                "paper_mse": TRAINING_MSE[grid.output],
                 "spline_held_out_mse": splined.mean_square / scale.range**2,
                 "held_out_peak": unseen.peak / scale.range,
                 "training_rms": learned.mean_square**0.5,

@@ -12,7 +12,8 @@ import pandas as pd
 from scipy.interpolate import CubicSpline
 
 from jointgap.errors import InputError
-from jointgap.surrogate.errors import PAPER_MSE, Grid
+from jointgap.paper import TRAINING_MSE
+from jointgap.surrogate.errors import Grid
 from jointgap.surrogate.network import Scaling
 
 KINDS = ("r", "gamma", "gamma_dot", "gamma_ddot", "r_dot", "r_ddot")
@@ -88,7 +89,7 @@ class Samples:
             name, by_time = column(kind, joint), speed ** ORDERS[kind]
             values[kind] = fine[name].to_numpy()[: len(angle)] / by_time
             spread = Scaling.of(Grid.of(trajectory, name, training_points).training.values).range
-            scales[kind] = spread * PAPER_MSE.get(name, PAPER_MSE[f"r{joint}"]) ** 0.5 / by_time
+            scales[kind] = spread * TRAINING_MSE.get(name, TRAINING_MSE[f"r{joint}"]) ** 0.5 / by_time
         kept = _chosen(angle, values, scales, ratio)
         return cls(angle[kept], {kind: row[kept] for kind, row in values.items()}, scales)
 
