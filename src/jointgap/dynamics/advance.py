@@ -28,6 +28,13 @@ def separation_ahead(here, holding):
 
 
 @compiled
+def holds(conditions):
+    """Whether no mode has ended."""
+    pin, piston = conditions
+    return pin[0] >= 0.0 and pin[3] >= 0.0 and piston[0] >= 0.0 and piston[3] >= 0.0
+
+
+@compiled
 def advance(p, here, motion, holding, course, s, duration, tolerance, velocity_time, k):
     """Take a step of `duration` [s], or a shorter one to the first event in it.
 
@@ -88,4 +95,6 @@ def advance(p, here, motion, holding, course, s, duration, tolerance, velocity_t
             return True, joint, kind, event, there_motion, there_holding, run, begin, event_ds, event_error, steps
         if not event_error <= tolerance:
             return False, 0, DISTANCE, here, motion, holding, run, begin, event_ds, event_error, steps
+        if not holds(there_holding):  # a near miss, and an event behind it: go to the near miss first
+            error = math.inf
     return False, 0, DISTANCE, there, there_motion, there_holding, course, s, ds, error, steps

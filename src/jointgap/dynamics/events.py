@@ -77,7 +77,8 @@ def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
     """
     if g0 <= 0.0 and v0 < 0.0:
         return 0.0
-    dips = v0 < 0.0 < v1
+    # Besides a fall below zero: one minimum, or a minimum and a maximum, within the step.
+    dips = v0 < 0.0 < v1 or (v0 < 0.0 and v1 < 0.0 and a0 > 0.0 > a1) or (v0 > 0.0 and v1 > 0.0 and a0 < 0.0 < a1)
     if g1 >= 0.0 and not dips:
         return NOWHERE
     v0, v1, a0, a1 = v0 * duration, v1 * duration, a0 * duration**2, a1 * duration**2
@@ -85,30 +86,31 @@ def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
     c3 = 10.0 * rise - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
     c4 = -15.0 * rise + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
     c5 = 6.0 * rise - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)
-    low, high = 0.0, NOWHERE
-    lowest, value = 1.0, g1
+    low, high, fall = 0.0, NOWHERE, v0
     for i in range(1, _PIECES + 1):
         x = i / _PIECES
-        g = g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
-        if g < value:
-            lowest, value = x, g
-        if g < 0.0:
+        rate = v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
+        if fall < 0.0 <= rate:
+            left, right = low, x
+            for _ in range(50):
+                x = 0.5 * (left + right)
+                if v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5))) < 0.0:
+                    left = x
+                else:
+                    right = x
+            g = g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
+            if 0.0 <= g < margin:
+                return x
+            if g < 0.0:
+                high = x
+                break
+            x = i / _PIECES
+        if g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5)))) < 0.0:
             high = x
             break
-        low = x
+        low, fall = x, rate
     if high == NOWHERE:
-        # No piece ends below zero, but the minimum lies within a piece: narrow it down by the derivative's sign.
-        left, right = max(lowest - 1.0 / _PIECES, 0.0), min(lowest + 1.0 / _PIECES, 1.0)
-        for _ in range(50):
-            x = 0.5 * (left + right)
-            if v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5))) < 0.0:
-                left = x
-            else:
-                right = x
-        g = g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
-        if g >= 0.0:
-            return x if g < margin else NOWHERE
-        high = x
+        return NOWHERE
     for _ in range(50):
         x = 0.5 * (low + high)
         # At the very start the condition has only just come true: zero up to rounding, and rising.

@@ -1,0 +1,79 @@
+"""Order of the integration, at smooth contact and across the branch points where contact begins and ends."""
+
+import numpy as np
+import pytest
+
+from jointgap.dynamics.equations import CONTACT, FLIGHT
+from jointgap.dynamics.integrator import AFTER, BEFORE, LINEAR, elapsed, instant, step, stretch
+from jointgap.dynamics.simulate import run_march
+from jointgap.dynamics.start import start_state
+from jointgap.dynamics.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
+from tests.dynamics.cases import marched, mechanism
+
+
+def order(p, here, course, begin, end, counts):
+    """Order at which the state after `count` equal steps from s = begin to end converges."""
+
+    def state(count):
+        there, s = here, begin
+        for s1 in np.linspace(begin, end, count + 1)[1:]:
+            y, _ = step(p, there, course, s, s1 - s, 1e-5, np.empty((12, 8)))
+            there = instant(p, there.time + elapsed(course, s, s1 - s), y, here.modes, here.approaches)
+            s = s1
+        return np.array(there.y)
+
+    exact = state(20 * counts[-1])
+    errors = [np.abs(state(count) - exact)[4:].max() for count in counts]
+    return -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+
+
+def test_the_tableau_fulfils_the_conditions_of_its_order():
+    np.testing.assert_allclose(STAGES.sum(axis=1), NODES, atol=1e-14)
+    weights, nodes = STAGES[COUNT], NODES[:COUNT]
+    for power in range(8):
+        assert weights @ nodes**power == pytest.approx(1 / (power + 1), rel=1e-13)
+        nested = weights @ (STAGES[:COUNT] @ nodes**power)
+        if power < 7:
+            assert nested == pytest.approx(1 / ((power + 1) * (power + 2)), rel=1e-13)
+    for estimator, exact_to in ((ERROR_5, 5), (ERROR_3, 3)):
+        for power in range(exact_to):
+            assert estimator @ nodes**power == pytest.approx(0, abs=1e-14)
+        assert abs(estimator @ nodes**exact_to) > 1e-4
+
+
+@pytest.fixture(scope="module")
+def impact():
+    """Parameters; instants of the first impact, a quarter and half through its contact; time of separation [s]."""
+    p, run = marched(mechanism(), [0, 8], tolerance=1e-15)
+    (begin, _, _, approach), (end, *_) = run.events[:2]
+    times = np.array([0.0, begin, 0.75 * begin + 0.25 * end, 0.5 * (begin + end), end])
+    at = run_march(p, start_state(p), times, 1e-15)
+    contact = (CONTACT, FLIGHT), (approach, np.inf)
+    instants = [instant(p, time, tuple(y), *contact) for time, y in zip(times[1:4], at.states[1:4], strict=True)]
+    return p, *instants, end
+
+
+def test_a_smooth_contact_converges_at_the_eighth_order(impact):
+    p, begin, quarter, _, end = impact
+    assert order(p, quarter, LINEAR, 0.0, 0.5 * (end - begin.time), (2, 3, 4)) > 7.5
+
+
+def test_from_an_impact_on_the_order_is_kept_only_in_the_root_of_time(impact):
+    p, begin, _, middle, _ = impact
+    length = middle.time - begin.time
+    assert order(p, begin, AFTER, 0.0, np.sqrt(length), (3, 4, 6)) > 7.5
+    assert order(p, begin, LINEAR, 0.0, length, (3, 4, 6)) < 4
+
+
+def test_towards_a_separation_the_order_is_kept_only_in_the_root_of_time(impact):
+    p, _, _, middle, end = impact
+    length = end - middle.time
+    assert order(p, middle, BEFORE, np.sqrt(length), 0.0, (3, 4, 6)) > 7
+    assert order(p, middle, LINEAR, 0.0, length, (3, 4, 6)) < 4
+
+
+@pytest.mark.parametrize("course", (LINEAR, AFTER, BEFORE))
+def test_time_runs_the_same_way_along_every_course(course):
+    s = 0.01
+    ds = stretch(course, s, 3e-5)
+    assert elapsed(course, s, ds) == pytest.approx(3e-5, rel=1e-12)
