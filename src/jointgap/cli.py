@@ -25,11 +25,13 @@ def need(flag: str, meaning: str, kind: click.Path = IN):
     return click.option(flag, type=kind, required=True, help=meaning)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write `text` whole or not at all."""
-    from jointgap.tables import write_whole
+def opened(options: str, results: Path):
+    """The scenario in `--options`, and its results folder."""
+    from jointgap.config import parse_options
+    from jointgap.results import Results
 
-    write_whole(path, lambda temporary: Path(temporary).write_text(text, encoding="utf-8"))
+    scenario = parse_options(options)
+    return scenario, Results(results, scenario.simulate)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -52,6 +54,7 @@ def simulate(options: str, trajectory: Path, events: Path) -> None:
     from jointgap.dynamics import simulate
 
     scenario = parse_options(options)
+    tables.check_writable(trajectory, events)
     run = simulate(scenario.mechanism, scenario.simulate)
     tables.write(tables.EVENTS, run.events, events)
     tables.write(tables.TRAJECTORY, run.samples, trajectory)
@@ -69,12 +72,14 @@ def surrogate(options: str, trajectory: Path, output_name: str, fit: Path, histo
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.errors import InputError, did_you_mean
+    from jointgap.results import read_trajectory
     from jointgap.surrogate.train import train
 
     scenario = parse_options(options)
     if output_name not in tables.OUTPUTS:
         raise InputError(f"--output-name {output_name}: no such output; {did_you_mean(output_name, tables.OUTPUTS)}")
-    trained = train(tables.read(tables.TRAJECTORY, trajectory), output_name, scenario.surrogate)
+    tables.check_writable(fit, history, errors)
+    trained = train(read_trajectory(trajectory, scenario.simulate), output_name, scenario.surrogate)
     tables.write(tables.FIT_HISTORY, trained.history(), history)
     tables.write(tables.FIT_ERRORS, trained.errors(), errors)
     tables.write(tables.FIT, trained.weights(), fit)
@@ -90,13 +95,16 @@ def clearance(options: str, trajectory: Path, fit: Path, errors: Path) -> None:
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.dynamics import simulate
+    from jointgap.results import read_trajectory
     from jointgap.surrogate.train_clearance import train_clearance
 
     scenario = parse_options(options)
+    tables.check_writable(fit, errors)
+    held_out = read_trajectory(trajectory, scenario.simulate)
     samples = scenario.simulate.samples_per_revolution * scenario.surrogate.clearance_sampling
     finer = scenario.simulate.model_copy(update={"revolutions": 1, "samples_per_revolution": samples})
     fine = simulate(scenario.mechanism, finer).samples  # the same motion; too large to keep
-    trained = train_clearance(tables.read(tables.TRAJECTORY, trajectory), fine, scenario.surrogate)
+    trained = train_clearance(held_out, fine, scenario.surrogate)
     tables.write(tables.FIT_ERRORS, trained.errors(), errors)
     tables.write(tables.CLEARANCE_FIT, trained.weights(), fit)
 
@@ -107,11 +115,10 @@ def clearance(options: str, trajectory: Path, fit: Path, errors: Path) -> None:
 def kinematics(options: str, results: Path) -> None:
     """Feed the paper's equations by networks and by the simulation, and hold them against the simulation."""
     from jointgap import tables
-    from jointgap.config import parse_options
     from jointgap.kinematics import kinematics
-    from jointgap.results import Results
 
-    scenario, folder = parse_options(options), Results(results)
+    scenario, folder = opened(options, results)
+    folder.check_writable("kinematics")
     found = kinematics(
         scenario.mechanism,
         scenario.simulate,
@@ -130,11 +137,10 @@ def kinematics(options: str, results: Path) -> None:
 def optimise(options: str, results: Path) -> None:
     """Search the link lengths for the transmission angle, and simulate again what was found."""
     from jointgap import tables
-    from jointgap.config import parse_options
     from jointgap.optimise.stage import optimise
-    from jointgap.results import Results
 
-    scenario, folder = parse_options(options), Results(results)
+    scenario, folder = opened(options, results)
+    folder.check_writable("optimise")
     found = optimise(
         scenario.mechanism,
         scenario.simulate,
@@ -163,13 +169,12 @@ def optimise(options: str, results: Path) -> None:
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), required=True, help="Folder to write to.")
 def figures(options: str, results: Path, names: tuple[str, ...], folder: Path) -> None:
     """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
-    from jointgap.config import parse_options
     from jointgap.figures.catalogue import FIGURES
     from jointgap.figures.samples import predictions
     from jointgap.figures.stage import draw_all, needed_tables
-    from jointgap.results import PLACES, Results
+    from jointgap.results import PLACES
 
-    wanted, scenario, stored = names or FIGURES, parse_options(options), Results(results)
+    wanted, (scenario, stored) = names or FIGURES, opened(options, results)
     needed = needed_tables(wanted)
     frames = stored.frames(name for name in needed if name in PLACES)
     if "predictions" in needed:
@@ -184,13 +189,11 @@ def compare(options: str, results: Path) -> None:
     """Put every number and claim of the paper beside ours."""
     from jointgap import tables
     from jointgap.compare import NEEDED, compare, html, markdown
-    from jointgap.config import parse_options
-    from jointgap.results import Results
 
-    scenario, folder = parse_options(options), Results(results)
+    scenario, folder = opened(options, results)
     found = compare(folder.frames(NEEDED), scenario)
-    write_text(results / "comparison.html", html(found, scenario))
-    write_text(results / "comparison.md", markdown(found, scenario))
+    tables.write_text(results / "comparison.html", html(found, scenario))
+    tables.write_text(results / "comparison.md", markdown(found, scenario))
     folder.write(tables.COMPARISON, found)
 
 
@@ -204,21 +207,23 @@ def track(options: str, results: Path, scenario: str, store: Path, published: Pa
     """Publish a scenario's tables and figures to MLflow; nothing twice."""
     import json
 
-    from jointgap.config import parse_options
-    from jointgap.results import Results
+    from jointgap import tables
+    from jointgap.errors import InputError
     from jointgap.track.publish import publish
 
-    folder = Results(results)
+    section, folder = opened(options, results)
+    if not (files := folder.files()):
+        raise InputError(f"{results}: holds no tables, so there is nothing to publish; give a scenario's folder")
     summary = publish(
         scenario,
-        parse_options(options),
-        folder.files(),
-        sorted((results / "figures").glob("*.[psg][nvi][gf]")),
+        section,
+        files,
+        sorted(path for path in (results / "figures").glob("*") if path.suffix in (".svg", ".png", ".gif")),
         sorted((results / "benchmarks").rglob("*.tsv")),
         None,
         store,
     )
-    write_text(published, json.dumps(summary, indent=2) + "\n")
+    tables.write_text(published, json.dumps(summary, indent=2) + "\n")
 
 
 @cli.command()
@@ -273,13 +278,14 @@ def schema(path: Path | None) -> None:
     """Give the JSON schema of a configuration, for editors that complete and check YAML."""
     import json
 
+    from jointgap import tables
     from jointgap.config import json_schema
 
     text = json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
     if path is None:
         click.echo(text, nl=False)
     else:
-        write_text(path, text)
+        tables.write_text(path, text)
 
 
 def main() -> None:

@@ -5,11 +5,21 @@ from pathlib import Path
 
 # Modules (files or folders of the package) that decide what a stage writes. Snakemake watches rules, not packages.
 CODE = {
-    "simulate": ("dynamics", "tables/simulate.py"),
-    "surrogate": ("surrogate", "dynamics", "tables/simulate.py", "tables/surrogate.py"),
-    "kinematics": ("kinematics.py", "mechanism", "tables/kinematics.py"),
-    "optimise": ("optimise", "paper.py", "mechanism", "dynamics", "tables/optimise.py"),
-    "figures": ("figures", "tables/figures.py"),
+    "simulate": ("dynamics", "config/mechanism.py", "tables/simulate.py"),
+    "surrogate": (
+        "surrogate",
+        "paper.py",
+        "dynamics",
+        "config/mechanism.py",
+        "tables/simulate.py",
+        "tables/surrogate.py",
+    ),
+    "kinematics": ("kinematics.py", "results.py", "surrogate", "mechanism", "paper.py", "tables/kinematics.py"),
+    "optimise": (
+        *("optimise", "results.py", "surrogate", "paper.py", "mechanism", "dynamics"),
+        *("config/mechanism.py", "tables/optimise.py"),
+    ),
+    "figures": ("figures", "results.py", "surrogate", "mechanism", "paper.py", "tables/figures.py"),
     "compare": ("compare", "paper.py", "tables/compare.py"),
     "track": ("track",),
 }

@@ -4,9 +4,12 @@ from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from jointgap import tables
+from jointgap.config import Simulate
+from jointgap.errors import InputError
 from jointgap.mechanism import Fit
 from jointgap.surrogate.clearance import ClearanceNetwork
 from jointgap.surrogate.evaluate import values_and_slopes
@@ -51,6 +54,26 @@ def tables_of(stage: str) -> dict[str, str]:
     return {name: place for name, place in PLACES.items() if place.startswith(f"{stage}/")}
 
 
+def read_trajectory(path: Path, options: Simulate) -> pd.DataFrame:
+    """The trajectory in `path`, which has to be the one that `options` ask for.
+
+    Raises
+    ------
+    InputError
+        As `jointgap.tables.read`, or the file was simulated with other samples, revolutions, start or speed.
+    """
+    frame = tables.read(tables.TRAJECTORY, path)
+    samples, turned = options.samples_per_revolution * options.revolutions + 1, 2.0 * np.pi * options.revolutions
+    ends = frame[["crank_angle", "time"]].to_numpy()[[0, -1]] if len(frame) == samples else np.full((2, 2), np.nan)
+    wanted = [[options.start_angle, 0.0], [options.start_angle + turned, turned / options.speed]]
+    if not np.allclose(ends, wanted, rtol=1e-9, atol=1e-9):
+        raise InputError(
+            f"{path}: its {len(frame)} samples are not the {samples} of {options.revolutions} revolutions at "
+            f"{options.speed:g} rad/s that the options ask for; give the options it was simulated with, or simulate again"
+        )
+    return frame
+
+
 class Results:
     """Tables of one scenario, read from and written to their places.
 
@@ -58,10 +81,13 @@ class Results:
     ----------
     folder : Path
         ``results/{scenario}``.
+    options : Simulate
+        What the scenario's trajectory was simulated with; one that was not is refused.
     """
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, options: Simulate):
         self.folder = folder
+        self.options = options
 
     def read(self, table: Table) -> pd.DataFrame:
         """The frame of `table`; where there is a file per output, all below each other, with a column output.
@@ -69,9 +95,11 @@ class Results:
         Raises
         ------
         InputError
-            A file is missing or is not that table.
+            A file is missing or is not that table, or the trajectory is not the one that the options ask for.
         """
         place = PLACES[table.name]
+        if table is tables.TRAJECTORY:
+            return read_trajectory(self.folder / place, self.options)
         if "{output}" not in place:
             return tables.read(table, self.folder / place)
         frames = []
@@ -83,6 +111,10 @@ class Results:
     def frames(self, names: Iterable[str]) -> dict[str, pd.DataFrame]:
         """The frames of the tables `names`."""
         return {name: self.read(TABLES[name]) for name in names}
+
+    def check_writable(self, stage: str) -> None:
+        """Make sure that the tables of `stage` can be written before it starts; an `InputError` where they cannot."""
+        tables.check_writable(*(self.folder / place for place in tables_of(stage).values()))
 
     def write(self, table: Table, frame: pd.DataFrame) -> None:
         """Write `frame` to the table's place."""

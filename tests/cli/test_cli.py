@@ -1,5 +1,7 @@
 """The command line answers fast, in words, and never with a traceback for a mistake of the user's."""
 
+import itertools
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from jointgap.cli import cli
+from jointgap.config import load_mechanism
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -49,4 +52,63 @@ def test_a_mistake_in_the_options_ends_with_one_line_and_code_two(tmp_path):
     assert done.returncode == 2
     assert "unknown key 'mechanism.crnk'; did you mean 'crank'?" in done.stderr
     assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """A results folder with a short simulation, and the options it was made with."""
+    folder = tmp_path_factory.mktemp("results")
+    options = {
+        "mechanism": load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml").model_dump(mode="json"),
+        "simulate": {"revolutions": 1, "samples_per_revolution": 1800},
+        "optimise": {"ensemble": {"settled_revolution": 1}},
+    }
+    files = ("--trajectory", folder / "simulate/trajectory.parquet", "--events", folder / "simulate/events.parquet")
+    done = jointgap("simulate", "--options", json.dumps(options), *map(str, files))
+    assert done.returncode == 0, done.stderr
+    return folder, options
+
+
+def test_a_trajectory_of_other_options_is_refused_by_every_stage_that_reads_it(simulated, tmp_path):
+    folder, options = simulated
+    other = json.dumps(options | {"simulate": options["simulate"] | {"speed": 30.0}})
+    fitted = [str(tmp_path / name) for name in ("fit", "history", "errors")]
+    trajectory = str(folder / "simulate/trajectory.parquet")
+    for command in (
+        ("kinematics", "--results", str(folder)),
+        ("optimise", "--results", str(folder)),
+        ("compare", "--results", str(folder)),
+        ("figures", "--results", str(folder), "--folder", str(tmp_path), "--figure", "orbits"),
+        ("surrogate", "--trajectory", trajectory, "--output-name", "r2")
+        + tuple(itertools.chain(*zip(("--fit", "--history", "--errors"), fitted, strict=True))),
+        ("clearance", "--trajectory", trajectory, "--fit", fitted[0], "--errors", fitted[2]),
+    ):
+        done = jointgap(*command, "--options", other)
+        assert done.returncode == 2, command
+        assert "give the options it was simulated with" in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_outputs_that_cannot_be_written_are_found_out_before_anything_is_computed(simulated, tmp_path):
+    _, options = simulated
+    (tmp_path / "file").touch()
+    places = (
+        "--events",
+        str(tmp_path / "events.parquet"),
+        "--trajectory",
+        str(tmp_path / "file" / "trajectory.parquet"),
+    )
+    done = jointgap("simulate", "--options", json.dumps(options), *places)
+    assert done.returncode == 2
+    assert "trajectory.parquet: cannot be written" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_nothing_is_published_from_a_folder_without_results(simulated, tmp_path):
+    places = ("--results", "nowhere", "--scenario", "a", "--store", str(tmp_path), "--published", str(tmp_path / "p"))
+    done = jointgap("track", "--options", json.dumps(simulated[1]), *places)
+    assert done.returncode == 2
+    assert "nothing to publish" in done.stderr
     assert list(tmp_path.iterdir()) == []

@@ -1,5 +1,7 @@
 """Tables keep units, descriptions and gaps, and are written whole or not at all."""
 
+import errno
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -113,3 +115,39 @@ def test_a_missing_a_damaged_and_a_wrong_file_are_told_apart(tmp_path):
     pq.write_table(pa.table({"angle": [1.0]}), tmp_path / "small.parquet")
     with pytest.raises(InputError, match="not 'small'"):
         tables.read(SMALL, tmp_path / "small.parquet")
+
+
+def test_a_column_of_another_type_is_named(tmp_path, frame):
+    arrow = tables.to_arrow(SMALL, frame)
+    text = pa.field("angle", pa.string())
+    torn = arrow.set_column(0, text, pa.array(["0.1", "x", "0.3"])).replace_schema_metadata(arrow.schema.metadata)
+    pq.write_table(torn, tmp_path / "small.parquet")
+    with pytest.raises(InputError, match="column angle holds string, not double"):
+        tables.read(SMALL, tmp_path / "small.parquet")
+
+
+def test_what_is_no_parquet_file_cannot_be_described(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        tables.describe(tmp_path / "small.parquet")
+    (tmp_path / "small.parquet").touch()
+    with pytest.raises(InputError, match="cannot be read as Parquet"):
+        tables.describe(tmp_path / "small.parquet")
+
+
+def test_a_disk_that_fills_up_is_one_clear_error_and_leaves_nothing_behind(tmp_path):
+    def fill(temporary):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(InputError, match=r"full\.txt: cannot be written \(No space left on device\)"):
+        tables.write_whole(tmp_path / "full.txt", fill)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_whether_a_file_can_be_written_is_found_out_without_writing_it(tmp_path):
+    tables.check_writable(tmp_path / "new" / "file.parquet")
+    assert list((tmp_path / "new").iterdir()) == []
+    (tmp_path / "taken").touch()
+    with pytest.raises(InputError, match="cannot be written"):
+        tables.check_writable(tmp_path / "taken" / "file.parquet")
+    with pytest.raises(InputError, match="is a folder"):
+        tables.check_writable(tmp_path / "new")

@@ -154,18 +154,18 @@ def resolve(
     if not isinstance(names, list | tuple) or not names:
         raise InputError(f"{source}: run = {names!r} must be a list of scenario names")
     base = {key: value for key, value in config.items() if key not in ("run", "scenarios")}
-    if "mechanism" not in base and any("mechanism" not in (scenarios.get(name) or {}) for name in names):
-        raise InputError(f"{source}: key 'mechanism' is missing; give the path of a mechanism file")
     resolved = {}
     for name in names:
-        if name not in scenarios:
-            raise InputError(f"{source}: run names '{name}'; {did_you_mean(str(name), scenarios)}")
+        if not isinstance(name, str | int) or name not in scenarios:
+            raise InputError(f"{source}: run names '{name}'; {did_you_mean(str(name), map(str, scenarios))}")
         over = scenarios[name] or {}
         where = f"{source}, scenario {name}"
         if not isinstance(over, Mapping):
             raise InputError(f"{where}: = {over!r} must be a mapping of overrides")
         if not str(name).replace("_", "").replace("-", "").isalnum():
             raise InputError(f"{where}: use letters, digits, '_' and '-' only, for the name becomes a folder")
+        if "mechanism" not in base and "mechanism" not in over:
+            raise InputError(f"{where}: key 'mechanism' is missing; give the path of a mechanism file")
         data = merge(
             base | {"mechanism": _mechanism_data(base.get("mechanism", {}), folders)},
             over | ({"mechanism": _mechanism_data(over["mechanism"], folders)} if "mechanism" in over else {}),

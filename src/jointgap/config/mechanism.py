@@ -156,6 +156,8 @@ class Mechanism(Section):
         if not (isinstance(data, dict) and isinstance(data.get("joints"), dict)):
             return data
         contacts = data.get("contacts") or {}
+        if not isinstance(contacts, dict):
+            raise ValueError(f"contacts = {contacts!r} must map names to contacts, e.g. 'contacts: {{steel: {{...}}}}'")
         joints = dict(data["joints"])
         for name, joint in joints.items():
             if isinstance(joint, dict) and isinstance(joint.get("contact"), str):

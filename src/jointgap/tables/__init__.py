@@ -9,7 +9,7 @@ from jointgap.tables.figures import PLOTTED
 from jointgap.tables.kinematics import KINEMATICS, KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
 from jointgap.tables.optimise import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
 from jointgap.tables.simulate import EVENTS, OUTPUTS, TRAJECTORY
-from jointgap.tables.store import describe, read, to_arrow, write, write_whole
+from jointgap.tables.store import check_writable, describe, read, to_arrow, write, write_text, write_whole
 from jointgap.tables.surrogate import CLEARANCE_FIT, FIT, FIT_ERRORS, FIT_HISTORY
 
 __all__ = [
@@ -35,9 +35,11 @@ __all__ = [
     "WORTH",
     "Column",
     "Table",
+    "check_writable",
     "describe",
     "read",
     "to_arrow",
     "write",
+    "write_text",
     "write_whole",
 ]

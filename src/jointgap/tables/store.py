@@ -44,22 +44,52 @@ def write_whole(path: Path | str, save) -> None:
     Raises
     ------
     InputError
-        The folder cannot be made or written.
+        The folder cannot be made or written, or the disk is full.
     """
     path = Path(path)
+    temporary = _beside(path)
+    try:
+        save(temporary)
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    finally:
+        Path(temporary).unlink(missing_ok=True)  # still there where something failed
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Write `text` whole or not at all; errors as `write_whole`."""
+    write_whole(path, lambda temporary: Path(temporary).write_text(text, encoding="utf-8"))
+
+
+def check_writable(*paths: Path | str) -> None:
+    """Make sure that files can be written, before hours of work whose result would find no place.
+
+    Raises
+    ------
+    InputError
+        As `write_whole`.
+    """
+    for path in map(Path, paths):
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder, not a file; give another name")
+        Path(_beside(path)).unlink()
+
+
+def _beside(path: Path) -> str:
+    """An empty temporary file in the folder of `path`, which is made if need be."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
         os.close(handle)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); check permission and space") from error
-    try:
-        save(temporary)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+        raise _unwritable(path, error) from error
+    return temporary
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be written ({error.strerror or error}); check permission and space")
 
 
 def _umask() -> int:
@@ -87,14 +117,9 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
     Raises
     ------
     InputError
-        No such file, not Parquet, another table, or other columns.
+        No such file, not Parquet, another table, other columns, or columns of another type.
     """
-    try:
-        arrow = pq.read_table(path)
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; run the stage that writes table '{table.name}'") from error
-    except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(f"{path}: cannot be read as Parquet ({error}); delete it and run its stage again") from error
+    arrow = _open(pq.read_table, path, f"run the stage that writes table '{table.name}'")
     found = (arrow.schema.metadata or {}).get(b"jointgap_table", b"?").decode()
     wanted = [column.name for column in table.columns]
     if found != table.name or arrow.column_names != wanted:
@@ -102,12 +127,35 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
             f"{path}: holds table '{found}' with columns {arrow.column_names}, not '{table.name}' with {wanted}; "
             "give the right file, or run its stage again"
         )
+    for field, wanted_field in zip(arrow.schema, table.schema(), strict=True):
+        if field.type != wanted_field.type:
+            raise InputError(
+                f"{path}: column {field.name} holds {field.type}, not {wanted_field.type}; run its stage again"
+            )
     return arrow.to_pandas()
 
 
+def _open(reader, path: Path | str, mend: str):
+    """`reader(path)`, with one clear error where there is no such file or it is not Parquet."""
+    try:
+        return reader(path)
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file; {mend}") from error
+    except (pa.ArrowInvalid, OSError) as error:
+        raise InputError(
+            f"{path}: cannot be read as Parquet ({error}); give a Parquet file, or run its stage again"
+        ) from error
+
+
 def describe(path: Path | str) -> pd.DataFrame:
-    """Column, unit and description of any Parquet file, one row a column (empty where it says none)."""
-    schema = pq.read_schema(path)
+    """Column, unit and description of any Parquet file, one row a column (empty where it says none).
+
+    Raises
+    ------
+    InputError
+        No such file, or not Parquet.
+    """
+    schema = _open(pq.read_schema, path, "check the path")
     rows = [
         {
             "column": field.name,
