@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
+import numpy as np
 import pandas as pd
 
 from jointgap.compare.rows import AGREES, LENGTH_AGREES, MISSED, REACHED, Row
@@ -52,7 +53,11 @@ def _training_errors(errors: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
 
 
 def _optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
-    where = f"it lies at: {ours['active_bounds']}" if ours["active_bounds"] else "no bound is active"
+    where = (
+        "here no bound is active: the search stopped before it came to one"
+        if ours["active_bounds"] == "none"
+        else f"ours lies at: {ours['active_bounds']}"
+    )
     yield Row(
         "number",
         f"{printed.name}: crank length L2",
@@ -69,7 +74,7 @@ def _optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
         "mm",
         printed.rod_length * MM,
         ours["rod_length"] * MM,
-        f"The error falls with L3 all the way, so that the bound decides, which the paper does not print; {where}.",
+        f"Along the valley the error falls with L3 all the way, so that bounds decide, which the paper does not print; {where}.",
         agrees=LENGTH_AGREES,
     )
     yield Row(
@@ -78,7 +83,7 @@ def _optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
         "%",
         printed.reduction * PERCENT,
         ours["rms_reduction"] * PERCENT,
-        f"RMS; by mean absolute {ours['mean_absolute_reduction']:.2%}, peak {ours['peak_reduction']:.2%}, sum of squares "
+        f"RMS, {np.degrees(ours['rms']) / (1 - ours['rms_reduction']):.4f} deg before and {np.degrees(ours['rms']):.4f} deg after; by mean absolute {ours['mean_absolute_reduction']:.2%}, peak {ours['peak_reduction']:.2%}, sum of squares "
         f"{ours['sum_of_squares_reduction']:.2%}. Measure, window, friction and carrier of the journals decide, none of which the "
         "paper prints.",
     )
@@ -95,7 +100,12 @@ def _optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
             "1",
             printed.evaluations,
             float(ours["evaluations"]),
-            f"Until our stopping rule; {reached}. The paper does not print population or stopping rule.",
+            f"{str(ours['status']).capitalize()}; {reached}. "
+            + (
+                "Population and generations are settings, which the paper does not print."
+                if ours.name == "genetic"
+                else "Of the best start; gradients are exact and not counted, by differences each would take two calls more."
+            ),
         )
 
 

@@ -16,6 +16,7 @@ NEEDED = (
     "optimise_optima",
     "optimise_tolerance",
     "optimise_resimulated",
+    "optimise_worth",
 )
 
 
