@@ -144,6 +144,18 @@ def test_every_caption_of_a_figure_belongs_to_one():
     assert {path.stem for path in CAPTIONS.glob("*.rst")} - others == set(SPECS)
 
 
+def test_marks_far_below_all_others_are_not_cut_off(tables, scenario):
+    torn = tables["fit_errors"].copy()
+    row = torn.index[(torn["region"] == "past_60_deg") & (torn["output"] == "gamma2") & (torn["model"] == "network")]
+    torn.loc[row, "spline_held_out_mse"] = 1e-14
+    drawing = draw("held_out", dict(tables, fit_errors=torn), scenario)
+    with style.look():
+        drawing.figure.draw_without_rendering()
+    for axes in panels_of(drawing):
+        bottom, top = axes.get_ylim()
+        assert bottom < 1e-14 and top > np.nanmax(drawing.data["y"])
+
+
 def test_undefined_directions_leave_a_gap(tables, scenario):
     torn = tables["trajectory"].copy()
     torn.loc[20:22, ["gamma2", "gamma2_dot", "gamma2_ddot"]] = np.nan

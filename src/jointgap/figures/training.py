@@ -89,11 +89,13 @@ def held_out(tables: Tables, scenario: Scenario) -> Drawing:
         panel.axes.set_yscale("log")
         panel.axes.minorticks_off()
         panel.categories([SYMBOLS[output] for output in OUTPUTS])
-        if above is not None:
-            panel.axes.sharey(above.axes)
         above = panel
+    drawing = sheet.drawing()
+    shown = drawing.data[["y", "low", "high"]].to_numpy()
+    for panel in sheet.panels:
+        panel.axes.set_ylim(np.nanmin(shown) / 3, 3 * np.nanmax(shown))  # one scale, and no mark outside it
     sheet.legend()
-    return sheet.drawing()
+    return drawing
 
 
 def _errors(panel: Panel, errors: pd.DataFrame, default: int) -> None:
