@@ -60,13 +60,13 @@ def advance(p, here, motion, holding, course, s, duration, tolerance, velocity_t
     if ahead < duration:
         close = max(_CLOSE * tolerance, 1e-15)
         found, there, run, begin, ds, error, steps = locate(
-            p, here, course, s, ahead, joint, DISTANCE, ahead, close, tolerance, velocity_time, k
+            p, here, course, s, 2.0 * ahead, False, joint, DISTANCE, ahead, close, tolerance, velocity_time, k
         )
         if found:
             there_motion = relative_motion(p, there)
             there_holding = all_conditions(p, there, there_motion)
-            x, other, _ = next_event(holding, there_holding, there.time - here.time, _MARGIN * tolerance)
-            if x == NOWHERE or other == joint:
+            x, other, kind = next_event(holding, there_holding, there.time - here.time, _MARGIN * tolerance)
+            if x == NOWHERE or (other == joint and kind == DISTANCE):
                 return True, joint, DISTANCE, there, there_motion, there_holding, run, begin, ds, error, steps
         else:
             duration = 0.5 * ahead
@@ -85,8 +85,9 @@ def advance(p, here, motion, holding, course, s, duration, tolerance, velocity_t
         return True, joint, kind, here, motion, holding, course, s, 0.0, 0.0, steps
     if x < NOWHERE:
         close = max(_CLOSE * tolerance, 1e-15) if kind == DISTANCE else 1e-9 * here.approaches[joint]
+        crossed = there_holding[joint][0 if kind == DISTANCE else 3] < 0.0
         found, event, run, begin, event_ds, event_error, made = locate(
-            p, here, course, s, duration, joint, kind, x * duration, close, tolerance, velocity_time, k
+            p, here, course, s, duration, crossed, joint, kind, x * duration, close, tolerance, velocity_time, k
         )
         steps += made
         if found:

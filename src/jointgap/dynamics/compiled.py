@@ -14,18 +14,21 @@ import numba
 _PACKAGE = Path(__file__).parent
 
 
-def _is_writable(folder: Path) -> bool:
-    """Whether `folder` can be made and a file be written in it; permission bits alone do not tell (root, mounts)."""
+def _is_usable(folder: Path) -> bool:
+    """Whether `folder` can be made, is one's own and can be written to; permission bits alone do not tell (root, mounts).
+
+    Compiled code in a folder of somebody else is not to be trusted.
+    """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         with tempfile.TemporaryFile(dir=folder):
-            return True
+            return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()
     except OSError:
         return False
 
 
 def cache_folder(beside: Path) -> str:
-    """First writable place of: the user's choice, the folder `beside` the sources, the user's cache, the temporary folder.
+    """First usable place of: the user's choice, the folder `beside` the sources, the user's cache, the temporary folder.
 
     Returns an empty string (numba's own choice) when none is.
     """
@@ -36,11 +39,11 @@ def cache_folder(beside: Path) -> str:
     bases = [
         *([Path(chosen) / "jointgap"] if chosen else []),
         beside,
-        Path(os.environ.get("XDG_CACHE_HOME") or Path(os.path.expanduser("~"), ".cache")) / "jointgap",
+        Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "jointgap",
         Path(tempfile.gettempdir()) / user,
     ]
     for base in bases:
-        if _is_writable(base / digest):
+        if _is_usable(base / digest):
             return str(base / digest)
     return ""
 

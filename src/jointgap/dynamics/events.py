@@ -172,7 +172,7 @@ def switched(mode, approach, kind, speed):
 
 
 @compiled
-def locate(p, here, course, s, duration, joint, kind, guess, close, tolerance, velocity_time, k):
+def locate(p, here, course, s, limit, crossed, joint, kind, guess, close, tolerance, velocity_time, k):
     """Redo a step so that it ends where condition `kind` of `joint` falls through zero.
 
     Newton's method with true steps, kept between the last points found before and after the event. Towards a separation
@@ -182,8 +182,10 @@ def locate(p, here, course, s, duration, joint, kind, guess, close, tolerance, v
     ----------
     p, here, course, s, velocity_time, k
         As in `step`.
-    duration, guess : float
-        Length of the step that passed the event, and where in it the event is thought to be [s].
+    limit, crossed : float, bool
+        The event is looked for up to `limit` [s] from here; whether it is known to lie before.
+    guess : float
+        Where it is thought to be [s].
     close : float
         The condition counts as zero below this.
     tolerance : float
@@ -195,7 +197,7 @@ def locate(p, here, course, s, duration, joint, kind, guess, close, tolerance, v
         Whether there is such a point; its instant; course, s, ds and error [m] of the last step made; steps made.
     """
     to_separation = kind == DISTANCE and here.modes[joint] == CONTACT and not (course == AFTER and s == 0.0)
-    low, high = 0.0, math.inf
+    low, high = 0.0, limit if crossed else math.inf
     for count in range(1, 60):
         if to_separation:
             run, begin = BEFORE, math.sqrt(guess)
@@ -220,8 +222,8 @@ def locate(p, here, course, s, duration, joint, kind, guess, close, tolerance, v
         guess -= g / v
         if not low < guess < high:
             guess = 0.5 * (low + high)
-        if high - low <= 1e-14 * duration or low == guess or guess == high:
+        if high - low <= 1e-14 * limit or low == guess or guess == high:
             return True, there, run, begin, ds, error, count
-        if guess > 1.5 * duration:
+        if guess > limit:
             break
     return False, here, run, begin, ds, 0.0, count

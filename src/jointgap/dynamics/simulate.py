@@ -101,7 +101,8 @@ def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Traj
     ----------
     mechanism : Mechanism
     options : Simulate
-        Drive, start, samples, and the tolerance: the local error of one step [m].
+        Drive, start, samples, and the tolerance: the local error of one step [m]. Before chaos sets in, the error of
+        positions a quarter turn on is some 1 to 50 times as large.
     perturbation : (4,) array_like, optional
         Clearance vectors at the start instead of zero: r2 x, r2 y, r3 x, r3 y [m].
 
