@@ -81,6 +81,11 @@ def test_other_lengths_keep_the_mass_centres_share():
         ({"mechanism": {"contacts": {"steel": {"law": "hertz"}}}}, ["contacts.steel.law = 'hertz'"]),
         ({"mechanism": {"contacts": {"steel": {"restitution": 1.4}}}}, ["contacts.steel.restitution = 1.4"]),
         ({"optimise": {"boxes": {"paper": {"crank_length": ["153 mm", "147 mm"]}}}}, ["crank_length", "upside down"]),
+        (
+            {"mechanism": {"crank": {"length": "100 mm"}}},
+            ["optimise.boxes (paper, wide)", "crank 100 mm and rod 564 mm", "give bounds around them"],
+        ),
+        ({"optimise": {"boxes": {"paper": None, "wide": None}}}, ["optimise.boxes", "at least 1 item"]),
         ({"optimise": {"window": ["60 deg", "400 deg"]}}, ["leaves the first revolution"]),
         ({"simulate": {"speed": "600 mm"}}, ["simulate.speed = '600 mm'", "millimeter", "rad/s"]),
         ({"simulate": {"speed": "fast"}}, ["simulate.speed = 'fast'", "not a number"]),
@@ -100,6 +105,11 @@ def test_a_mistake_is_named_with_its_scenario_key_value_and_mend(over, words):
     assert str(caught.value).startswith("configuration, scenario paper: ")
     for word in words:
         assert word in str(caught.value)
+
+
+def test_a_box_set_to_null_is_taken_away_and_another_becomes_the_main_one():
+    own = {"crank_length": ["145 mm", "155 mm"], "rod_length": ["560 mm", "570 mm"]}
+    assert list(resolved({"optimise": {"boxes": {"paper": None, "own": own}}}).optimise.boxes) == ["wide", "own"]
 
 
 def test_a_mistake_in_a_shared_contact_is_told_once():

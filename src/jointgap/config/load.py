@@ -205,6 +205,8 @@ def json_schema() -> dict[str, Any]:
     }
     contact = schema["$defs"]["LooseJoint"]["properties"]["contact"]
     schema["$defs"]["LooseJoint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, contact]}
+    boxes = schema["$defs"]["Optimise"]["properties"]["boxes"]
+    boxes["additionalProperties"] = {"anyOf": [boxes["additionalProperties"], {"type": "null"}]}
     names = {"type": "array", "items": {"type": "string"}, "description": "scenarios to run; all when absent"}
     overrides = {
         "type": "object",

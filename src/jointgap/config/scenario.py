@@ -1,9 +1,9 @@
 """The stages' sections and the scenario that joins them to a mechanism."""
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field, NonNegativeInt, PositiveInt, model_validator
+from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
 
 from jointgap.config.mechanism import Mechanism, Section
 from jointgap.config.quantities import (
@@ -15,6 +15,7 @@ from jointgap.config.quantities import (
 )
 
 Interval = tuple[PositiveLength, PositiveLength]
+ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are one length
 
 
 def _upside_down(name: str, low: float, high: float) -> None:
@@ -125,6 +126,12 @@ class Optimise(Section):
     genetic: Genetic = Genetic()
     ensemble: Ensemble = Ensemble()
 
+    @field_validator("boxes", mode="before")
+    @classmethod
+    def _boxes_set_to_null_are_left_out(cls, boxes: Any) -> Any:
+        """What is laid over a configuration can only add boxes; null takes one of those below away."""
+        return {name: box for name, box in boxes.items() if box is not None} if isinstance(boxes, dict) else boxes
+
     @model_validator(mode="after")
     def _window_lies_in_the_revolution(self):
         _upside_down("window", *self.window)
@@ -163,6 +170,20 @@ class Scenario(Section):
                 "five times it at least, so that the held-out grid is finer than the training points and shares none of them"
             )
         return self
+
+    @model_validator(mode="after")
+    def _the_mechanism_lies_in_a_box(self):
+        if not {"mechanism", "optimise"} <= self.model_fields_set:
+            return self
+        lengths = crank, rod = self.mechanism.crank.length, self.mechanism.rod.length
+        for box in self.optimise.boxes.values():
+            bounds = zip(lengths, (box.crank_length, box.rod_length), strict=True)
+            if all(low - ROUNDING <= length <= high + ROUNDING for length, (low, high) in bounds):
+                return self
+        raise ValueError(
+            f"optimise.boxes ({', '.join(self.optimise.boxes)}): none holds the mechanism's own lengths, crank {1e3 * crank:g} mm and "
+            f"rod {1e3 * rod:g} mm; give bounds around them, and set boxes that are of no use to null"
+        )
 
     @model_validator(mode="after")
     def _settled_revolution_is_simulated(self):
