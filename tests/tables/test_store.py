@@ -117,6 +117,13 @@ def test_a_missing_a_damaged_and_a_wrong_file_are_told_apart(tmp_path):
         tables.read(SMALL, tmp_path / "small.parquet")
 
 
+def test_a_table_of_another_version_is_refused_by_the_columns_that_differ(tmp_path, frame):
+    other = Table("small", "as it was", (*SMALL.columns[1:], Column("old", "1", "a column that is gone")))
+    tables.write(other, frame.drop(columns="angle").assign(old=1.0), tmp_path / "small.parquet")
+    with pytest.raises(InputError, match=r"lacks the columns \['angle'\] and has the unknown columns \['old'\]"):
+        tables.read(SMALL, tmp_path / "small.parquet")
+
+
 def test_a_column_of_another_type_is_named(tmp_path, frame):
     arrow = tables.to_arrow(SMALL, frame)
     text = pa.field("angle", pa.string())

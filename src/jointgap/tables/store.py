@@ -122,10 +122,17 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
     arrow = _open(pq.read_table, path, f"run the stage that writes table '{table.name}'")
     found = (arrow.schema.metadata or {}).get(b"jointgap_table", b"?").decode()
     wanted = [column.name for column in table.columns]
-    if found != table.name or arrow.column_names != wanted:
+    if found != table.name:
         raise InputError(
-            f"{path}: holds table '{found}' with columns {arrow.column_names}, not '{table.name}' with {wanted}; "
-            "give the right file, or run its stage again"
+            f"{path}: holds table '{found}', not '{table.name}'; give the right file, or run its stage again"
+        )
+    if arrow.column_names != wanted:
+        missing, extra = (
+            sorted(set(a) - set(b)) for a, b in ((wanted, arrow.column_names), (arrow.column_names, wanted))
+        )
+        raise InputError(
+            f"{path}: table '{found}' lacks the columns {missing} and has the unknown columns {extra}; another version wrote it, "
+            "so run its stage again"
         )
     for field, wanted_field in zip(arrow.schema, table.schema(), strict=True):
         if field.type != wanted_field.type:
