@@ -103,7 +103,7 @@ def fit_history() -> pd.DataFrame:
         for output in tables.OUTPUTS
         for seed in (0, 1)
     ]
-    return pd.concat(frames, ignore_index=True)
+    return pd.concat(frames, ignore_index=True).assign(held_out_mse=np.nan)
 
 
 def fit_errors() -> pd.DataFrame:

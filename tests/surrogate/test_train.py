@@ -93,6 +93,19 @@ def test_the_default_seed_comes_first_with_its_own_budget_and_the_others_share_t
     assert fit.errors()["training_mse"].iloc[0] == pytest.approx(last, rel=1e-9)
 
 
+def test_the_network_as_it_was_when_it_reached_the_papers_error_is_judged_too():
+    fit = train(trajectory(), "gamma2", SMALL.model_copy(update={"hidden": (6, 6), "iterations": 120}))
+    row = fit.errors().iloc[0]
+    mse = fit.results[4].errors
+    assert mse[row["iterations_to_paper"]] <= TRAINING_MSE["gamma2"] < mse[row["iterations_to_paper"] - 1]
+    history = fit.history().query("seed == 4").set_index("iteration")["held_out_mse"]
+    assert history[row["iterations_to_paper"]] == pytest.approx(row["held_out_mse_at_paper"], rel=1e-12)
+    assert history.iloc[-1] == pytest.approx(row["held_out_mse"], rel=1e-12)
+    assert {10, 18, 32} < set(history.dropna().index)
+    short = train(trajectory(), "gamma2", SMALL.model_copy(update={"iterations": 5, "seeds": (4,)}))
+    assert short.errors()[["iterations_to_paper", "held_out_mse_at_paper"]].isna().all(axis=None)
+
+
 def test_training_is_the_same_to_the_last_bit_every_time():
     one, other = (train(trajectory(), "gamma2", SMALL) for _ in range(2))
     pd.testing.assert_frame_equal(one.weights(), other.weights(), check_exact=True)

@@ -77,13 +77,18 @@ class Grid:
 
 @dataclass(frozen=True)
 class Trained:
-    """What is told of a model beside its errors."""
+    """What is told of a model beside its errors.
+
+    `at_paper` predicts as the model did after `iterations_to_paper`, when its training error first was the paper's.
+    """
 
     model: str
     seed: int | None
     weights: int
     iterations: int
     stop: str
+    iterations_to_paper: int | None = None
+    at_paper: Callable[[np.ndarray], np.ndarray] | None = None
 
 
 def error_rows(
@@ -110,6 +115,7 @@ def error_rows(
         learned = _Differences.of(predict(within.crank_angle), within)
         unseen = _Differences.of(predict(outside.crank_angle), outside)
         splined = _Differences.of(spline(outside.crank_angle), outside)
+        before = _Differences.of(trained.at_paper(outside.crank_angle), outside) if trained.at_paper else None
         rows.append(
             {
                 "output": grid.output,
@@ -135,9 +141,18 @@ def error_rows(
                 "spline_held_out_mse_over_variance": splined.mean_square / unseen.variance,
                 "iterations": trained.iterations,
                 "stop": trained.stop,
+                "iterations_to_paper": trained.iterations_to_paper,
+                "held_out_mse_at_paper": before.mean_square / scale.range**2 if before else None,
             }
         )
     return rows
+
+
+def error_frame(rows: list[dict[str, object]]) -> pd.DataFrame:
+    """Rows of the table fit_errors as a frame in which whole numbers that are absent stay absent."""
+    return pd.DataFrame(rows).astype(
+        {"seed": "Int64", "iterations_to_paper": "Int64", "held_out_mse_at_paper": "float64"}
+    )
 
 
 def _region(points: Points, grid: Grid, first: float) -> Points:

@@ -57,6 +57,10 @@ class Settings:
         Damping to start with, relative to the mean diagonal element of J^T J.
     largest_bend : float
         Refuse a step whose bend 2|a|/|v| is larger than this (Transtrum and Sethna's alpha).
+    milestone : float
+        Keep the parameters of the first iteration whose mean square error is this small or smaller; training goes on.
+    snapshots : tuple of int
+        Keep the parameters after these numbers of iterations.
     """
 
     iterations: int = 20_000
@@ -67,6 +71,8 @@ class Settings:
     exact_error: float = 1e-14
     initial_damping: float = 1e-3
     largest_bend: float = 0.75
+    milestone: float = 0.0
+    snapshots: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -81,12 +87,18 @@ class Result:
     status : Status
     gradient : float
         Norm of the gradient of the mean square error at the end.
+    milestone : int or None
+        Iterations to the milestone; None if it was not reached.
+    kept : dict of int to ndarray, shape (P,)
+        Parameters by iterations done: at the milestone and the snapshots that were reached.
     """
 
     parameters: np.ndarray
     errors: np.ndarray
     status: Status
     gradient: float
+    milestone: int | None
+    kept: dict[int, np.ndarray]
 
     @property
     def iterations(self) -> int:
@@ -137,7 +149,7 @@ def minimise(model: Model, targets: np.ndarray, start: np.ndarray, settings: Set
                     member.parameters = parameters[index].numpy().copy()
             active = [active[index] for index in going]
             if not active:
-                return [Result(m.parameters, np.array(m.errors), m.status, m.gradient) for m in everyone]
+                return [member.result() for member in everyone]
             parameters, evaluation = parameters[going], evaluation.select(going)
         residual = target - evaluation.outputs
         for index, member in enumerate(active):
@@ -161,7 +173,8 @@ def minimise(model: Model, targets: np.ndarray, start: np.ndarray, settings: Set
             for member, gradient, fresh in zip(active, _gradients(evaluation, target), accepted, strict=True):
                 if fresh:
                     member.gradient = gradient
-        for member in active:
+        for index, member in enumerate(active):
+            member.keep(parameters[index])
             member.check()
 
 
@@ -184,6 +197,8 @@ class _Member:
         self._settings = settings
         self.status: Status | None = None
         self.parameters: np.ndarray | None = None
+        self._milestone: int | None = None
+        self._kept: dict[int, np.ndarray] = {}
         self._fresh = True
         self._growth = 2.0
 
@@ -219,6 +234,17 @@ class _Member:
             self._growth *= 2.0
         self.errors.append(self._sum / self._points)
         return self._fresh
+
+    def keep(self, parameters: torch.Tensor) -> None:
+        """Keep the parameters if this is a milestone or a snapshot."""
+        iterations = len(self.errors) - 1
+        if self._milestone is None and self.errors[-1] <= self._settings.milestone:
+            self._milestone = iterations
+        if iterations == self._milestone or iterations in self._settings.snapshots:
+            self._kept[iterations] = parameters.numpy().copy()
+
+    def result(self) -> Result:
+        return Result(self.parameters, np.array(self.errors), self.status, self.gradient, self._milestone, self._kept)
 
     def check(self) -> None:
         """Set the status if one of the stopping criteria is met; none looks at anything but the training points."""

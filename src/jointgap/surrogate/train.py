@@ -1,17 +1,22 @@
 """Training of the paper's network for one output."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
 import torch
 
 from jointgap.config import Surrogate
-from jointgap.surrogate.errors import Grid, Trained, error_rows
+from jointgap.paper import TRAINING_MSE
+from jointgap.surrogate.errors import Grid, Trained, error_frame, error_rows
 from jointgap.surrogate.evaluate import values
 from jointgap.surrogate.levenberg_marquardt import Result, Settings, minimise
 from jointgap.surrogate.model import NetworkModel
 from jointgap.surrogate.network import Layout, Network, Scaling, nguyen_widrow
+
+SNAPSHOTS = tuple(sorted({round(10 ** (n / 4)) for n in range(4, 25)}))
+"""Iterations after which the error at the held-out samples is recorded: it tells what further training does there."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +51,17 @@ class Fit:
 
     def history(self) -> pd.DataFrame:
         """Frame of the table fit_history."""
-        frames = [
-            pd.DataFrame({"seed": seed, "iteration": np.arange(len(result.errors)), "mse": result.errors})
-            for seed, result in self.results.items()
-        ]
+        frames = []
+        held_out, scale = self.grid.held_out, self.default.output.range
+        for seed, result in self.results.items():
+            frame = pd.DataFrame({"seed": seed, "iteration": np.arange(len(result.errors)), "mse": result.errors})
+            kept = {
+                iteration: float(
+                    np.mean((self._predict(seed, held_out.crank_angle, parameters) - held_out.values) ** 2)
+                )
+                for iteration, parameters in (result.kept | {result.iterations: result.parameters}).items()
+            }
+            frames.append(frame.assign(held_out_mse=frame["iteration"].map(kept).astype(float) / scale**2))
         return pd.concat(frames, ignore_index=True)
 
     def errors(self) -> pd.DataFrame:
@@ -57,9 +69,21 @@ class Fit:
         rows = []
         for seed, network in self.networks.items():
             result = self.results[seed]
-            trained = Trained("network", seed, network.layout.size, result.iterations, result.status.sentence)
-            rows += error_rows(self.grid, lambda angle, network=network: values(network, angle), trained)
-        return pd.DataFrame(rows).astype({"seed": "Int64"})
+            early = result.kept.get(result.milestone)
+            trained = Trained(
+                "network",
+                seed,
+                network.layout.size,
+                result.iterations,
+                result.status.sentence,
+                result.milestone,
+                None if early is None else partial(self._predict, seed, parameters=early),
+            )
+            rows += error_rows(self.grid, partial(self._predict, seed, parameters=result.parameters), trained)
+        return error_frame(rows)
+
+    def _predict(self, seed: int, crank_angle: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        return values(replace(self.networks[seed], parameters=parameters), crank_angle)
 
 
 def train(trajectory: pd.DataFrame, output: str, options: Surrogate) -> Fit:
@@ -96,6 +120,7 @@ def train(trajectory: pd.DataFrame, output: str, options: Surrogate) -> Fit:
     for seeds, iterations in (((default,), options.iterations), (tuple(others), options.seed_iterations)):
         if seeds:
             start = np.stack([nguyen_widrow(layout, seed) for seed in seeds])
-            results |= zip(seeds, minimise(model, targets, start, Settings(iterations=iterations)), strict=True)
+            settings = Settings(iterations, milestone=TRAINING_MSE[output], snapshots=SNAPSHOTS)
+            results |= zip(seeds, minimise(model, targets, start, settings), strict=True)
     networks = {seed: Network(layout, result.parameters, scale_in, scale_out) for seed, result in results.items()}
     return Fit(output, networks, results, grid)

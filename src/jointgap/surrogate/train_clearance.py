@@ -18,7 +18,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from jointgap.config import Surrogate
 from jointgap.surrogate.bumps import Block, Layer
 from jointgap.surrogate.clearance import SETTLING, ClearanceNetwork, start_factor
-from jointgap.surrogate.errors import Grid, Points, Trained, error_rows
+from jointgap.surrogate.errors import Grid, Points, Trained, error_frame, error_rows
 from jointgap.surrogate.samples import ORDERS, Samples, column
 
 FIRST_DISTANCE = np.radians(0.5)  # of neurons, before any is added; half a period of the contact's ringing
@@ -78,7 +78,7 @@ class ClearanceFit:
                     trained,
                     Points(samples.crank_angle, values, 0),
                 )
-        return pd.DataFrame(rows).astype({"seed": "Int64"})
+        return error_frame(rows)
 
 
 def train_clearance(trajectory: pd.DataFrame, fine: pd.DataFrame, options: Surrogate) -> ClearanceFit:

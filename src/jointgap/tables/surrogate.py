@@ -29,6 +29,12 @@ FIT_HISTORY = Table(
         Column("seed", "1", "seed of the start", "int"),
         Column("iteration", "1", "iterations done; 0: the start", "int"),
         Column("mse", "1", "mean square error at the training points, on data scaled to [0, 1]"),
+        Column(
+            "held_out_mse",
+            "1",
+            "the same at the samples held out, looked at afterwards; null but for some iterations, and the last",
+            nullable=True,
+        ),
     ),
 )
 
@@ -64,6 +70,14 @@ FIT_ERRORS = Table(
         Column("spline_held_out_mse_over_variance", "1", "as held_out_mse_over_variance, of the spline"),
         Column("iterations", "1", "iterations done", "int"),
         Column("stop", "", "why training stopped, and what to do", "text"),
+        Column(
+            "iterations_to_paper",
+            "1",
+            "iterations until the training error was the paper's; null if it never was",
+            "int",
+            nullable=True,
+        ),
+        Column("held_out_mse_at_paper", "1", "held_out_mse of the network as it was then", nullable=True),
     ),
 )
 

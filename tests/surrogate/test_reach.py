@@ -1,0 +1,38 @@
+"""Both surrogates on the simulated motion: the paper's eight errors are reached."""
+
+import pytest
+
+from jointgap.config import Simulate, Surrogate, read_yaml, resolve
+from jointgap.dynamics import simulate
+from jointgap.surrogate.train import train
+from jointgap.surrogate.train_clearance import train_clearance
+from jointgap.tables import OUTPUTS
+
+pytestmark = pytest.mark.slow
+
+
+def scenario(root, name):
+    file = root / "config/config.yaml"
+    return resolve(read_yaml(file), (root, file.parent), str(file))[name]
+
+
+def motion(pytestconfig, name, samples):
+    chosen = scenario(pytestconfig.rootpath, name)
+    options = Simulate.model_validate(
+        chosen.simulate.model_dump() | {"revolutions": 1, "samples_per_revolution": samples}
+    )
+    return simulate(chosen.mechanism, options).samples
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_networks_reach_the_papers_training_error_from_the_default_seed(pytestconfig, output):
+    options = Surrogate(iterations=2000, seeds=(0,))
+    errors = train(motion(pytestconfig, "paper", 3600), output, options).errors()
+    assert errors["training_mse"].iloc[0] <= errors["paper_mse"].iloc[0]
+
+
+@pytest.mark.parametrize("name", ["paper", "frictionless", "printed_optimum", "journals_on_rod"])
+def test_the_second_surrogate_reaches_the_papers_errors_at_samples_held_out(pytestconfig, name):
+    coarse, fine = (motion(pytestconfig, name, samples) for samples in (3600, 360_000))
+    errors = train_clearance(coarse, fine, Surrogate()).errors()
+    assert (errors["held_out_mse"] <= errors["paper_mse"]).all(), errors[["output", "held_out_mse", "paper_mse"]]
