@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics.contact import LAWS
+from jointgap.dynamics.equations import CLAMPED
 from tests.dynamics import plain
 from tests.dynamics.cases import SPEED, marched, mechanism
 
@@ -11,22 +12,36 @@ DEGREES = np.arange(0.0, 45.5, 0.5)
 
 
 @pytest.mark.parametrize(
-    ("law", "friction", "friction_speed", "bound"),
-    [("lankarani_nikravesh", 0.0, 1e-3, 1e-10), ("exact_restitution", 0.1, 0.1, 1e-10)],
+    ("law", "restitution", "friction", "friction_speed"),
+    [
+        ("lankarani_nikravesh", 0.46, 0.0, 1e-3),
+        ("exact_restitution", 0.46, 0.1, 0.1),
+    ],
 )
-def test_independent_code_gives_the_same_motion(law, friction, friction_speed, bound):
-    made = mechanism(law=law, friction=friction, friction_speed=friction_speed)
+def test_independent_code_gives_the_same_motion(law, restitution, friction, friction_speed):
+    made = mechanism(law=law, restitution=restitution, friction=friction, friction_speed=friction_speed)
     _, run = marched(made, DEGREES, tolerance=1e-14)
     states, impacts = plain.simulate(
-        np.radians(DEGREES), SPEED, LAWS[law](0.46), friction, friction_speed, tolerance=1e-15
+        np.radians(DEGREES), SPEED, LAWS[law](restitution), friction, friction_speed, tolerance=1e-15
     )
-    assert np.abs(run.states[:, [0, 1, 3]] - states[:, [0, 1, 3]]).max() < bound
-    assert np.abs(run.states[:, 2] - states[:, 2]).max() < bound
+    assert np.abs(run.states[:, [0, 1, 3]] - states[:, [0, 1, 3]]).max() < 1e-10
+    assert np.abs(run.states[:, 2] - states[:, 2]).max() < 1e-10
     ours = run.events[run.events[:, 2] == 1]
     assert len(ours) >= 5
     np.testing.assert_array_equal(ours[:, 1], impacts[:, 1])
     np.testing.assert_allclose(ours[:, 0], impacts[:, 0], rtol=1e-8)
     np.testing.assert_allclose(ours[:, 3], impacts[:, 2], rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_independent_code_agrees_where_heavy_damping_holds_the_force_at_zero():
+    degrees = np.arange(0.0, 221.0)
+    made = mechanism(law="exact_restitution", restitution=0.1)
+    _, run = marched(made, degrees, tolerance=1e-14)
+    assert (run.modes == CLAMPED).any()
+    states, impacts = plain.simulate(np.radians(degrees), SPEED, LAWS["exact_restitution"](0.1), 0.0, 1e-3, 1e-15)
+    assert np.abs(run.states - states)[:, :4].max() < 1e-11
+    assert len(impacts) == (run.events[:, 2] == 1).sum()
 
 
 @pytest.mark.parametrize(
