@@ -21,6 +21,7 @@ rule all:
         comparison=expand("results/{scenario}/comparison.md", scenario=SCENARIOS),
         figures=expand("results/{scenario}/figures/{figure}.svg", scenario=SCENARIOS, figure=FIGURES),
         animation=expand("results/{scenario}/figures/animation.gif", scenario=SCENARIOS),
+        overview=["results/overview.md"] if len(SCENARIOS) > 1 else [],
         published=expand("results/{scenario}/track/published.json", scenario=SCENARIOS),
     message:
         "every scenario is complete"

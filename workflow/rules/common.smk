@@ -27,6 +27,15 @@ def options(stage):
     return lambda wildcards: options_for(SCENARIOS[wildcards.scenario], stage)
 
 
+def scenarios_with_options(stage):
+    """For params: every scenario with what the stage reads of it, as arguments."""
+    return [
+        text
+        for name, scenario in SCENARIOS.items()
+        for text in ("--scenario", name, options_for(scenario, stage))
+    ]
+
+
 def written_by(stage):
     """For output: the tables of a stage, by name."""
     return {name: f"results/{{scenario}}/{place}" for name, place in tables_of(stage).items()}

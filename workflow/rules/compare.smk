@@ -28,3 +28,32 @@ rule compare:
         "{wildcards.scenario}: compare with the paper"
     shell:
         "jointgap compare --options {params.options:q} --results {params.results:q} > {log:q} 2>&1"
+
+
+rule overview:
+    input:
+        expand(rules.compare.output.table, scenario=SCENARIOS),
+    output:
+        table="results/overview.parquet",
+        text="results/overview.md",
+        page=report(
+            "results/overview.html",
+            caption="../report/overview.rst",
+            category="All scenarios",
+            labels={"figure": "The scenarios side by side"},
+        ),
+    log:
+        "results/logs/overview.log",
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=10,
+    params:
+        scenarios=scenarios_with_options("compare"),
+        code=code_digest("compare"),
+        results=subpath(output.table, parent=True),
+    message:
+        "all scenarios: put side by side"
+    shell:
+        "jointgap overview --results {params.results:q} {params.scenarios:q} > {log:q} 2>&1"

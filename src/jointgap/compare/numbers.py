@@ -16,6 +16,7 @@ PERCENT = 100
 def numbers(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Iterator[Row]:
     """A row for each printed number; arguments as for `jointgap.compare.compare`."""
     yield from _training_errors(frames["fit_errors"], scenario)
+    yield from _second_surrogate(frames["fit_errors"])
     optima = frames["optimise_optima"]
     main = next(iter(scenario.optimise.boxes))
     found = optima[(optima["source"] == "networks") & (optima["box"] == main)].set_index("method")
@@ -28,9 +29,8 @@ def numbers(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Iterator[
 
 
 def _training_errors(errors: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
-    default = errors[
-        (errors["model"] == "network") & (errors["region"] == "all") & (errors["seed"] == scenario.surrogate.seeds[0])
-    ].set_index("output")
+    networks = errors[(errors["model"] == "network") & (errors["region"] == "all")]
+    default = networks[networks["seed"] == scenario.surrogate.seeds[0]].set_index("output")
     for output, printed in TRAINING_MSE.items():
         ours = default.loc[output]
         done = int(ours["iterations"])
@@ -47,8 +47,39 @@ def _training_errors(errors: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
             float(ours["training_mse"]),
             f"Default seed after {done} iterations{budget}, another simulation's data. Between its training points the same network "
             f"has {ours['held_out_mse']:.2g}, a spline through them {ours['spline_held_out_mse']:.2g}: the training error alone "
-            "says little.",
+            f"says little. {_over_seeds(networks[networks['output'] == output])}",
             REACHED if ours["training_mse"] <= printed else MISSED,
+        )
+
+
+def _over_seeds(rows: pd.DataFrame) -> str:
+    """The spread over the seeds, in a sentence; empty for one seed."""
+    if len(rows) < 2:
+        return ""
+    training, held_out = rows["training_mse"], rows["held_out_mse"]
+    budgets = " or ".join(f"{number}" for number in sorted(set(rows["iterations"])))
+    return (
+        f"Over {len(rows)} seeds ({budgets} iterations): training median {training.median():.2g} ({training.min():.2g} to "
+        f"{training.max():.2g}), between the points median {held_out.median():.2g} ({held_out.min():.2g} to {held_out.max():.2g})."
+    )
+
+
+def _second_surrogate(errors: pd.DataFrame) -> Iterator[Row]:
+    """The consistent set, held out, beside the errors that the paper has in training."""
+    ours = errors[(errors["model"] == "clearance") & (errors["region"] == "all")].set_index("output")
+    for output, printed in TRAINING_MSE.items():
+        row = ours.loc[output]
+        better = row["held_out_mse"] <= row["spline_held_out_mse"]
+        yield Row(
+            "number",
+            f"held-out MSE of {output}, second surrogate",
+            "1",
+            printed,
+            float(row["held_out_mse"]),
+            f"The paper's is a training error. {row['training_points']:.0f} points of its own, none held out, {row['weights']:.0f} "
+            f"weights for the joint; a spline through the same points has {row['spline_held_out_mse']:.2g}: "
+            f"{'the network' if better else 'the spline'} wins.",
+            REACHED if row["held_out_mse"] <= printed else MISSED,
         )
 
 

@@ -15,7 +15,7 @@ HEADS = {
     ),
     "claim": ("Claims", ("claim", "unit", "paper", "ours", "ours / paper", "verdict", "our evidence")),
 }
-_STYLE = """
+STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 75rem; padding: 0 1rem; color: #1b1f24; }
 table { border-collapse: collapse; margin: 1rem 0 2rem; width: 100%; }
 th, td { border-bottom: 1px solid #d8dee4; padding: .4rem .6rem; text-align: left; vertical-align: top; }
@@ -44,7 +44,7 @@ def _counts(comparison: pd.DataFrame) -> str:
         return int(counts.get((kind, verdict), 0))
 
     return (
-        f"Of the paper's training errors {count('number', 'reached')} are reached and {count('number', 'missed')} missed; of its other "
+        f"Of the paper's training errors, put to the networks and to the second surrogate, {count('number', 'reached')} are reached and {count('number', 'missed')} missed; of its other "
         f"numbers {count('number', 'agrees')} agree and {count('number', 'differs')} differ; "
         f"of {counts['claim'].sum()} claims {count('claim', 'holds')} hold, {count('claim', 'does not hold')} do not, and "
         f"{count('claim', 'cannot be told')} cannot be told."
@@ -75,7 +75,7 @@ def html(comparison: pd.DataFrame, scenario: Scenario) -> str:
     """The comparison (table comparison) as one self-contained page."""
     parts = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Comparison with the paper</title>",
-        f"<style>{_STYLE}</style></head><body><h1>The paper and this simulation side by side</h1>",
+        f"<style>{STYLE}</style></head><body><h1>The paper and this simulation side by side</h1>",
     ]
     parts += [f"<p>{escape.escape(text)}</p>" for text in _introduction(scenario, comparison) if text]
     for kind, (title, heads) in HEADS.items():

@@ -24,6 +24,20 @@ from jointgap.config.quantities import (
 from jointgap.errors import did_you_mean
 
 
+Law = Literal[
+    "hunt_crossley",
+    "lankarani_nikravesh",
+    "lee_wang",
+    "herbert_mcwhannell",
+    "gonthier",
+    "zhiying_qishao",
+    "flores",
+    "hu_guo",
+    "carvalho_martins",
+    "exact_restitution",
+]
+
+
 class Section(BaseModel):
     """Base of every part of a configuration: frozen, no unknown keys, defaults validated too."""
 
@@ -64,7 +78,7 @@ class Slider(Section):
 class Contact(Section):
     """Material, restitution and friction of one pair of journal and bearing."""
 
-    law: Literal["lankarani_nikravesh", "exact_restitution"] = Field(
+    law: Law = Field(
         "lankarani_nikravesh", description="how damping follows from the restitution asked for"
     )
     youngs_modulus: PositivePressure = Field(207e9, description="Young's modulus of journal and bearing")

@@ -4,7 +4,7 @@ One module per stage names its tables: ``tables.write(tables.TRAJECTORY, frame, 
 """
 
 from jointgap.tables.columns import Column, Table
-from jointgap.tables.compare import COMPARISON
+from jointgap.tables.compare import COMPARISON, OVERVIEW
 from jointgap.tables.figures import PLOTTED
 from jointgap.tables.kinematics import KINEMATICS, KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
 from jointgap.tables.optimise import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
@@ -25,6 +25,7 @@ __all__ = [
     "KINEMATICS_ERRORS",
     "OPTIMA",
     "OUTPUTS",
+    "OVERVIEW",
     "PATHS",
     "PLOTTED",
     "POPULATION",

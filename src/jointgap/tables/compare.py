@@ -21,3 +21,27 @@ COMPARISON = Table(
         Column("sentence", "", "what the number is, and where it differs why", "text"),
     ),
 )
+
+OVERVIEW = Table(
+    "overview",
+    "The scenarios side by side: what they assume, the optimum, and what it is worth simulated again",
+    (
+        Column("scenario", "", "name of the scenario", "text"),
+        Column("friction", "1", "coefficient of friction in the crank pin"),
+        Column("journals", "", "bodies that carry the journals of crank pin and piston pin", "text"),
+        Column("window_start", "rad", "crank angle after the start from which the error counts"),
+        Column("window_end", "rad", "crank angle after the start up to which the error counts"),
+        Column("training_reached", "1", "networks of eight whose training MSE is at or below the paper's", "int"),
+        Column("held_out_reached", "1", "networks of eight whose held-out MSE is at or below the paper's", "int"),
+        Column("second_reached", "1", "outputs of eight whose held-out MSE, second surrogate, is so", "int"),
+        Column("crank_length", "m", "L2 that the genetic algorithm finds on the networks, main box"),
+        Column("rod_length", "m", "L3 there"),
+        Column("networks_reduction", "1", "RMS reduction over the window, clearance motion frozen, from the networks"),
+        Column("simulation_reduction", "1", "RMS reduction there, frozen, from the simulation"),
+        *(
+            Column(f"{stretch}_reduction{end}", "1", f"RMS reduction simulated again over {words}, {what}")
+            for stretch, words in (("window", "the window"), ("settled", "a whole settled revolution"))
+            for end, what in (("", "median"), ("_low", "5 % quantile"), ("_high", "95 % quantile"))
+        ),
+    ),
+)

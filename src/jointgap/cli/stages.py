@@ -1,46 +1,10 @@
-"""The command line: one subcommand per stage. Only here do stages meet files."""
+"""One subcommand per stage."""
 
-import sys
 from pathlib import Path
 
 import click
 
-IN = click.Path(dir_okay=False, path_type=Path)
-OUT = click.Path(dir_okay=False, path_type=Path)
-
-options_option = click.option(
-    "--options", required=True, help="The scenario: JSON text, or the path of a YAML or JSON file (config/README.md)."
-)
-
-results_option = click.option(
-    "--results",
-    type=click.Path(file_okay=False, path_type=Path),
-    required=True,
-    help="The scenario's results folder: tables are read and written at their places in it.",
-)
-
-
-def need(flag: str, meaning: str, kind: click.Path = IN):
-    """A required option that names a file."""
-    return click.option(flag, type=kind, required=True, help=meaning)
-
-
-def opened(options: str, results: Path):
-    """The scenario in `--options`, and its results folder."""
-    from jointgap.config import parse_options
-    from jointgap.results import Results
-
-    scenario = parse_options(options)
-    return scenario, Results(results, scenario.simulate)
-
-
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
-@click.version_option(package_name="jointgap")
-def cli() -> None:
-    """Slider-cranks with loose joints: simulate, learn, optimise, compare.
-
-    Every stage reads and writes Parquet files whose columns carry units; `jointgap describe FILE` shows them.
-    """
+from jointgap.cli.group import OUT, cli, need, opened, options_option, results_option
 
 
 @cli.command()
@@ -224,77 +188,3 @@ def track(options: str, results: Path, scenario: str, store: Path, published: Pa
         store,
     )
     tables.write_text(published, json.dumps(summary, indent=2) + "\n")
-
-
-@cli.command()
-@click.option(
-    "--results",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=Path("results"),
-    show_default=True,
-    help="Folder that holds the default store.",
-)
-@click.option("--port", default=5000, show_default=True, help="First port to try.")
-def dashboard(results: Path, port: int) -> None:
-    """Open MLflow's pages on this machine and print an address that compares the scenarios."""
-    from jointgap.dashboard import dashboard
-
-    dashboard(results, port, say=click.echo)
-
-
-@cli.command()
-@click.argument("file", type=IN)
-def describe(file: Path) -> None:
-    """Show the columns of a Parquet FILE with their units and meaning."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from jointgap.tables import describe
-
-    shown = Table("column", "unit", "description", title=str(file))
-    for row in describe(file).itertuples(index=False):
-        shown.add_row(*row)
-    Console().print(shown)
-
-
-@cli.command()
-@click.argument("file", type=IN)
-@click.option("--scenario", help="Name of the scenario; the first one of `run` when absent.")
-def config(file: Path, scenario: str | None) -> None:
-    """Check the configuration FILE and print one scenario of it, complete and in SI, as JSON for --options."""
-    from jointgap.config import read_yaml, resolve
-    from jointgap.errors import InputError, did_you_mean
-
-    scenarios = resolve(read_yaml(file), (Path(), file.parent, file.parent.parent), str(file))
-    name = scenario or next(iter(scenarios))
-    if name not in scenarios:
-        raise InputError(f"{file}: no scenario '{name}' in run; {did_you_mean(name, scenarios)}")
-    click.echo(scenarios[name].model_dump_json(indent=2))
-
-
-@cli.command()
-@click.option("--write", "path", type=OUT, help="File to write; printed when absent.")
-def schema(path: Path | None) -> None:
-    """Give the JSON schema of a configuration, for editors that complete and check YAML."""
-    import json
-
-    from jointgap import tables
-    from jointgap.config import json_schema
-
-    text = json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
-    if path is None:
-        click.echo(text, nl=False)
-    else:
-        tables.write_text(path, text)
-
-
-def main() -> None:
-    """Run the command line; a mistake in the input ends with its message and exit code 2, not a traceback."""
-    from jointgap.errors import InputError, SimulationError
-
-    try:
-        cli()
-    except (InputError, SimulationError) as error:
-        for line in str(error).splitlines():
-            click.echo(f"jointgap: error: {line}", err=True)
-        sys.exit(2)

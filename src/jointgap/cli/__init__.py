@@ -1,0 +1,22 @@
+"""The command line. Only here do stages meet files."""
+
+import sys
+
+import click
+
+from jointgap.cli import stages, tools
+from jointgap.cli.group import cli
+
+__all__ = ["cli", "main", "stages", "tools"]
+
+
+def main() -> None:
+    """Run the command line; a mistake in the input ends with its message and exit code 2, not a traceback."""
+    from jointgap.errors import InputError, SimulationError
+
+    try:
+        cli()
+    except (InputError, SimulationError) as error:
+        for line in str(error).splitlines():
+            click.echo(f"jointgap: error: {line}", err=True)
+        sys.exit(2)

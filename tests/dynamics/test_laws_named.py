@@ -1,0 +1,10 @@
+"""Every dissipation law that the simulation knows can be asked for in a mechanism file, and no other."""
+
+from typing import get_args
+
+from jointgap.config.mechanism import Law
+from jointgap.dynamics import LAWS
+
+
+def test_the_configuration_names_the_laws_that_the_simulation_knows():
+    assert set(get_args(Law)) == set(LAWS)
