@@ -1,5 +1,6 @@
 """The command line. Only here do stages meet files."""
 
+import os
 import sys
 
 import click
@@ -14,6 +15,9 @@ def main() -> None:
     """Run the command line; a mistake in the input ends with its message and exit code 2, not a traceback."""
     from jointgap.errors import InputError, SimulationError
 
+    # One thread: the matrices are small, jobs run side by side, and sums in another order would change the last bits.
+    for library in ("OPENBLAS", "OMP", "MKL"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     try:
         cli()
     except (InputError, SimulationError) as error:

@@ -39,6 +39,12 @@ def _training_errors(errors: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
             if done >= TRAINING_ITERATIONS
             else f" (stopped or limited at {done} of the paper's {TRAINING_ITERATIONS})"
         )
+        reached = (
+            ""
+            if pd.isna(ours["iterations_to_paper"])
+            else f" It came to the paper's error after {ours['iterations_to_paper']:.0f} iterations, with "
+            f"{ours['held_out_mse_at_paper']:.2g} between the points then."
+        )
         yield Row(
             "number",
             f"training MSE of {output}",
@@ -47,7 +53,7 @@ def _training_errors(errors: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
             float(ours["training_mse"]),
             f"Default seed after {done} iterations{budget}, another simulation's data. Between its training points the same network "
             f"has {ours['held_out_mse']:.2g}, a spline through them {ours['spline_held_out_mse']:.2g}: the training error alone "
-            f"says little. {_over_seeds(networks[networks['output'] == output])}",
+            f"says little.{reached} {_over_seeds(networks[networks['output'] == output])}",
             REACHED if ours["training_mse"] <= printed else MISSED,
         )
 

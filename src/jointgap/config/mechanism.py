@@ -23,7 +23,6 @@ from jointgap.config.quantities import (
 )
 from jointgap.errors import did_you_mean
 
-
 Law = Literal[
     "hunt_crossley",
     "lankarani_nikravesh",

@@ -48,7 +48,7 @@ class Surrogate(Section):
     seeds: Annotated[tuple[NonNegativeInt, ...], Field(min_length=1)] = Field(
         (0, 1, 2, 3, 4), description="seeds of the starts; the first is the default, whatever its result"
     )
-    seed_iterations: PositiveInt = Field(20_000, description="iterations at most of the other seeds")
+    seed_iterations: PositiveInt = Field(2_000, description="iterations at most of the other seeds")
 
     clearance_sampling: Annotated[int, Field(ge=4)] = Field(
         100, description="samples that the second surrogate chooses its points from, as a multiple of the simulation's"

@@ -26,8 +26,8 @@ class LocalResult:
         Where it started and ended, (L2, L3) [m].
     value : float
         Sum of squares at the end [rad^2].
-    evaluations, gradients : int
-        Calls of the objective and of its gradient.
+    evaluations : int
+        Calls of the objective; those of its exact gradient are not counted.
     values : ndarray, shape (evaluations,)
         Every value in the order of evaluation [rad^2].
     path : ndarray, shape (k, 2)
@@ -42,7 +42,6 @@ class LocalResult:
     lengths: np.ndarray
     value: float
     evaluations: int
-    gradients: int
     values: np.ndarray
     path: np.ndarray
     converged: bool
@@ -111,7 +110,6 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
         lengths=end,
         value=float(objective.value(end)),
         evaluations=len(values),
-        gradients=int(result.njev),
         values=np.array(values),
         path=np.array(path),
         converged=bool(result.success),
