@@ -77,9 +77,7 @@ class Slider(Section):
 class Contact(Section):
     """Material, restitution and friction of one pair of journal and bearing."""
 
-    law: Law = Field(
-        "lankarani_nikravesh", description="how damping follows from the restitution asked for"
-    )
+    law: Law = Field("lankarani_nikravesh", description="how damping follows from the restitution asked for")
     youngs_modulus: PositivePressure = Field(207e9, description="Young's modulus of journal and bearing")
     poisson_ratio: PoissonRatio = Field(0.3, description="Poisson's ratio of journal and bearing")
     restitution: OpenFraction = Field(description="coefficient of restitution asked for")
