@@ -106,6 +106,13 @@ def test_outputs_that_cannot_be_written_are_found_out_before_anything_is_compute
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.parametrize("port", ["-5", "0", "70000"])
+def test_a_port_that_cannot_be_is_refused(port):
+    done = CliRunner().invoke(cli, ["dashboard", "--port", port])
+    assert done.exit_code == 2
+    assert f"{port} is not in the range" in done.output
+
+
 def test_nothing_is_published_from_a_folder_without_results(simulated, tmp_path):
     places = ("--results", "nowhere", "--scenario", "a", "--store", str(tmp_path), "--published", str(tmp_path / "p"))
     done = jointgap("track", "--options", json.dumps(simulated[1]), *places)

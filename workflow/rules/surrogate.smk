@@ -42,6 +42,8 @@ rule clearance:
     params:
         options=options("surrogate"),
         code=code_digest("surrogate"),
+    message:
+        "{wildcards.scenario}: train the second surrogate"
     shell:
         "jointgap clearance --options {params.options:q} --trajectory {input.trajectory:q}"
         " --fit {output.fit:q} --errors {output.errors:q} > {log:q} 2>&1"
