@@ -162,6 +162,12 @@ def test_dataset_inputs_carry_the_digest_of_their_file(published, finished):
         assert json.loads(found.dataset.source)["uri"] == str(path)
 
 
+@pytest.mark.parametrize("stage", ["kinematics", "optimise"])
+def test_a_stage_that_reads_both_surrogates_names_both_among_its_inputs(published, stage):
+    inputs = {found.dataset.name for found in published[stage].inputs.dataset_inputs}
+    assert {"trajectory", "clearance_fit", *(f"fit/{output}" for output in OUTPUTS)} <= inputs
+
+
 def test_the_optimum_of_the_paper_s_way_stands_for_the_scenario(published):
     metrics = published["optimise"].data.metrics
     assert published["optimise"].data.tags["jointgap.point"] == "networks_paper_genetic"
@@ -190,6 +196,7 @@ def test_verdicts_on_the_paper_are_counted_and_the_text_is_kept(published, clien
     run = published["compare"]
     assert run.data.metrics["verdicts/number agrees"] == 1 and run.data.metrics["verdicts/claim holds"] == 2
     assert run.data.metrics["verdicts/claim does not hold"] == 0
+    assert {"verdicts/number reached", "verdicts/number missed"} <= set(run.data.metrics)
     assert {"ours/rods gain real at 5", "ratio/rods gain real at 5"} <= set(run.data.metrics)
     with open(client.download_artifacts(run.info.run_id, "comparison.md")) as file:
         assert file.read() == "in words"

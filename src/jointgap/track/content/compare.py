@@ -8,7 +8,10 @@ from jointgap.tables.compare import COMPARISON
 from jointgap.track.content.given import Given
 from jointgap.track.record import Record
 
-VERDICTS = {"number": ("agrees", "differs"), "claim": ("holds", "does not hold", "cannot be told")}
+VERDICTS = {
+    "number": ("agrees", "differs", "reached", "missed", "cannot be told"),
+    "claim": ("holds", "does not hold", "cannot be told"),
+}
 
 
 def records(given: Given) -> list[Record]:

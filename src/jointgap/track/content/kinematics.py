@@ -1,7 +1,7 @@
 """Kinematics: how far each source of motion is from the simulation, how far the fits contradict each other."""
 
 from jointgap.tables.kinematics import KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
-from jointgap.tables.surrogate import FIT
+from jointgap.tables.surrogate import CLEARANCE_FIT, FIT
 from jointgap.track.content.given import Given
 from jointgap.track.record import Record
 
@@ -19,7 +19,7 @@ def records(given: Given) -> list[Record]:
         for row in found[found["region"] == "first_revolution"].to_dict("records"):
             key = f"{row['surrogate']} contradicts itself/{row['quantity']}_rms_over_range"
             metrics[key] = row["rms_over_range"]
-    fits = given.names(FIT)
+    fits = given.names(FIT) + given.names(CLEARANCE_FIT)
     results = ["kinematics", "kinematics_errors", "kinematics_contradictions"]
     return [
         Record(

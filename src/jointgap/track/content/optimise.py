@@ -7,8 +7,8 @@ for the interface rounds to two decimals.
 import numpy as np
 import pandas as pd
 
-from jointgap.tables.optimise import OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, WORTH
-from jointgap.tables.surrogate import FIT
+from jointgap.tables.optimise import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
+from jointgap.tables.surrogate import CLEARANCE_FIT, FIT
 from jointgap.track.content.given import Given
 from jointgap.track.record import Curve, Record
 
@@ -35,7 +35,7 @@ def records(given: Given) -> list[Record]:
         "optimise",
         metrics=main.metrics,
         curves=main.curves,
-        datasets=given.datasets(["trajectory", *given.names(FIT)], names),
+        datasets=given.datasets(["trajectory", *given.names(FIT), *given.names(CLEARANCE_FIT)], names),
         costs=given.cost("optimise"),
         notes=main.notes,
         **shared,
@@ -43,7 +43,7 @@ def records(given: Given) -> list[Record]:
     return [whole, *nested]
 
 
-_TABLES = (OPTIMA, RESIMULATED, WORTH, POPULATION, PATHS, TOLERANCE)
+_TABLES = (OPTIMA, RESIMULATED, WORTH, POPULATION, PATHS, TOLERANCE, VALLEY, FLOOR)
 
 
 def _found_there(row: dict) -> bool:
