@@ -18,7 +18,14 @@ def page_text(tmp_path: Path) -> Callable[[str], str]:
     if browser is None:
         pytest.skip("needs Chromium (Debian: apt-get install chromium)")
 
-    def open_page(address: str, patience_ms: int = 20_000) -> str:
+    def open_page(address: str, patience_ms: int = 20_000, until: str = "") -> str:
+        """Content of the page; again with more patience while `until` is not on it and the machine may be just busy."""
+        page = dump(address, patience_ms)
+        if until not in page:
+            page = dump(address, 4 * patience_ms)
+        return page
+
+    def dump(address: str, patience_ms: int) -> str:
         done = subprocess.run(
             [
                 browser,

@@ -90,7 +90,7 @@ def test_the_comparison_shows_the_optima_of_all_scenarios(serving, page_text):
 
 
 def test_the_charts_show_the_curves_of_all_networks(serving, page_text):
-    page = words(page_text(serving.address("MSE curves of all scenarios")))
+    page = words(page_text(serving.address("MSE curves of all scenarios"), until="log10_mse/gamma2"))
     for word in ("paper", "frictionless", "log10_mse (8)", "log10_mse/gamma2"):
         assert word in page, word
 
