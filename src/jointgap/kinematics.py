@@ -81,7 +81,7 @@ def kinematics(
         motion=motion[["source", "crank_angle", *UNITS]].reset_index(drop=True),
         errors=_errors(frames, regions),
         contradictions=pd.DataFrame(
-            [row for name in surrogates for row in _contradictions(name, clearances, frames, regions)]
+            [row for name in surrogates for row in _contradictions(name, clearances, frames, regions, first)]
         ),
     )
 
@@ -137,10 +137,10 @@ def _frame(motion: LinkageMotion, angle: np.ndarray) -> pd.DataFrame:
     return pd.DataFrame(dict(zip(UNITS, (np.broadcast_to(column, angle.shape) for column in columns), strict=True)))
 
 
-def _difference(one: np.ndarray, other: np.ndarray, region: np.ndarray) -> dict[str, float]:
-    """Sizes of other - one over the samples of the region where both are defined, and the range of one."""
+def _difference(one: np.ndarray, other: np.ndarray, region: np.ndarray, true: np.ndarray) -> dict[str, float]:
+    """Sizes of other - one over the samples of the region where both are defined, and the simulation's range there."""
     defined = region & np.isfinite(one) & np.isfinite(other)
-    difference, reference = (other - one)[defined], one[defined]
+    difference, reference = (other - one)[defined], true[region & np.isfinite(true)]
     rms, extent = float(np.sqrt(np.mean(difference**2))), float(np.ptp(reference))
     return {
         "rms": rms,
@@ -156,11 +156,11 @@ def _errors(frames: Mapping[str, pd.DataFrame], regions: Mapping[str, np.ndarray
     for quantity, unit in UNITS.items():
         true, ideal = (frames[name][quantity].to_numpy() for name in ("simulation", "ideal"))
         for region, inside in regions.items():
-            without = _difference(true, ideal, inside)["rms"]
+            without = _difference(true, ideal, inside, true)["rms"]
             for source, frame in frames.items():
                 if source == "simulation":
                     continue
-                sizes = _difference(true, frame[quantity].to_numpy(), inside)
+                sizes = _difference(true, frame[quantity].to_numpy(), inside, true)
                 keys = {"source": source, "quantity": quantity, "unit": unit, "region": region}
                 rows.append(keys | sizes | {"rms_over_ideal": sizes["rms"] / without})
     return pd.DataFrame(rows)
@@ -171,8 +171,9 @@ def _contradictions(
     clearances: Mapping[str, ClearanceMotion],
     frames: Mapping[str, pd.DataFrame],
     regions: Mapping[str, np.ndarray],
+    simulated: pd.DataFrame,
 ) -> list[dict[str, object]]:
-    """Rows of the table kinematics_contradictions for one surrogate."""
+    """Rows of the table kinematics_contradictions for one surrogate; `simulated` gives the ranges."""
     learned, own, integrated = (clearances[f"{name}_{form}"] for form in ("paper_form", "own_rates", "integrated"))
     pairs = []
     for joint in (2, 3):
@@ -212,7 +213,7 @@ def _contradictions(
             "one_way": one_way,
             "other_way": other_way,
             "region": region,
-            **_difference(one, other, inside),
+            **_difference(one, other, inside, simulated[quantity].to_numpy()),
         }
         for quantity, unit, one_way, other_way, one, other in pairs
         for region, inside in regions.items()

@@ -69,7 +69,7 @@ KINEMATICS_CONTRADICTIONS = Table(
         _REGION,
         Column("rms", "see unit", "root mean square difference of the two"),
         Column("peak", "see unit", "largest difference of the two"),
-        Column("range", "see unit", "largest less smallest value of the first way in the region"),
+        Column("range", "see unit", "largest less smallest value of the simulation in the region"),
         Column("rms_over_range", "1", "rms / range"),
         Column("samples", "1", "samples compared", "int"),
     ),
