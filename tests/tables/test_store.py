@@ -158,3 +158,8 @@ def test_whether_a_file_can_be_written_is_found_out_without_writing_it(tmp_path)
         tables.check_writable(tmp_path / "taken" / "file.parquet")
     with pytest.raises(InputError, match="is a folder"):
         tables.check_writable(tmp_path / "new")
+
+
+def test_one_file_for_two_results_is_refused(tmp_path):
+    with pytest.raises(InputError, match="named for two results"):
+        tables.check_writable(tmp_path / "a.parquet", tmp_path / "new" / ".." / "a.parquet")

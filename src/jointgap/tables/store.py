@@ -69,9 +69,13 @@ def check_writable(*paths: Path | str) -> None:
     Raises
     ------
     InputError
-        As `write_whole`.
+        As `write_whole`; or one file is named twice, and would hold the last of two results.
     """
+    taken = set()
     for path in map(Path, paths):
+        if path.resolve() in taken:
+            raise InputError(f"{path}: is named for two results; give each a file of its own")
+        taken.add(path.resolve())
         if path.is_dir():
             raise InputError(f"{path}: is a folder, not a file; give another name")
         Path(_beside(path)).unlink()
