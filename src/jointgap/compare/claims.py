@@ -197,7 +197,7 @@ def _optimisers(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Itera
         float(counts[tightest]),
         "end points",
         counts[tightest] > 1,
-        f"Six starts end in {counts[tightest]} point(s) (more than {ONE_POINT * UM:.0f} um apart) at the tolerance {tightest:.0e} and in "
+        f"Six starts end in {counts[tightest]} {'point' if counts[tightest] == 1 else 'points'} (more than {ONE_POINT * UM:.0f} um apart) at the tolerance {tightest:.0e} and in "
         f"{counts[loosest]} at {loosest:.0e}: what looks like minima is where a search stopped.",
     )
     yield claim(

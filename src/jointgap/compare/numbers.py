@@ -37,7 +37,7 @@ def _training_errors(errors: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
         budget = (
             ""
             if done >= TRAINING_ITERATIONS
-            else f" (stopped or limited at {done} of the paper's {TRAINING_ITERATIONS})"
+            else f" of the paper's {TRAINING_ITERATIONS} ({ours['stop'].split(';')[0]})"
         )
         reached = (
             ""
@@ -63,9 +63,9 @@ def _over_seeds(rows: pd.DataFrame) -> str:
     if len(rows) < 2:
         return ""
     training, held_out = rows["training_mse"], rows["held_out_mse"]
-    budgets = " or ".join(f"{number}" for number in sorted(set(rows["iterations"])))
+    fewest, most = rows["iterations"].min(), rows["iterations"].max()
     return (
-        f"Over {len(rows)} seeds ({budgets} iterations): training median {training.median():.2g} ({training.min():.2g} to "
+        f"Over {len(rows)} seeds ({fewest} to {most} iterations): training median {training.median():.2g} ({training.min():.2g} to "
         f"{training.max():.2g}), between the points median {held_out.median():.2g} ({held_out.min():.2g} to {held_out.max():.2g})."
     )
 

@@ -16,7 +16,7 @@ Loaded = Mapping[str, tuple[Mapping[str, pd.DataFrame], Scenario]]
 
 HEADS = (
     "scenario",
-    "friction",
+    "friction, crank pin",
     "journals on",
     "window [deg]",
     "training MSE reached",

@@ -22,6 +22,16 @@ MEASURES = {  # with the colour of each
     "sum_of_squares": ("sum of squares", "limit"),
 }
 PRINTED = "paper's three points"
+LENGTHS = {
+    "printed_genetic": "paper, genetic",
+    "printed_local": "paper, best local",
+    "printed_local_other": "paper, another local",
+    "networks": "networks",
+    "clearance": "second surrogate",
+    "simulation": "simulation",
+    "simulation_settled": "simulation, settled",
+}
+"""Where lengths come from, by point or by the source that the genetic algorithm searched, for the eye."""
 
 
 def valley(tables: Tables, scenario: Scenario) -> Drawing:
@@ -113,7 +123,7 @@ def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
     wanted = [
         point for point in table["point"].unique() if point.startswith("printed_") or point.endswith(f"_{box}_genetic")
     ]
-    names = [point.removesuffix(f"_{box}_genetic").replace("printed", "paper's").replace("_", " ") for point in wanted]
+    names = [LENGTHS.get(point, LENGTHS.get(point.removesuffix(f"_{box}_genetic"), point)) for point in wanted]
     place = np.arange(len(wanted))[::-1]
     sheet = Sheet(1.6 + 0.62 * len(wanted), 1, 2)
     beside: Panel | None = None
