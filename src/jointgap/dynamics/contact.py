@@ -1,17 +1,28 @@
 """Normal contact of a journal in its bearing: stiffness, dissipation, force.
 
-The force is F = K d^n (1 + chi d'/d'_0) with the penetration d, its rate d' and the approach speed d'_0 at the start
-of the contact; it never pulls. A law says which chi belongs to a coefficient of restitution e. What a body then really
-rebounds with follows from the closed form of the impact, whatever K, n and the masses are:
+The force of the restitution laws is F = K d^n (1 + chi d'/d'_0) with the penetration d, its rate d' and the approach
+speed d'_0 at the start of the contact; it never pulls. A law says which chi belongs to a coefficient of restitution e.
+What a body then really rebounds with follows from the closed form of the impact, whatever K, n and the masses are:
 
     chi (1 + e) = ln((1 + chi) / (1 - chi e))
+
+The penalty form of commercial multibody codes is F = K d^n + c(d) d', where the damping coefficient c(d) rises over the
+depth d_max from zero to c_max as a cubic step. What it rebounds with depends on mass and speed too.
 """
 
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from jointgap.config import LooseJoint
+from scipy.integrate import solve_ivp
+
 from jointgap.dynamics.compiled import compiled
+
+if TYPE_CHECKING:
+    from jointgap.config import Joint
+
+PULL_FAR_OFF = 1e3
+"""Parting speed [m/s] before a contact pulls, from which on it is not followed any further: no mechanism is that fast."""
 
 
 def hunt_crossley(restitution: float) -> float:
@@ -112,10 +123,61 @@ LAWS: dict[str, Callable[[float], float]] = {
 """Dissipation laws by name: restitution asked for, between 0 and 1 -> chi."""
 
 
-def hertz_stiffness(joint: LooseJoint) -> float:
+def penalty_restitution(
+    stiffness: float, exponent: float, penalty_damping: float, penalty_depth: float, mass: float, speed: float
+) -> float:
+    """Coefficient of restitution of a free impact with the penalty form.
+
+    Parameters
+    ----------
+    stiffness, exponent : float
+        K [N/m^n] and n.
+    penalty_damping, penalty_depth : float
+        c_max [N s/m] and the depth d_max [m] at which it is reached.
+    mass : float
+        Reduced mass of the two bodies along the normal [kg].
+    speed : float
+        Approach speed [m/s].
+
+    Returns
+    -------
+    float
+        Rebound over approach speed, to about 1e-8.
+    """
+    # Unknowns: depth over that of the elastic impact, speed over approach speed; so all numbers are near one.
+    scale = ((exponent + 1) * mass * speed**2 / (2 * stiffness)) ** (1 / (exponent + 1))
+    damping, step_depth = penalty_damping * scale / (mass * speed), penalty_depth / scale
+
+    def slope(_, state):
+        depth, rate = state
+        inside = max(depth, 0.0)
+        force = (exponent + 1) / 2 * inside**exponent + smooth_step(inside, 0.0, 0.0, step_depth, damping) * rate
+        return rate, -max(force, 0.0)
+
+    def depth(_, state):
+        return state[0]
+
+    depth.terminal, depth.direction = True, -1
+    # Strong damping makes the impact stiff and its end late: an implicit method with no limit on time.
+    impact = solve_ivp(slope, (0.0, math.inf), (0.0, 1.0), "Radau", events=depth, rtol=1e-10, atol=1e-12)
+    return float(-impact.y[1, -1])
+
+
+def hertz_stiffness(joint: "Joint") -> float:
     """K [N/m^1.5] of a journal in a bearing of the same material; conforming contact of Hertz."""
     material = (1 - joint.contact.poisson_ratio**2) / joint.contact.youngs_modulus
     return 4 / (3 * 2 * material) * math.sqrt(joint.bearing_radius * joint.journal_radius / joint.clearance)
+
+
+@compiled
+def smooth_step(x, x0, y0, x1, y1):
+    """y0 up to x0, y1 from x1 > x0 on, between them the cubic with zero slope at both ends."""
+    if x <= x0:
+        return y0
+    if x >= x1:
+        return y1
+    share = (x - x0) / (x1 - x0)
+    return y0 + (y1 - y0) * share * share * (3.0 - 2.0 * share)
 
 
 @compiled
@@ -129,6 +191,53 @@ def elastic_force(penetration, stiffness, exponent):
 
 
 @compiled
-def normal_force(penetration, rate, hysteresis, stiffness, exponent):
-    """K d^n (1 + h d') [N] with h = chi / d'_0 [s/m]; that it never pulls is the caller's to see to, as an event."""
-    return elastic_force(penetration, stiffness, exponent) * (1.0 + hysteresis * rate)
+def normal_force(joint, penetration, rate, drag):
+    """Force [N] that pushes journal and bearing apart; that it never pulls is the caller's to see to, as an event.
+
+    Parameters
+    ----------
+    joint : JointParameters
+    penetration, rate : float
+        d [m] and d' [m/s].
+    drag : float
+        chi / d'_0 [s/m] of this contact; the penalty form does without.
+    """
+    elastic = elastic_force(penetration, joint.stiffness, joint.exponent)
+    if joint.penalty_damping > 0.0:
+        return elastic + smooth_step(penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping) * rate
+    return elastic * (1.0 + drag * rate)
+
+
+@compiled
+def pushing_margin(joint, penetration, rate, curvature, approach):
+    """How far a contact is from pulling: positive while its force pushes, zero where the force vanishes.
+
+    Parameters
+    ----------
+    joint : JointParameters
+    penetration, rate, curvature : float
+        d [m], d' [m/s] and d'' [m/s^2].
+    approach : float
+        d'_0 [m/s] at the start of this contact; the penalty form does without.
+
+    Returns
+    -------
+    tuple of 2 floats
+        Parting speed [m/s] that is still missing until the force vanishes, d' + d'_0 / chi or d' + K d^n / c(d), and
+        its time derivative [m/s^2]. Constants where the force cannot vanish, or only at `PULL_FAR_OFF`.
+    """
+    if joint.penalty_damping > 0.0:
+        if penetration <= 0.0:
+            return PULL_FAR_OFF, 0.0
+        elastic = elastic_force(penetration, joint.stiffness, joint.exponent)
+        balance = elastic / smooth_step(penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping)
+        if not balance < PULL_FAR_OFF:  # c(d) goes like d^2: for n < 2 the quotient has no bound as d goes to zero
+            return PULL_FAR_OFF, 0.0
+        power = joint.exponent  # d/c dc/dd is taken off it within the step
+        share = penetration / joint.penalty_depth
+        if share < 1.0:
+            power -= 6.0 * (1.0 - share) / (3.0 - 2.0 * share)
+        return rate + balance, curvature + rate * balance * power / penetration
+    if joint.damping == 0.0:
+        return 1.0, 0.0
+    return rate + approach / joint.damping, curvature
