@@ -1,20 +1,33 @@
 """Typed, frozen, validated configuration; SI inside."""
 
+from jointgap.config.contact import Contact
+from jointgap.config.drive import ConstantDrive, MeasuredDrive, MotorDrive
+from jointgap.config.effects import CRANK_SIGN_SPEED, EFFECTS, SLIDER_SIGN_SPEED, Effect
+from jointgap.config.joints import Joint, Joints
 from jointgap.config.load import json_schema, load_mechanism, options_for, parse_options, read_yaml, resolve, validate
-from jointgap.config.mechanism import Contact, Gravity, Joints, Link, LooseJoint, Mechanism, Slider
+from jointgap.config.mechanism import Link, Mechanism, Slider
 from jointgap.config.scenario import Box, Ensemble, Figures, Genetic, Optimise, Scenario, Simulate, Surrogate
 
+LooseJoint = Joint
+
 __all__ = [
+    "CRANK_SIGN_SPEED",
+    "EFFECTS",
+    "SLIDER_SIGN_SPEED",
     "Box",
+    "ConstantDrive",
     "Contact",
+    "Effect",
     "Ensemble",
     "Figures",
     "Genetic",
-    "Gravity",
+    "Joint",
     "Joints",
     "Link",
     "LooseJoint",
+    "MeasuredDrive",
     "Mechanism",
+    "MotorDrive",
     "Optimise",
     "Scenario",
     "Simulate",

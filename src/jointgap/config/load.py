@@ -203,8 +203,8 @@ def json_schema() -> dict[str, Any]:
     sections["mechanism"] = {
         "anyOf": [{"type": "string", "description": "path of a mechanism file"}, sections["mechanism"]]
     }
-    contact = schema["$defs"]["LooseJoint"]["properties"]["contact"]
-    schema["$defs"]["LooseJoint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, contact]}
+    contact = schema["$defs"]["Joint"]["properties"]["contact"]
+    schema["$defs"]["Joint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, contact]}
     boxes = schema["$defs"]["Optimise"]["properties"]["boxes"]
     boxes["additionalProperties"] = {"anyOf": [boxes["additionalProperties"], {"type": "null"}]}
     names = {"type": "array", "items": {"type": "string"}, "description": "scenarios to run; all when absent"}

@@ -1,46 +1,18 @@
 """The mechanism file: bodies, joints, contacts and effects of one slider-crank."""
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from jointgap.config.quantities import (
-    Acceleration,
-    Angle,
-    FrictionCoefficient,
-    Length,
-    NonNegativeLength,
-    OpenFraction,
-    PoissonRatio,
-    PositiveInertia,
-    PositiveLength,
-    PositiveMass,
-    PositiveNumber,
-    PositivePressure,
-    PositiveSpeed,
-)
+from jointgap.config.applied import apply_effects, changes_data
+from jointgap.config.contact import Contact
+from jointgap.config.effects import AnyEffect
+from jointgap.config.joints import NAMES, Joint, Joints
+from jointgap.config.quantities import Angle, Length, NonNegativeLength, PositiveInertia, PositiveLength, PositiveMass
+from jointgap.config.section import Section
 from jointgap.errors import did_you_mean
-
-Law = Literal[
-    "hunt_crossley",
-    "lankarani_nikravesh",
-    "lee_wang",
-    "herbert_mcwhannell",
-    "gonthier",
-    "zhiying_qishao",
-    "flores",
-    "hu_guo",
-    "carvalho_martins",
-    "exact_restitution",
-]
-
-
-class Section(BaseModel):
-    """Base of every part of a configuration: frozen, no unknown keys, defaults validated too."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
 
 class Link(Section):
@@ -74,82 +46,6 @@ class Slider(Section):
     offset: Length = Field(0.0, description="the slide is the line y = offset")
 
 
-class Contact(Section):
-    """Material, restitution and friction of one pair of journal and bearing."""
-
-    law: Law = Field("lankarani_nikravesh", description="how damping follows from the restitution asked for")
-    youngs_modulus: PositivePressure = Field(207e9, description="Young's modulus of journal and bearing")
-    poisson_ratio: PoissonRatio = Field(0.3, description="Poisson's ratio of journal and bearing")
-    restitution: OpenFraction = Field(description="coefficient of restitution asked for")
-    friction: FrictionCoefficient = Field(0.0, description="coefficient of Coulomb friction")
-    friction_speed: PositiveSpeed = Field(
-        0.001,
-        description="sliding speed over which Coulomb friction is regularised, friction * tanh(v / friction_speed)",
-    )
-    stiffness: PositiveNumber | None = Field(
-        None, description="contact stiffness in N/m^exponent; null: Hertz, from material and radii"
-    )
-    exponent: PositiveNumber = Field(1.5, description="exponent of the penetration; 3/2 for Hertz")
-
-
-class LooseJoint(Section):
-    """A revolute joint whose journal is smaller than its bearing."""
-
-    journal: Literal["crank", "rod", "slider"] = Field(description="the body that carries the journal")
-    journal_radius: PositiveLength = Field(description="radius of the journal")
-    bearing_radius: PositiveLength = Field(description="radius of the bearing")
-    contact: Contact = Field(description="name of an entry of the mechanism's contacts, or its content")
-
-    @model_validator(mode="after")
-    def _journal_fits_its_bearing(self):
-        if self.journal_radius >= self.bearing_radius:
-            raise ValueError(
-                f"journal_radius {self.journal_radius:g} m is not smaller than bearing_radius {self.bearing_radius:g} m; "
-                "a loose joint needs a journal smaller than its bearing"
-            )
-        return self
-
-    @property
-    def clearance(self) -> float:
-        """Radial clearance r_c = r_B - r_J [m] (equation 1)."""
-        return self.bearing_radius - self.journal_radius
-
-
-def _loose(carriers: tuple[str, str]) -> Any:
-    def check(joint: Any) -> Any:
-        if joint == "ideal":
-            raise ValueError(
-                "an ideal joint is not supported here yet; give a journal, its radius, bearing_radius, contact"
-            )
-        journal = joint.get("journal") if isinstance(joint, dict) else getattr(joint, "journal", None)
-        if journal is not None and journal not in carriers:
-            raise ValueError(f"journal must be '{carriers[0]}' or '{carriers[1]}', the bodies that meet in this joint")
-        return joint
-
-    return Annotated[LooseJoint, BeforeValidator(check)]
-
-
-class Joints(Section):
-    """The three revolute joints."""
-
-    crank_pivot: Literal["ideal"] = Field("ideal", description="joint of frame and crank")
-    crank_pin: _loose(("crank", "rod")) = Field(description="joint 2 of the paper")
-    piston_pin: _loose(("slider", "rod")) = Field(description="joint 3 of the paper")
-
-
-class GravityParameters(Section):
-    """Parameters of the effect ``gravity``."""
-
-    acceleration_m_s2: Acceleration = Field(9.80665, description="acceleration of free fall")
-
-
-class Gravity(Section):
-    """Weight of all bodies along the mechanism's gravity_direction."""
-
-    name: Literal["gravity"]
-    parameters: GravityParameters = GravityParameters()
-
-
 class Mechanism(Section):
     """One slider-crank: everything that a simulation needs but its speed."""
 
@@ -159,7 +55,7 @@ class Mechanism(Section):
     joints: Joints
     contacts: dict[str, Contact] = Field({}, description="contacts by name, for the joints to refer to")
     gravity_direction: Angle = Field(-math.pi / 2, description="direction of gravity in the plane, from +x")
-    effects: tuple[Gravity, ...] = Field((), description="physical effects beyond contact and friction in the joints")
+    effects: tuple[AnyEffect, ...] = Field((), description="physical effects beyond contact and friction in the joints")
 
     @model_validator(mode="before")
     @classmethod
@@ -182,29 +78,88 @@ class Mechanism(Section):
 
     @model_validator(mode="after")
     def _crank_can_turn(self):
-        reach = self.crank.length + abs(self.slider.offset)
-        if reach >= self.rod.length:
+        clearances = sum(self.clearance(name) for name in self.loose)
+        if self.crank.length + abs(self.slider.offset) + clearances >= self.rod.length:
             raise ValueError(
-                f"crank.length {self.crank.length:g} m plus offset {abs(self.slider.offset):g} m is not shorter than "
-                f"rod.length {self.rod.length:g} m: the crank cannot turn; shorten the crank or lengthen the rod"
+                f"crank.length {self.crank.length:g} m plus offset {abs(self.slider.offset):g} m plus clearances {clearances:g} m "
+                f"is not shorter than rod.length {self.rod.length:g} m: the crank cannot turn; shorten the crank or lengthen the rod"
             )
         return self
 
-    @property
-    def crank_pin(self) -> LooseJoint:
-        """Joint 2: crank and rod."""
-        return self.joints.crank_pin
+    @model_validator(mode="after")
+    def _effects_fit(self):
+        places = [(effect.name, effect.place) for effect in self.effects]
+        for name, place in places:
+            if places.count((name, place)) > 1:
+                raise ValueError(f"effects: {name} at {place} is listed more than once; add its parameters up in one")
+        if any(changes_data(self, effect) for effect in self.effects):
+            self.applied()  # complains itself, and checks the rest
+            return self
+        for effect in self.effects:
+            if effect.name == "lubricated_joint" and effect.site not in self.loose:
+                raise ValueError(
+                    f"effects: lubricated_joint needs {effect.site} loose, for a film needs a clearance; make it so"
+                )
+            if effect.name == "lubricated_joint" and effect.parameters.least_film_m >= self.clearance(effect.site):
+                raise ValueError(
+                    f"effects: lubricated_joint at {effect.site}: least_film_m {effect.parameters.least_film_m:g} m is not less "
+                    f"than the clearance {self.clearance(effect.site):g} m; lower it"
+                )
+            if effect.name == "pin_friction" and self.joint(effect.site) is None:
+                raise ValueError(
+                    f"effects: pin_friction at {effect.site} needs the joint's journal_radius; write the joint as a mapping, "
+                    "with 'loose: false' where it is to stay ideal"
+                )
+        return self
+
+    def joint(self, name: str) -> Joint | None:
+        """The data of the joint `name`; None where it is the bare word ideal."""
+        joint = getattr(self.joints, name)
+        return joint if isinstance(joint, Joint) else None
 
     @property
-    def piston_pin(self) -> LooseJoint:
-        """Joint 3: rod and slider."""
-        return self.joints.piston_pin
+    def loose(self) -> tuple[str, ...]:
+        """Names of the loose joints, from the frame to the slider."""
+        return tuple(name for name in NAMES if (joint := self.joint(name)) is not None and joint.loose)
+
+    def clearance(self, name: str) -> float:
+        """Radial clearance [m] of the joint `name` (equation 1); 0 where it is ideal."""
+        joint = self.joint(name)
+        return joint.clearance if joint is not None and joint.loose else 0.0
+
+    def effect(self, name: str, site: str | None = None) -> Any:
+        """Parameters of the effect `name`, at `site` where it has a choice; None where it is not listed."""
+        for effect in self.effects:
+            if effect.name == name and site in (None, effect.place):
+                return effect.parameters
+        return None
 
     @property
     def gravity(self) -> np.ndarray:
         """Acceleration of free fall, shape (2,) [m/s^2]; zero unless the effect is listed."""
-        size = sum(effect.parameters.acceleration_m_s2 for effect in self.effects)
+        listed = self.effect("gravity")
+        size = listed.acceleration_m_s2 if listed else 0.0
         return size * np.array([math.cos(self.gravity_direction), math.sin(self.gravity_direction)])
+
+    @property
+    def crank_pin(self) -> Joint | None:
+        """Joint 2: crank and rod."""
+        return self.joint("crank_pin")
+
+    @property
+    def piston_pin(self) -> Joint | None:
+        """Joint 3: rod and slider."""
+        return self.joint("piston_pin")
+
+    def applied(self) -> "Mechanism":
+        """The mechanism with all effects that merely change its data folded into them; `effects` keeps the others.
+
+        Raises
+        ------
+        ValueError
+            The changed data are impossible; the message names the effects.
+        """
+        return Mechanism.model_validate(apply_effects(self))
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
         """The mechanism with other link lengths [m]; mass centres keep their share, masses and inertias stay."""

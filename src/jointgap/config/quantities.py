@@ -63,7 +63,19 @@ def _convert(text: str, unit: str) -> float:
         raise ValueError(f"has the unit '{quantity.units}', which is not a '{unit or 'pure number'}'") from error
 
 
-def _quantity(unit: str, **limits: float) -> Any:
+def unit_factor(unit: str, base: str) -> float:
+    """How many `base` one `unit` is.
+
+    Raises
+    ------
+    ValueError
+        No such unit, or one of another dimension.
+    """
+    return to_si(f"1 {unit}", base)
+
+
+def quantity(unit: str, **limits: float) -> Any:
+    """Type of a quantity in `unit` (a pint name, '' for pure numbers) within `limits` (gt, ge, lt, le)."""
     names = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
     number = {"type": "number", **{names[key]: limit for key, limit in limits.items()}}
     schema = {
@@ -77,18 +89,18 @@ def _quantity(unit: str, **limits: float) -> Any:
     ]
 
 
-PositiveLength = _quantity("m", gt=0)
-Length = _quantity("m")
-NonNegativeLength = _quantity("m", ge=0)
-PositiveMass = _quantity("kg", gt=0)
-PositiveInertia = _quantity("kg*m^2", gt=0)
-PositivePressure = _quantity("Pa", gt=0)
-PositiveSpeed = _quantity("m/s", gt=0)
-PositiveAngularSpeed = _quantity("rad/s", gt=0)
-Angle = _quantity("rad")
-Acceleration = _quantity("m/s^2", ge=0, le=15)
-Fraction = _quantity("", ge=0, le=1)
-OpenFraction = _quantity("", gt=0, lt=1)
-PositiveNumber = _quantity("", gt=0)
-FrictionCoefficient = _quantity("", ge=0, le=0.6)
-PoissonRatio = _quantity("", ge=0, lt=0.5)
+PositiveLength = quantity("m", gt=0)
+Length = quantity("m")
+NonNegativeLength = quantity("m", ge=0)
+PositiveMass = quantity("kg", gt=0)
+PositiveInertia = quantity("kg*m^2", gt=0)
+PositiveSpeed = quantity("m/s", gt=0)
+PositiveAngularSpeed = quantity("rad/s", gt=0)
+Angle = quantity("rad")
+PositiveAngle = quantity("rad", gt=0)
+Fraction = quantity("", ge=0, le=1)
+OpenFraction = quantity("", gt=0, lt=1)
+PositiveNumber = quantity("", gt=0)
+NonNegativeNumber = quantity("", ge=0)
+FrictionCoefficient = quantity("", ge=0, le=0.6)
+PoissonRatio = quantity("", ge=0, lt=0.5)

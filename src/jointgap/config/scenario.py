@@ -5,7 +5,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
 
-from jointgap.config.mechanism import Mechanism, Section
+from jointgap.config.drive import ConstantDrive, Drive
+from jointgap.config.mechanism import Mechanism
 from jointgap.config.quantities import (
     Angle,
     OpenFraction,
@@ -13,6 +14,7 @@ from jointgap.config.quantities import (
     PositiveLength,
     PositiveNumber,
 )
+from jointgap.config.section import Section
 
 Interval = tuple[PositiveLength, PositiveLength]
 ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are one length
@@ -26,7 +28,8 @@ def _upside_down(name: str, low: float, high: float) -> None:
 class Simulate(Section):
     """How the mechanism is driven and sampled."""
 
-    speed: PositiveAngularSpeed = Field(20 * math.pi, description="speed of the crank, constant")
+    speed: PositiveAngularSpeed = Field(20 * math.pi, description="speed of the crank; a motor starts with it")
+    drive: Drive = Field(ConstantDrive(), description="what turns the crank: constant speed, measured angle or a motor")
     start_angle: Angle = Field(0.0, description="crank angle at the start; 0 = crank along +x")
     revolutions: PositiveInt = Field(
         4, description="revolutions simulated; the first starts with coincident joint centres"
@@ -158,6 +161,17 @@ class Scenario(Section):
     surrogate: Surrogate = Surrogate()
     optimise: Optimise = Optimise()
     figures: Figures = Figures()
+
+    @model_validator(mode="after")
+    def _speed_fluctuates_about_a_constant(self):
+        if not {"mechanism", "simulate"} <= self.model_fields_set:
+            return self
+        if self.mechanism.effect("speed_fluctuation") and self.simulate.drive.kind != "constant":
+            raise ValueError(
+                f"mechanism.effects: speed_fluctuation goes with simulate.drive.kind constant alone, not with "
+                f"{self.simulate.drive.kind}, whose speed is not prescribed so; leave out one of them"
+            )
+        return self
 
     @model_validator(mode="after")
     def _training_points_are_samples(self):
