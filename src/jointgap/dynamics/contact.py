@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from jointgap.dynamics.compiled import compiled
 
@@ -148,19 +149,38 @@ def penalty_restitution(
     scale = ((exponent + 1) * mass * speed**2 / (2 * stiffness)) ** (1 / (exponent + 1))
     damping, step_depth = penalty_damping * scale / (mass * speed), penalty_depth / scale
 
-    def slope(_, state):
-        depth, rate = state
+    def force(depth, rate):
         inside = max(depth, 0.0)
-        force = (exponent + 1) / 2 * inside**exponent + smooth_step(inside, 0.0, 0.0, step_depth, damping) * rate
-        return rate, -max(force, 0.0)
+        return (exponent + 1) / 2 * inside**exponent + smooth_step(inside, 0.0, 0.0, step_depth, damping) * rate
 
-    def depth(_, state):
+    def surface(_, state):
         return state[0]
 
-    depth.terminal, depth.direction = True, -1
-    # Strong damping makes the impact stiff and its end late: an implicit method with no limit on time.
-    impact = solve_ivp(slope, (0.0, math.inf), (0.0, 1.0), "Radau", events=depth, rtol=1e-10, atol=1e-12)
-    return float(-impact.y[1, -1])
+    def pull(_, state):
+        return force(*state)
+
+    surface.terminal = pull.terminal = True
+    surface.direction = pull.direction = -1
+
+    def pushed(start, *ends):
+        """From `start` to the first of `ends`; strong damping makes this stiff, and its duration hard to tell."""
+
+        def slope(_, state):
+            return state[1], -force(*state)
+
+        return solve_ivp(slope, (0.0, math.inf), start, "Radau", events=ends, rtol=1e-10, atol=1e-12)
+
+    impact = pushed((0.0, 1.0), surface, pull)
+    depth, rate = impact.y[:, -1]
+    if impact.t_events[0].size or exponent >= 2:
+        return float(-rate)
+    # The force would pull, so that the mass flies on. For n < 2 the spring outdoes the damping, which goes like d^2,
+    # again nearer to the surface: at a depth between one where c(d) <= 3 c_max (d / d_max)^2 leaves the spring the
+    # stronger and the one where K d^n / c(d) is least.
+    low = 0.5 * ((exponent + 1) / 2 * step_depth**2 / (3 * damping * -rate)) ** (1 / (2 - exponent))
+    high = min(depth, step_depth * 3 * (2 - exponent) / (6 - 2 * exponent))
+    back = brentq(force, low, high, args=(rate,), xtol=1e-15)
+    return float(-pushed((back, rate), surface).y[1, -1])
 
 
 def hertz_stiffness(joint: "Joint") -> float:
