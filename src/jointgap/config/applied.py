@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from jointgap.config.effects import Effect
+from jointgap.errors import InputError
 
 if TYPE_CHECKING:
     from jointgap.config.mechanism import Mechanism
@@ -26,7 +27,7 @@ def apply_effects(mechanism: Mechanism) -> dict[str, Any]:
 
     Raises
     ------
-    ValueError
+    InputError
         A clearance for a joint that has no data.
     """
     data = mechanism.model_dump()
@@ -50,7 +51,7 @@ def apply_effects(mechanism: Mechanism) -> dict[str, Any]:
 def _fold_into_joint(joints: dict[str, Any], effect: Effect) -> None:
     name = _CLEARANCES.get(effect.name) or effect.site
     if joints[name] == "ideal":
-        raise ValueError(
+        raise InputError(
             f"effects: {effect.name} needs the data of {name}; write the joint as a mapping with journal, journal_radius, "
             "bearing_radius and contact, and 'loose: false' where it is to be ideal otherwise"
         )

@@ -118,7 +118,9 @@ class Contact(Section):
                 f"law {self.law} needs {' and '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}"
             )
         if given := [key for key, value in spare.items() if value is not None]:
-            raise ValueError(f"law {self.law} does not read {' and '.join(given)}; leave out, or choose another law")
+            raise ValueError(
+                f"law {self.law} does not read {' and '.join(given)}; leave out or set to null, or choose another law"
+            )
         return self
 
     @model_validator(mode="after")
@@ -126,7 +128,7 @@ class Contact(Section):
         for key, laws in _READ_BY.items():
             if getattr(self, key) is not None and self.friction_law not in laws:
                 raise ValueError(
-                    f"{key} is read by friction_law {' and '.join(laws)} alone, not by {self.friction_law}; leave it out"
+                    f"{key} is read by friction_law {' and '.join(laws)} alone, not by {self.friction_law}; leave it out or set it to null"
                 )
         if self.static_friction is not None and self.static_friction < self.friction:
             raise ValueError(

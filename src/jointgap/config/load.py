@@ -3,11 +3,12 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from jointgap.config.explain import complaints
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import SECTIONS, Scenario
 from jointgap.errors import InputError, did_you_mean
@@ -45,44 +46,6 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def _fields_at(model: type[BaseModel], location: tuple) -> list[str]:
-    """Names of the keys that `model` knows at the parent of `location`; empty where it takes any key."""
-    for step in location[:-1]:
-        if not isinstance(step, str) or step not in model.model_fields:
-            continue  # an index or a free key
-        stack = [model.model_fields[step].annotation]
-        while stack:
-            kind = stack.pop()
-            if isinstance(kind, type) and issubclass(kind, BaseModel):
-                model = kind
-                break
-            stack.extend(get_args(kind))
-    return list(model.model_fields)
-
-
-def _explain(error: ValidationError, model: type[BaseModel], source: str) -> InputError:
-    """All complaints of pydantic as one error, a line each: source, key, value and mend."""
-    items = error.errors()
-    ends_in_contacts = {item["loc"][-1] for item in items if "contacts" in item["loc"]}
-    lines = []
-    for item in items:
-        location = item["loc"]
-        if "contact" in location and location[-1] in ends_in_contacts:
-            continue  # the joint only repeats what its entry of contacts says
-        key = ".".join(str(step) for step in location) or "(whole)"
-        if item["type"] == "extra_forbidden":
-            hint = did_you_mean(str(location[-1]), _fields_at(model, location))
-            lines.append(f"{source}: unknown key '{key}'; {hint}")
-        elif item["type"] == "missing":
-            lines.append(f"{source}: key '{key}' is missing; add it")
-        else:
-            message = item["msg"].removeprefix("Value error, ")
-            value = item["input"]
-            shown = "" if isinstance(value, dict | BaseModel) else f" = {value!r}"
-            lines.append(f"{source}: {key}{shown}: {message[0].lower() + message[1:]}")
-    return InputError("\n".join(dict.fromkeys(lines)))
-
-
 def validate(model: type[BaseModel], data: Any, source: str) -> Any:
     """`data` as a `model`, or one InputError that names every wrong key.
 
@@ -98,7 +61,7 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise _explain(error, model, source) from error
+        raise InputError("\n".join(f"{source}: {line}" for line in complaints(error, model))) from error
 
 
 def load_mechanism(path: Path | str) -> Mechanism:
@@ -106,15 +69,29 @@ def load_mechanism(path: Path | str) -> Mechanism:
     return validate(Mechanism, read_yaml(path), str(path))
 
 
+def _found(path: str, folders: tuple[Path, ...], key: str) -> Path:
+    """The file at `path`, looked for in `folders`."""
+    for folder in folders:
+        if (folder / path).is_file():
+            return folder / path
+    looked = ", ".join(str(folder) for folder in folders)
+    raise InputError(f"{key}: no file '{path}' (looked in {looked}); give a path relative to one of these")
+
+
 def _mechanism_data(mechanism: Any, folders: tuple[Path, ...]) -> Any:
     """The content of a mechanism given by its path, looked for in `folders`; anything else as it is."""
-    if not isinstance(mechanism, str):
-        return mechanism
-    for folder in folders:
-        if (folder / mechanism).is_file():
-            return read_yaml(folder / mechanism)
-    looked = ", ".join(str(folder) for folder in folders)
-    raise InputError(f"mechanism: no file '{mechanism}' (looked in {looked}); give a path relative to one of these")
+    return read_yaml(_found(mechanism, folders, "mechanism")) if isinstance(mechanism, str) else mechanism
+
+
+def _with_found_drive(data: dict[str, Any], folders: tuple[Path, ...]) -> dict[str, Any]:
+    """`data` with the file of a measured drive looked for in `folders`."""
+    simulate = data.get("simulate")
+    drive = simulate.get("drive") if isinstance(simulate, Mapping) else None
+    file = drive.get("file") if isinstance(drive, Mapping) else None
+    if not isinstance(file, str):
+        return data
+    found = str(_found(file, folders, "simulate.drive.file"))
+    return data | {"simulate": dict(simulate) | {"drive": dict(drive) | {"file": found}}}
 
 
 def resolve(
@@ -170,7 +147,7 @@ def resolve(
             base | {"mechanism": _mechanism_data(base.get("mechanism", {}), folders)},
             over | ({"mechanism": _mechanism_data(over["mechanism"], folders)} if "mechanism" in over else {}),
         )
-        resolved[str(name)] = validate(Scenario, data, where)
+        resolved[str(name)] = validate(Scenario, _with_found_drive(data, folders), where)
     return resolved
 
 
@@ -189,7 +166,8 @@ def parse_options(options: str) -> Scenario:
         return validate(Scenario, data, "--options")
     data = read_yaml(options)
     folders = (Path(), Path(options).parent)
-    return validate(Scenario, data | {"mechanism": _mechanism_data(data.get("mechanism", {}), folders)}, options)
+    data = data | {"mechanism": _mechanism_data(data.get("mechanism", {}), folders)}
+    return validate(Scenario, _with_found_drive(data, folders), options)
 
 
 def _refuse_constant(text: str) -> float:

@@ -4,15 +4,19 @@ import math
 from typing import Any
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from jointgap.config.applied import apply_effects, changes_data
 from jointgap.config.contact import Contact
-from jointgap.config.effects import AnyEffect
+from jointgap.config.effects import AnyEffect, Effect
+from jointgap.config.explain import complaints
 from jointgap.config.joints import NAMES, Joint, Joints
 from jointgap.config.quantities import Angle, Length, NonNegativeLength, PositiveInertia, PositiveLength, PositiveMass
 from jointgap.config.section import Section
-from jointgap.errors import did_you_mean
+from jointgap.errors import InputError, did_you_mean
+
+LEAST_FILM_SHARE = 0.5
+"""Largest share of the clearance at which asperities may touch; beyond it there is no bearing to speak of."""
 
 
 class Link(Section):
@@ -96,21 +100,25 @@ class Mechanism(Section):
             self.applied()  # complains itself, and checks the rest
             return self
         for effect in self.effects:
-            if effect.name == "lubricated_joint" and effect.site not in self.loose:
-                raise ValueError(
-                    f"effects: lubricated_joint needs {effect.site} loose, for a film needs a clearance; make it so"
-                )
-            if effect.name == "lubricated_joint" and effect.parameters.least_film_m >= self.clearance(effect.site):
-                raise ValueError(
-                    f"effects: lubricated_joint at {effect.site}: least_film_m {effect.parameters.least_film_m:g} m is not less "
-                    f"than the clearance {self.clearance(effect.site):g} m; lower it"
-                )
-            if effect.name == "pin_friction" and self.joint(effect.site) is None:
-                raise ValueError(
-                    f"effects: pin_friction at {effect.site} needs the joint's journal_radius; write the joint as a mapping, "
-                    "with 'loose: false' where it is to stay ideal"
-                )
+            self._check_pin(effect)
         return self
+
+    def _check_pin(self, effect: Effect) -> None:
+        """Whether the pin at which `effect` acts has what it needs."""
+        where = f"effects: {effect.name} at {effect.place}"
+        if effect.name == "pin_friction" and self.joint(effect.site) is None:
+            raise ValueError(
+                f"{where} needs the joint's journal_radius; write the joint as a mapping, with 'loose: false' to stay ideal"
+            )
+        if effect.name != "lubricated_joint":
+            return
+        if effect.site not in self.loose:
+            raise ValueError(f"{where} needs a loose joint, for a film needs a clearance; make it loose")
+        thinnest, clearance = effect.parameters.least_film_m, self.clearance(effect.site)
+        if thinnest > LEAST_FILM_SHARE * clearance:
+            raise ValueError(
+                f"{where}: least_film_m {thinnest:g} m is more than {LEAST_FILM_SHARE:g} of the clearance {clearance:g} m; lower it"
+            )
 
     def joint(self, name: str) -> Joint | None:
         """The data of the joint `name`; None where it is the bare word ideal."""
@@ -156,10 +164,15 @@ class Mechanism(Section):
 
         Raises
         ------
-        ValueError
+        InputError
             The changed data are impossible; the message names the effects.
         """
-        return Mechanism.model_validate(apply_effects(self))
+        data = apply_effects(self)
+        try:
+            return Mechanism.model_validate(data)
+        except ValidationError as error:
+            names = ", ".join(effect.name for effect in self.effects if changes_data(self, effect))
+            raise InputError(f"with the effects {names}: {'; '.join(complaints(error, Mechanism))}") from error
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
         """The mechanism with other link lengths [m]; mass centres keep their share, masses and inertias stay."""

@@ -2,7 +2,10 @@
 
 import math
 
-import numpy as np
+from llvmlite import ir
+from numba import carray, types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 from jointgap import formula as f
 from jointgap.dynamics.compiled import compiled
@@ -11,6 +14,16 @@ NUMBER, VARIABLE, NEGATE, ADD, SUBTRACT, MULTIPLY = f.NUMBER, f.VARIABLE, f.NEGA
 DIVIDE, POWER, SQUARE = f.DIVIDE, f.POWER, f.SQUARE
 SIN, COS, TAN, TANH, EXP, LOG, SQRT, ABS, SGN = f.SIN, f.COS, f.TAN, f.TANH, f.EXP, f.LOG, f.SQRT, f.ABS, f.SGN
 DEEPEST_STACK = f.DEEPEST_STACK
+
+
+@intrinsic
+def _slots(typing_context):
+    """Room for the stack in the calling function's own frame: an array on the heap would cost more than a formula."""
+
+    def generate(context, builder, signature, arguments):
+        return cgutils.alloca_once(builder, ir.DoubleType(), size=DEEPEST_STACK)
+
+    return types.CPointer(types.float64)(), generate
 
 
 @compiled
@@ -29,24 +42,34 @@ def evaluate(codes, numbers, v, x, w, theta, t):
     float
         NaN or infinity where the formula is not defined, such as the root of a negative number.
     """
-    if codes.shape[0] == 0:
-        return 0.0
-    stack = np.empty(DEEPEST_STACK)
-    top = -1  # index of the number on top
+    stack = carray(_slots(), (DEEPEST_STACK,))
+    below, top = -1, 0.0  # numbers in the stack's array, less one; the number on top, which is not in it
     for i in range(codes.shape[0]):
-        code = codes[i, 0]
+        code, index = codes[i, 0], codes[i, 1]
         if code <= VARIABLE:
-            top += 1
-            if code == NUMBER:
-                stack[top] = numbers[codes[i, 1]]
-            else:
-                stack[top] = (v, x, w, theta, t)[codes[i, 1]]
+            if i > 0:
+                below += 1
+                stack[below] = top
+            top = numbers[index] if code == NUMBER else _variable(index, v, x, w, theta, t)
         elif ADD <= code <= POWER:
-            top -= 1
-            stack[top] = _binary(code, stack[top], stack[top + 1])
+            top = _binary(code, stack[below], top)
+            below -= 1
         else:
-            stack[top] = _unary(code, stack[top])
-    return stack[0]
+            top = _unary(code, top)
+    return top
+
+
+@compiled
+def _variable(index, v, x, w, theta, t):
+    if index == 0:
+        return v
+    if index == 1:
+        return x
+    if index == 2:
+        return w
+    if index == 3:
+        return theta
+    return t
 
 
 @compiled
