@@ -172,7 +172,7 @@ def penalty_restitution(
 
     impact = pushed((0.0, 1.0), surface, pull)
     depth, rate = impact.y[:, -1]
-    if impact.t_events[0].size or exponent >= 2:
+    if depth < 1e-9 or exponent >= 2:
         return float(-rate)
     # The force would pull, so that the mass flies on. For n < 2 the spring outdoes the damping, which goes like d^2,
     # again nearer to the surface: at a depth between one where c(d) <= 3 c_max (d / d_max)^2 leaves the spring the
