@@ -9,16 +9,38 @@ from jointgap.cli.group import OUT, cli, need, opened, options_option, results_o
 
 @cli.command()
 @options_option
-@need("--trajectory", "Parquet file to write: motion and forces at samples uniform in crank angle.", OUT)
-@need("--events", "Parquet file to write: beginnings and ends of contact.", OUT)
+@need("--trajectory", "Parquet file to write: motion, forces and modes at samples uniform in crank angle.", OUT)
+@need(
+    "--events",
+    "Parquet file to write: impacts and separations with approach speed, impulse, peak force, duration.",
+    OUT,
+)
 def simulate(options: str, trajectory: Path, events: Path) -> None:
-    """Simulate the mechanism with contact in its clearance joints."""
+    """Simulate the slider-crank: each joint loose or ideal, with contact, friction and the effects that are listed.
+
+    Reads the sections `mechanism` and `simulate` of the scenario: bodies, joints, contacts and effects; what drives the
+    crank (constant speed, a measured angle or a motor), how long, and how exactly.
+
+    Writes two tables (`jointgap describe FILE` explains their columns). Remarks, such as a contact law that delivers
+    another restitution than the one asked for, go to the standard error output. A simulation that cannot go on ends with
+    its time, crank angle and state, and writes nothing.
+
+    \b
+    Example:
+      echo '{mechanism: config/mechanisms/erkaya2009.yaml, simulate: {speed: 300 rpm}}' > mine.yaml
+      jointgap simulate --options mine.yaml --trajectory motion.parquet --events events.parquet
+
+    Effects to switch on: `jointgap effects`. All keys: config/README.md.
+    """
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.dynamics import simulate
+    from jointgap.dynamics.remarks import remarks
 
     scenario = parse_options(options)
     tables.check_writable(trajectory, events)
+    for remark in remarks(scenario.mechanism):
+        click.echo(f"jointgap: {remark}", err=True)
     run = simulate(scenario.mechanism, scenario.simulate)
     tables.write(tables.EVENTS, run.events, events)
     tables.write(tables.TRAJECTORY, run.samples, trajectory)

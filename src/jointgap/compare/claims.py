@@ -33,9 +33,9 @@ def claims(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Iterator[R
 
 def _contact(first: pd.DataFrame, turned: np.ndarray, scenario: Scenario) -> Iterator[Row]:
     last, share = {}, {}
-    for column, joint in (("r2", scenario.mechanism.crank_pin), ("r3", scenario.mechanism.piston_pin)):
-        lost = first[column].to_numpy() < IN_CONTACT * joint.clearance
-        last[column] = float(turned[lost].max())
+    for column, joint in (("r2", "crank_pin"), ("r3", "piston_pin")):
+        lost = first[column].to_numpy() < IN_CONTACT * scenario.mechanism.applied().clearance(joint)
+        last[column] = float(turned[lost].max(initial=0.0))  # an ideal joint loses nothing
         share[column] = float(lost[turned > UNSTABLE_UNTIL_DEG].mean())
     worst = max(last.values())
     yield claim(

@@ -16,7 +16,7 @@ Loaded = Mapping[str, tuple[Mapping[str, pd.DataFrame], Scenario]]
 
 HEADS = (
     "scenario",
-    "friction, crank pin",
+    "friction, largest",
     "journals on",
     "window [deg]",
     "training MSE reached",
@@ -53,7 +53,8 @@ def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> d
     best = optima[optima["point"] == point].iloc[0]
     again = frames["optimise_resimulated"]
     again = again[(again["point"] == point) & (again["measure"] == "rms")].set_index("stretch")
-    joints = scenario.mechanism.crank_pin, scenario.mechanism.piston_pin
+    applied = scenario.mechanism.applied()
+    joints = [applied.joint(joint) for joint in applied.loose]
     reductions = {
         f"{stretch}_{column}": float(again.loc[stretch, column])
         for stretch in ("window", "settled")
@@ -61,7 +62,7 @@ def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> d
     }
     return {
         "scenario": name,
-        "friction": joints[0].contact.friction,
+        "friction": max((joint.contact.friction for joint in joints), default=0.0),
         "journals": " and ".join(joint.journal for joint in joints),
         "window_start": scenario.optimise.window[0],
         "window_end": scenario.optimise.window[1],

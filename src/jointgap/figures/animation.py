@@ -27,7 +27,7 @@ FORCE = Quantity("normal force", "N")
 
 @dataclass(frozen=True)
 class Pin:
-    """One loose joint as drawn: centres magnified about the crank's or the slider's pin, shapes (frames, 2) [mm]."""
+    """One joint as drawn: centres magnified about the crank's or the slider's pin, shapes (frames, 2) [mm]."""
 
     journal: np.ndarray
     bearing: np.ndarray
@@ -47,7 +47,8 @@ def animation(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing
     sheet = Sheet(HEIGHT, 2, 3, width=WIDTH, height_ratios=[1.25, 1.0], width_ratios=[1.0, 1.0, 1.5])
     moving = [_Mechanism(sheet, samples, scenario)]
     for column, (name, number) in enumerate(JOINTS.items()):
-        moving.append(_Bearing(sheet, column, name, number, first, samples, scenario))
+        if name in scenario.mechanism.applied().loose:
+            moving.append(_Bearing(sheet, column, name, number, first, samples, scenario))
     moving.append(_Forces(sheet, first, samples))
     panel = sheet.panels[-1]
     bar = mpl.cm.ScalarMappable(norm, colours)
@@ -89,11 +90,12 @@ def _film(sheet: Sheet, moving: list, frames: int, colour) -> tuple[np.ndarray, 
 
 def _pin(samples: pd.DataFrame, name: str, number: int, x, y, scenario: Scenario) -> Pin:
     """The joint around its pin at (x, y) [m] on the crank or the slider."""
-    joint = getattr(scenario.mechanism, name)
+    joint = scenario.mechanism.applied().joint(name)
+    rod_has_journal = joint is not None and joint.journal == "rod"
     magnified = scenario.figures.magnification * np.nan_to_num(np.stack(eccentricity(samples, number, joint), axis=-1))
     pin = np.stack([x, y], axis=-1)
-    end = pin + (magnified if joint.journal == "rod" else -magnified)
-    journal, bearing = (end, pin) if joint.journal == "rod" else (pin, end)
+    end = pin + (magnified if rod_has_journal else -magnified)
+    journal, bearing = (end, pin) if rod_has_journal else (pin, end)
     return Pin(1e3 * journal, 1e3 * bearing, 1e3 * end, samples[f"{name}_normal_force"].to_numpy())
 
 
@@ -101,7 +103,7 @@ class _Mechanism:
     """Crank, rod and piston; the rings and journals of both joints."""
 
     def __init__(self, sheet: Sheet, samples: pd.DataFrame, scenario: Scenario):
-        mechanism, times = scenario.mechanism, scenario.figures.magnification
+        mechanism, times = scenario.mechanism.applied(), scenario.figures.magnification
         angle = samples["crank_angle"].to_numpy()
         crank = mechanism.crank.length * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         slide = np.full(len(samples), mechanism.slider.offset)
@@ -116,7 +118,7 @@ class _Mechanism:
         axes = panel.axes
         for series, pin in zip(("rod's crank end", "rod's piston end"), self.pins, strict=True):
             panel.record(series, *pin.rod_end.T, value=self.angle, value_quantity="crank angle", value_unit="deg")
-        radii = [JOURNAL + 1e3 * times * getattr(mechanism, joint).clearance for joint in ("crank_pin", "piston_pin")]
+        radii = [JOURNAL + 1e3 * times * mechanism.clearance(joint) for joint in JOINTS]
         half = 1.35 * max(radii)
         reach = 1e3 * (mechanism.crank.length + mechanism.rod.length)
         margin = 1e3 * mechanism.crank.length + 2.0 * max(radii)
@@ -158,7 +160,7 @@ class _Bearing:
     """One journal's centre in its bearing, with the way it has come."""
 
     def __init__(self, sheet, column, name, number, first, samples, scenario):
-        joint, words = getattr(scenario.mechanism, name), name.replace("_", " ")
+        joint, words = scenario.mechanism.applied().joint(name), name.replace("_", " ")
         panel = sheet.panel((1, column), words, Quantity("journal, x", "mm"), Quantity("journal, y", "mm"))
         radius, circle = 1e3 * joint.clearance, np.linspace(0.0, 2.0 * np.pi, 181)
         panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)

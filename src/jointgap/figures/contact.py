@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from jointgap.config import LooseJoint, Scenario
+from jointgap.config import Joint, Scenario
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.samples import degrees, revolution, settled_revolution
 from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet
@@ -17,13 +17,13 @@ INNERMOST = 10.0  # [um] the gap to the wall is shown linearly up to here, logar
 SMALLEST_FORCE = 1.0  # [N] where the axis of forces begins
 
 
-def eccentricity(samples: pd.DataFrame, number: int, joint: LooseJoint) -> tuple[np.ndarray, np.ndarray]:
+def eccentricity(samples: pd.DataFrame, number: int, joint: Joint | None) -> tuple[np.ndarray, np.ndarray]:
     """Journal's centre seen from its bearing's centre, components along the fixed x and y [m].
 
     The table's vector points from the crank's (slider's) pin to the rod's end, so it is turned round where the rod
-    carries the bearing. Undefined directions (centres coincide) give nan.
+    carries the bearing. Undefined directions (centres coincide, as always in an ideal joint) give nan.
     """
-    sign = 1.0 if joint.journal == "rod" else -1.0
+    sign = 1.0 if joint is not None and joint.journal == "rod" else -1.0
     r, gamma = (samples[f"{name}{number}"].to_numpy() for name in ("r", "gamma"))
     return sign * r * np.cos(gamma), sign * r * np.sin(gamma)
 
@@ -31,6 +31,8 @@ def eccentricity(samples: pd.DataFrame, number: int, joint: LooseJoint) -> tuple
 def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
     """Orbit of each journal's centre in its bearing, and how far it goes beyond the clearance."""
     trajectory, number_settled = tables["trajectory"], scenario.optimise.ensemble.settled_revolution
+    mechanism = scenario.mechanism.applied()
+    drawn = {name: number for name, number in JOINTS.items() if name in mechanism.loose}
     shown = (
         ("first revolution", "first", revolution(trajectory, scenario, 1), 1.0),
         (
@@ -40,10 +42,10 @@ def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
             DEPTH_MAGNIFIED,
         ),
     )
-    sheet = Sheet(5.8, 2, 3, width_ratios=[1.0, 1.0, 1.25])
+    sheet = Sheet(2.9 * len(drawn), len(drawn), 3, width_ratios=[1.0, 1.0, 1.25])
     circle = np.linspace(0.0, 2.0 * np.pi, 181)
-    for row, (name, number) in enumerate(JOINTS.items()):
-        joint: LooseJoint = getattr(scenario.mechanism, name)
+    for row, (name, number) in enumerate(drawn.items()):
+        joint: Joint = mechanism.joint(name)
         words, radius = name.replace("_", " "), 1e3 * joint.clearance
         depth = sheet.panel((row, 2), f"{words}: depth", CRANK_ANGLE, Quantity("beyond clearance", "µm", "$r - r_c$"))
         for column, (series, colour, samples, magnified) in enumerate(shown):

@@ -27,8 +27,10 @@ OVERVIEW = Table(
     "The scenarios side by side: what they assume, the optimum, and what it is worth simulated again",
     (
         Column("scenario", "", "name of the scenario", "text"),
-        Column("friction", "1", "coefficient of friction in the crank pin"),
-        Column("journals", "", "bodies that carry the journals of crank pin and piston pin", "text"),
+        Column("friction", "1", "coefficient of friction in the loose joints, the largest"),
+        Column(
+            "journals", "", "bodies that carry the journals of the loose joints, from the frame to the slider", "text"
+        ),
         Column("window_start", "rad", "crank angle after the start from which the error counts"),
         Column("window_end", "rad", "crank angle after the start up to which the error counts"),
         Column("training_reached", "1", "networks of eight whose training MSE is at or below the paper's", "int"),

@@ -13,10 +13,7 @@ CRANK_SIGN_SPEED = 0.1
 SLIDER_SIGN = f"sgn v = tanh(v / {SLIDER_SIGN_SPEED:g} m/s)"
 CRANK_SIGN = f"sgn w = tanh(w / {CRANK_SIGN_SPEED:g} rad/s)"
 
-CONTACT_FRICTION = (
-    "Armstrong-Hélouvry, Dupont and Canudas de Wit, A survey of models, analysis tools and compensation methods for the "
-    "control of machines with friction, Automatica 30 (1994) 1083-1138"
-)
+FRICTION_SURVEY = "Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083-1138"
 
 
 class Effect(Section):

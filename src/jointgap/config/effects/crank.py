@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from jointgap.config.effects.base import CONTACT_FRICTION, CRANK_SIGN, Effect
+from jointgap.config.effects.base import CRANK_SIGN, FRICTION_SURVEY, Effect
 from jointgap.config.quantities import quantity
 from jointgap.config.section import Section
 
@@ -12,7 +12,7 @@ from jointgap.config.section import Section
 class CrankCoulombFrictionParameters(Section):
     """Parameters of ``crank_coulomb_friction``."""
 
-    torque_N_m: quantity("N*m", ge=0) = Field(description="m, moment of friction")
+    torque_N_m: quantity("N*m", ge=0) = Field(description="m, moment of friction", examples=[0.3])
 
 
 class CrankCoulombFriction(Effect):
@@ -20,7 +20,7 @@ class CrankCoulombFriction(Effect):
 
     SITE: ClassVar = "crank_pivot"
     LAW: ClassVar = f"M = -m sgn w, {CRANK_SIGN}"
-    REFERENCE: ClassVar = CONTACT_FRICTION
+    REFERENCE: ClassVar = FRICTION_SURVEY
 
     name: Literal["crank_coulomb_friction"]
     parameters: CrankCoulombFrictionParameters
@@ -29,7 +29,7 @@ class CrankCoulombFriction(Effect):
 class CrankViscousFrictionParameters(Section):
     """Parameters of ``crank_viscous_friction``."""
 
-    damping_N_m_s: quantity("N*m*s", ge=0) = Field(description="c, moment per speed")
+    damping_N_m_s: quantity("N*m*s", ge=0) = Field(description="c, moment per speed", examples=[0.01])
 
 
 class CrankViscousFriction(Effect):
@@ -37,7 +37,7 @@ class CrankViscousFriction(Effect):
 
     SITE: ClassVar = "crank_pivot"
     LAW: ClassVar = "M = -c w"
-    REFERENCE: ClassVar = CONTACT_FRICTION
+    REFERENCE: ClassVar = FRICTION_SURVEY
 
     name: Literal["crank_viscous_friction"]
     parameters: CrankViscousFrictionParameters
@@ -46,8 +46,10 @@ class CrankViscousFriction(Effect):
 class CrankUnbalanceParameters(Section):
     """Parameters of ``crank_unbalance``."""
 
-    unbalance_kg_m: quantity("kg*m", ge=0) = Field(description="U, mass times distance from the pivot")
-    angle_rad: quantity("rad") = Field(0.0, description="its direction, from the crank's own")
+    unbalance_kg_m: quantity("kg*m", ge=0) = Field(
+        description="U, mass times distance from the pivot", examples=[0.005]
+    )
+    angle_rad: quantity("rad") = Field(0.0, description="its direction, from the crank's own", examples=[1.0])
 
 
 class CrankUnbalance(Effect):
@@ -58,8 +60,8 @@ class CrankUnbalance(Effect):
     """
 
     SITE: ClassVar = "crank"
-    LAW: ClassVar = "mass U / crank.length at distance crank.length from the pivot, at an angle on the crank"
-    REFERENCE: ClassVar = "ISO 21940-2:2017, Mechanical vibration - Rotor balancing - Vocabulary"
+    LAW: ClassVar = "mass U / crank.length, crank.length from the pivot"
+    REFERENCE: ClassVar = "ISO 21940-2:2017, rotor balancing, vocabulary"
 
     name: Literal["crank_unbalance"]
     parameters: CrankUnbalanceParameters
@@ -68,9 +70,9 @@ class CrankUnbalance(Effect):
 class SpeedFluctuationParameters(Section):
     """Parameters of ``speed_fluctuation``."""
 
-    ratio: quantity("", ge=0, le=0.3) = Field(description="a, amplitude over the mean")
-    order: Annotated[int, Field(ge=1, le=12)] = Field(description="k, cycles per revolution")
-    phase_rad: quantity("rad") = Field(0.0, description="angle k theta of the largest speed")
+    ratio: quantity("", ge=0, le=0.3) = Field(description="a, amplitude over the mean", examples=[0.02])
+    order: Annotated[int, Field(ge=1, le=12)] = Field(description="k, cycles per revolution", examples=[2])
+    phase_rad: quantity("rad") = Field(0.0, description="angle k theta of the largest speed", examples=[0.5])
 
 
 class SpeedFluctuation(Effect):

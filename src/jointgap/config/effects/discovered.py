@@ -9,19 +9,19 @@ from jointgap.config.quantities import quantity
 from jointgap.config.section import Section
 from jointgap.formula import compile_formula
 
-REFERENCE = (
-    "found by regression, e.g. Brunton, Proctor and Kutz, Discovering governing equations from data by sparse "
-    "identification of nonlinear dynamical systems, PNAS 113 (2016) 3932-3937"
-)
+REFERENCE = "by regression, e.g. Brunton, Proctor and Kutz, PNAS 113 (2016) 3932-3937"
 
 
 class FormulaParameters(Section):
     """Parameters of ``discovered_slider_force`` and ``discovered_crank_torque``."""
 
     formula: str = Field(
-        description="SI; of v, x (slider), w, theta (crank), t, pi, sin cos tan tanh exp log sqrt abs sgn, |..|, ^"
+        description="SI; of v, x (slider), w, theta (crank), t, pi, sin cos tan tanh exp log sqrt abs sgn, |..|, ^",
+        examples=["-a*v*|v| + b*sin(theta)"],
     )
-    coefficients: dict[str, quantity("")] = Field({}, description="names in the formula -> numbers, SI")
+    coefficients: dict[str, quantity("")] = Field(
+        {}, description="names in the formula -> numbers, SI", examples=[{"a": 1.2, "b": 3.0}]
+    )
 
     @model_validator(mode="after")
     def _formula_can_be_read(self):

@@ -4,7 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from jointgap.config.effects.base import CONTACT_FRICTION, SLIDER_SIGN, Effect
+from jointgap.config.effects.base import FRICTION_SURVEY, SLIDER_SIGN, Effect
 from jointgap.config.quantities import quantity
 from jointgap.config.section import Section
 
@@ -12,7 +12,7 @@ from jointgap.config.section import Section
 class SliderCoulombFrictionParameters(Section):
     """Parameters of ``slider_coulomb_friction``."""
 
-    force_N: quantity("N", ge=0) = Field(description="f, force of friction")
+    force_N: quantity("N", ge=0) = Field(description="f, force of friction", examples=[20.0])
 
 
 class SliderCoulombFriction(Effect):
@@ -29,7 +29,7 @@ class SliderCoulombFriction(Effect):
 class SliderViscousFrictionParameters(Section):
     """Parameters of ``slider_viscous_friction``."""
 
-    damping_N_s_m: quantity("N*s/m", ge=0) = Field(description="c, force per velocity")
+    damping_N_s_m: quantity("N*s/m", ge=0) = Field(description="c, force per velocity", examples=[5.0])
 
 
 class SliderViscousFriction(Effect):
@@ -37,7 +37,7 @@ class SliderViscousFriction(Effect):
 
     SITE: ClassVar = "slider"
     LAW: ClassVar = "F = -c v"
-    REFERENCE: ClassVar = CONTACT_FRICTION
+    REFERENCE: ClassVar = FRICTION_SURVEY
 
     name: Literal["slider_viscous_friction"]
     parameters: SliderViscousFrictionParameters
@@ -46,7 +46,7 @@ class SliderViscousFriction(Effect):
 class SliderQuadraticDragParameters(Section):
     """Parameters of ``slider_quadratic_drag``."""
 
-    drag_N_s2_m2: quantity("N*s^2/m^2", ge=0) = Field(description="d, force per velocity squared")
+    drag_N_s2_m2: quantity("N*s^2/m^2", ge=0) = Field(description="d, force per velocity squared", examples=[0.5])
 
 
 class SliderQuadraticDrag(Effect):
@@ -54,7 +54,7 @@ class SliderQuadraticDrag(Effect):
 
     SITE: ClassVar = "slider"
     LAW: ClassVar = "F = -d v |v|"
-    REFERENCE: ClassVar = "Newton, Philosophiae naturalis principia mathematica (1687), book II, section II"
+    REFERENCE: ClassVar = "Newton, Principia (1687), book II, section II"
 
     name: Literal["slider_quadratic_drag"]
     parameters: SliderQuadraticDragParameters
@@ -63,7 +63,7 @@ class SliderQuadraticDrag(Effect):
 class SliderLoadFrictionParameters(Section):
     """Parameters of ``slider_load_friction``."""
 
-    coefficient: quantity("", ge=0, le=1) = Field(description="k, coefficient of friction")
+    coefficient: quantity("", ge=0, le=1) = Field(description="k, coefficient of friction", examples=[0.1])
 
 
 class SliderLoadFriction(Effect):
@@ -71,9 +71,7 @@ class SliderLoadFriction(Effect):
 
     SITE: ClassVar = "guide"
     LAW: ClassVar = f"F = -k |N| sgn v, {SLIDER_SIGN}, N: normal force of the guide"
-    REFERENCE: ClassVar = (
-        "Amontons, De la résistance causée dans les machines, Mémoires de l'Académie royale des sciences (1699) 206-222"
-    )
+    REFERENCE: ClassVar = "Amontons, Mém. Acad. R. Sci. (1699) 206-222"
 
     name: Literal["slider_load_friction"]
     parameters: SliderLoadFrictionParameters
@@ -82,7 +80,7 @@ class SliderLoadFriction(Effect):
 class SliderConstantForceParameters(Section):
     """Parameters of ``slider_constant_force``."""
 
-    force_N: quantity("N") = Field(description="f, force along +x")
+    force_N: quantity("N") = Field(description="f, force along +x", examples=[-50.0])
 
 
 class SliderConstantForce(Effect):
@@ -99,8 +97,8 @@ class SliderConstantForce(Effect):
 class SliderSpringParameters(Section):
     """Parameters of ``slider_spring``."""
 
-    stiffness_N_m: quantity("N/m", ge=0) = Field(description="k, force per length")
-    rest_position_m: quantity("m") = Field(description="x0, position of the slider without force")
+    stiffness_N_m: quantity("N/m", ge=0) = Field(description="k, force per length", examples=[2000.0])
+    rest_position_m: quantity("m") = Field(description="x0, position of the slider without force", examples=[0.56])
 
 
 class SliderSpring(Effect):
@@ -108,7 +106,7 @@ class SliderSpring(Effect):
 
     SITE: ClassVar = "slider"
     LAW: ClassVar = "F = -k (x - x0)"
-    REFERENCE: ClassVar = "Hooke, Lectures de potentia restitutiva, or of spring (1678)"
+    REFERENCE: ClassVar = "Hooke, De potentia restitutiva (1678)"
 
     name: Literal["slider_spring"]
     parameters: SliderSpringParameters
@@ -117,10 +115,12 @@ class SliderSpring(Effect):
 class GasPressureParameters(Section):
     """Parameters of ``gas_pressure``."""
 
-    force_N: quantity("N", ge=0) = Field(description="f, force with the slider farthest out")
-    dead_length_m: quantity("m", gt=0) = Field(description="h, length of the cylinder beyond the farthest-out position")
+    force_N: quantity("N", ge=0) = Field(description="f, force with the slider farthest out", examples=[100.0])
+    dead_length_m: quantity("m", gt=0) = Field(
+        description="h, length of the cylinder beyond the farthest-out position", examples=[0.05]
+    )
     exponent: quantity("", ge=1, le=1.4) = Field(
-        description="n, polytropic exponent: 1 isothermal, 1.4 adiabatic for air"
+        description="n, polytropic exponent: 1 isothermal, 1.4 adiabatic for air", examples=[1.3]
     )
 
 
@@ -129,7 +129,7 @@ class GasPressure(Effect):
 
     SITE: ClassVar = "slider"
     LAW: ClassVar = "F = -f (h / (h + x_out - x))^n, closed cycle, x_out: farthest-out position"
-    REFERENCE: ClassVar = "Heywood, Internal combustion engine fundamentals, McGraw-Hill (1988)"
+    REFERENCE: ClassVar = "Heywood, Internal combustion engine fundamentals (1988)"
 
     name: Literal["gas_pressure"]
     parameters: GasPressureParameters
@@ -138,9 +138,9 @@ class GasPressure(Effect):
 class HarmonicForceParameters(Section):
     """Parameters of ``harmonic_force``."""
 
-    force_N: quantity("N", ge=0) = Field(description="f, amplitude")
-    frequency_Hz: quantity("1/s") = Field(description="nu, cycles per second")
-    phase_rad: quantity("rad") = Field(0.0, description="phase at t = 0")
+    force_N: quantity("N", ge=0) = Field(description="f, amplitude", examples=[10.0])
+    frequency_Hz: quantity("Hz") = Field(description="nu, cycles per second", examples=[37.0])
+    phase_rad: quantity("rad") = Field(0.0, description="phase at t = 0", examples=[0.0])
 
 
 class HarmonicForce(Effect):
@@ -157,7 +157,7 @@ class HarmonicForce(Effect):
 class AddedSliderMassParameters(Section):
     """Parameters of ``added_slider_mass``."""
 
-    mass_kg: quantity("kg") = Field(description="m, mass beyond nominal")
+    mass_kg: quantity("kg") = Field(description="m, mass beyond nominal", examples=[0.05])
 
 
 class AddedSliderMass(Effect):
@@ -174,7 +174,7 @@ class AddedSliderMass(Effect):
 class SliderOffsetParameters(Section):
     """Parameters of ``slider_offset``."""
 
-    offset_m: quantity("m") = Field(description="b, offset beyond nominal")
+    offset_m: quantity("m") = Field(description="b, offset beyond nominal", examples=[0.01])
 
 
 class SliderOffset(Effect):

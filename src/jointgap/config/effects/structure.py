@@ -9,14 +9,16 @@ from jointgap.config.quantities import quantity
 from jointgap.config.section import Section
 
 Pin = Literal["crank_pin", "piston_pin"]
-CLEARANCE_LAW = "{joint} loose, its clearance c = c_total whatever its radii say; 0: ideal"
-CLEARANCE_REFERENCE = "Erkaya and Uzmay (2009), doi 10.1007/s00158-008-0243-6, equation 1"
+CLEARANCE_LAW = "{joint} loose with the radial clearance c; c = 0: ideal"
+CLEARANCE_REFERENCE = "Erkaya and Uzmay (2009), equation 1"
 
 
 class GravityParameters(Section):
     """Parameters of the effect ``gravity``."""
 
-    acceleration_m_s2: quantity("m/s^2", ge=0, le=15) = Field(9.80665, description="g, acceleration of free fall")
+    acceleration_m_s2: quantity("m/s^2", ge=0, le=15) = Field(
+        9.80665, description="g, acceleration of free fall", examples=[9.80665]
+    )
 
 
 class Gravity(Effect):
@@ -24,7 +26,7 @@ class Gravity(Effect):
 
     SITE: ClassVar = "all bodies"
     LAW: ClassVar = "F = m g along gravity_direction, each body"
-    REFERENCE: ClassVar = "standard value of g: 3rd Conférence générale des poids et mesures (1901)"
+    REFERENCE: ClassVar = "3rd Conférence générale des poids et mesures (1901)"
 
     name: Literal["gravity"]
     parameters: GravityParameters = GravityParameters()
@@ -33,8 +35,8 @@ class Gravity(Effect):
 class LinkLengthErrorParameters(Section):
     """Parameters of ``link_length_error``."""
 
-    crank_m: quantity("m") = Field(0.0, description="a, crank's length beyond nominal")
-    rod_m: quantity("m") = Field(0.0, description="b, rod's length beyond nominal")
+    crank_m: quantity("m") = Field(0.0, description="a, crank's length beyond nominal", examples=[0.0005])
+    rod_m: quantity("m") = Field(0.0, description="b, rod's length beyond nominal", examples=[-0.001])
 
 
 class LinkLengthError(Effect):
@@ -51,7 +53,9 @@ class LinkLengthError(Effect):
 class ClearanceParameters(Section):
     """Parameters of the effects ``crank_pivot_clearance``, ``crank_pin_clearance`` and ``piston_pin_clearance``."""
 
-    clearance_m: quantity("m", ge=0) = Field(description="c_total, whole radial clearance of the joint")
+    clearance_m: quantity("m", ge=0) = Field(
+        description="c, whole radial clearance, not beyond nominal", examples=[0.0002]
+    )
 
 
 class CrankPivotClearance(Effect):
@@ -90,7 +94,7 @@ class PistonPinClearance(Effect):
 class PinFrictionParameters(Section):
     """Parameters of ``pin_friction``."""
 
-    coefficient: quantity("", ge=0, le=0.6) = Field(description="k, whole coefficient of friction")
+    coefficient: quantity("", ge=0, le=0.6) = Field(description="k, whole coefficient of friction", examples=[0.1])
 
 
 class PinFriction(Effect):
@@ -101,10 +105,7 @@ class PinFriction(Effect):
         f"loose: contact.friction = k; ideal: M = -k r |F| sgn w, {CRANK_SIGN}, r: journal_radius, F: the pin's force, "
         "w: relative speed of its bodies"
     )
-    REFERENCE: ClassVar = (
-        "Haug, Wu and Yang, Dynamics of mechanical systems with Coulomb friction, stiction, impact and constraint "
-        "addition-deletion, Mechanism and Machine Theory 21 (1986) 401-406"
-    )
+    REFERENCE: ClassVar = "Haug, Wu and Yang, Mech. Mach. Theory 21 (1986) 401-406"
 
     name: Literal["pin_friction"]
     site: Pin = Field(description="the pin")
@@ -114,10 +115,12 @@ class PinFriction(Effect):
 class LubricatedJointParameters(Section):
     """Parameters of ``lubricated_joint``."""
 
-    viscosity_Pa_s: quantity("Pa*s", gt=0) = Field(description="mu, dynamic viscosity")
-    length_m: quantity("m", gt=0) = Field(description="L, length of the bearing along its axis")
+    viscosity_Pa_s: quantity("Pa*s", gt=0) = Field(description="mu, dynamic viscosity", examples=[0.05])
+    length_m: quantity("m", gt=0) = Field(description="L, length of the bearing along its axis", examples=[0.012])
     least_film_m: quantity("m", gt=0) = Field(
-        1e-6, description="h_min, film thickness at which asperities of ground surfaces begin to touch: dry contact"
+        1e-6,
+        description="h_min, film thickness at which asperities of ground surfaces begin to touch: dry contact",
+        examples=[1e-06],
     )
 
 
@@ -129,10 +132,7 @@ class LubricatedJoint(Effect):
         "short bearing (Ocvirk) with squeeze, pressure p >= 0: d/dz(h^3 dp/dz) = 6 mu ((w_j + w_b) dh/dphi + 2 dh/dt); "
         "dry contact where h < h_min"
     )
-    REFERENCE: ClassVar = (
-        "DuBois and Ocvirk, Analytical derivation and experimental evaluation of short-bearing approximation for full "
-        "journal bearings, NACA report 1157 (1953)"
-    )
+    REFERENCE: ClassVar = "DuBois and Ocvirk, NACA report 1157 (1953)"
 
     name: Literal["lubricated_joint"]
     site: Pin = Field(description="the pin")
@@ -142,8 +142,8 @@ class LubricatedJoint(Effect):
 class RodFlexibilityParameters(Section):
     """Parameters of ``rod_flexibility``."""
 
-    frequency_Hz: quantity("1/s", gt=0) = Field(description="nu, natural frequency of the mode")
-    damping_ratio: quantity("", ge=0, lt=1) = Field(description="zeta, damping over critical damping")
+    frequency_Hz: quantity("Hz", gt=0) = Field(description="nu, natural frequency of the mode", examples=[250.0])
+    damping_ratio: quantity("", ge=0, lt=1) = Field(description="zeta, damping over critical damping", examples=[0.01])
 
 
 class RodFlexibility(Effect):
@@ -154,7 +154,7 @@ class RodFlexibility(Effect):
         "q'' + 2 zeta (2 pi nu) q' + (2 pi nu)^2 q = inertia, deflection q sin(pi s / l): first mode of the "
         "pinned-pinned uniform beam with the rod's mass"
     )
-    REFERENCE: ClassVar = "Meirovitch, Fundamentals of vibrations, McGraw-Hill (2001)"
+    REFERENCE: ClassVar = "Meirovitch, Fundamentals of vibrations (2001)"
 
     name: Literal["rod_flexibility"]
     parameters: RodFlexibilityParameters
