@@ -2,10 +2,10 @@
 
 import math
 
-from jointgap.dynamics.compiled import compiled
-from jointgap.dynamics.equations import CONTACT
-from jointgap.dynamics.events import DISTANCE, NOWHERE, all_conditions, locate, next_event
+from jointgap.dynamics.compiled import compiled, inlined
+from jointgap.dynamics.events import DISTANCE, JOINTS, NOWHERE, all_conditions, locate, next_event
 from jointgap.dynamics.integrator import elapsed, instant, step, stretch
+from jointgap.dynamics.joints import CONTACT
 from jointgap.dynamics.motion import relative_motion
 
 _HOPELESS = 100.0  # tolerances of error beyond which no event is looked for: the step will be repeated, shorter
@@ -13,11 +13,11 @@ _CLOSE = 0.01  # tolerances of distance by which an event may be missed
 _MARGIN = 100.0  # tolerances by which the interpolant of a grazing passage may err
 
 
-@compiled
+@inlined
 def separation_ahead(here, holding):
     """Time [s] until a contact ends if its penetration goes on as a parabola, and its joint; infinite if it does not."""
     first, which = math.inf, 0
-    for joint in range(2):
+    for joint in range(JOINTS):
         depth, rate, curvature, _, _ = holding[joint]
         square = rate * rate - 2.0 * curvature * depth
         if here.modes[joint] == CONTACT and depth > 0.0 and rate < 0.0 and square >= 0.0:
@@ -27,11 +27,11 @@ def separation_ahead(here, holding):
     return first, which
 
 
-@compiled
+@inlined
 def holds(conditions):
     """Whether no mode has ended."""
-    pin, piston = conditions
-    return pin[0] >= 0.0 and pin[3] >= 0.0 and piston[0] >= 0.0 and piston[3] >= 0.0
+    pin, piston, pivot = conditions
+    return min(pin[0], pin[3], piston[0], piston[3], pivot[0], pivot[3]) >= 0.0
 
 
 @compiled
@@ -58,40 +58,40 @@ def advance(p, here, motion, holding, course, s, duration, tolerance, velocity_t
     # A step across a separation is lost, for the force ends in a kink: where one is near, aim at it.
     ahead, joint = separation_ahead(here, holding)
     if ahead < duration:
-        close = max(_CLOSE * tolerance, 1e-15)
+        close = max(_CLOSE * tolerance, 1e-18)
         found, there, run, begin, ds, error, steps = locate(
             p, here, course, s, 2.0 * ahead, False, joint, DISTANCE, ahead, close, tolerance, velocity_time, k
         )
         if found:
-            there_motion = relative_motion(p, there)
+            there_motion = relative_motion(there)
             there_holding = all_conditions(p, there, there_motion)
-            x, other, kind = next_event(holding, there_holding, there.time - here.time, _MARGIN * tolerance)
-            if x == NOWHERE or (other == joint and kind == DISTANCE):
+            fraction, other, kind = next_event(holding, there_holding, there.time - here.time, _MARGIN * tolerance)
+            if fraction == NOWHERE or (other == joint and kind == DISTANCE):
                 return True, joint, DISTANCE, there, there_motion, there_holding, run, begin, ds, error, steps
         else:
             duration = 0.5 * ahead
 
     ds = stretch(course, s, duration)
     duration = elapsed(course, s, ds)
-    y, error = step(p, here, course, s, ds, velocity_time, k)
+    y, x, error = step(p, here, course, s, ds, velocity_time, k)
     steps += 1
     if not error <= _HOPELESS * tolerance:
         return False, 0, DISTANCE, here, motion, holding, course, s, ds, error, steps
-    there = instant(p, here.time + duration, y, here.modes, here.approaches)
-    there_motion = relative_motion(p, there)
+    there = instant(p, here.time + duration, y, x, here.modes, here.approaches)
+    there_motion = relative_motion(there)
     there_holding = all_conditions(p, there, there_motion)
-    x, joint, kind = next_event(holding, there_holding, duration, _MARGIN * tolerance)
-    if x == 0.0:
+    fraction, joint, kind = next_event(holding, there_holding, duration, _MARGIN * tolerance)
+    if fraction == 0.0:
         return True, joint, kind, here, motion, holding, course, s, 0.0, 0.0, steps
-    if x < NOWHERE:
-        close = max(_CLOSE * tolerance, 1e-15) if kind == DISTANCE else 1e-9 * here.approaches[joint]
+    if fraction < NOWHERE:
+        close = max(_CLOSE * tolerance, 1e-18) if kind == DISTANCE else 1e-9 * here.approaches[joint]
         crossed = there_holding[joint][0 if kind == DISTANCE else 3] < 0.0
         found, event, run, begin, event_ds, event_error, made = locate(
-            p, here, course, s, duration, crossed, joint, kind, x * duration, close, tolerance, velocity_time, k
+            p, here, course, s, duration, crossed, joint, kind, fraction * duration, close, tolerance, velocity_time, k
         )
         steps += made
         if found:
-            there_motion = relative_motion(p, event)
+            there_motion = relative_motion(event)
             there_holding = all_conditions(p, event, there_motion)
             return True, joint, kind, event, there_motion, there_holding, run, begin, event_ds, event_error, steps
         if not event_error <= tolerance:

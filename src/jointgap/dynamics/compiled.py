@@ -51,7 +51,7 @@ def cache_folder(beside: Path) -> str:
 _FOLDER = cache_folder(_PACKAGE / "__pycache__")
 
 
-def compiled(function):
+def compiled(function, **further):
     """`function` as machine code: cached on disk, free of the interpreter's lock, dividing by IEEE rules.
 
     Products and sums may fuse (faster and rounding less); nothing else is reordered.
@@ -59,6 +59,11 @@ def compiled(function):
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _FOLDER or before
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function)
+        return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, **further)(function)
     finally:
         numba.config.CACHE_DIR = before
+
+
+def inlined(function):
+    """`compiled`, and put in wherever it is called: for what runs millions of times."""
+    return compiled(function, forceinline=True)

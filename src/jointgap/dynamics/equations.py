@@ -1,110 +1,113 @@
-"""Equations of motion of the slider-crank with a prescribed crank and two loose joints, explicit in eight states.
+"""Equations of motion of the slider-crank, whichever of its joints are loose.
 
-State: rod's mass centre x, y [m], rod angle [rad], slider x [m], and their rates. In each loose joint the clearance
-vector runs from the partner's centre (crank's pin, slider's pin) to the rod's end; its length is r, the normal points
-along it, the tangent is the normal turned by +90 degrees.
+State: the clearance vectors of crank pin and piston pin and their rates, eight numbers; zero for good where the joint is
+ideal. Everything else follows from them and from the crank angle. The clearance vectors themselves, not the positions of
+the bodies: a clearance is a thousandth of a length, and so is the rounding.
+
+Further states, all constant unless the mechanism has them: clearance vector of the crank pivot, crank angle of a motor,
+deflection of a flexible rod; the rates of these four; a bristle for each joint with LuGre friction.
+
+In each joint the clearance vector runs from the partner's centre (crank, slider, frame) to the body's (rod, rod, crank);
+its length is r, the normal points along it, the tangent is the normal turned by +90 degrees.
 """
 
 import math
+from typing import NamedTuple
 
-import numpy as np
+from jointgap.dynamics.bodies import bodies_under
+from jointgap.dynamics.compiled import inlined
+from jointgap.dynamics.effects import crank_losses, motor_torque, slider_force
+from jointgap.dynamics.joints import NOTHING, bristle_motion, joint_force
+from jointgap.dynamics.reactions import constrained
 
-from jointgap.dynamics.compiled import compiled
-from jointgap.dynamics.contact import normal_force
-from jointgap.dynamics.friction import friction_coefficient
-
-FLIGHT, CONTACT, CLAMPED = (np.int64(mode) for mode in (0, 1, 2))
-"""Modes of a joint: apart; in contact; penetrated, but parting so fast that the force, which never pulls, is zero."""
-
-STATES = 8
-
-SIN_3, SIN_5, SIN_7, SIN_9 = (1 / math.factorial(n) for n in (3, 5, 7, 9))
-COS_4, COS_6, COS_8, COS_10 = (1 / math.factorial(n) for n in (4, 6, 8, 10))
+STATES, FURTHER = 8, 11
+"""How many states there are, and how many further ones."""
 
 
-@compiled
-def turned(cosine, sine, angle):
-    """Cosine and sine of an angle further on by `angle` [rad] than the one with the given `cosine` and `sine`."""
-    if abs(angle) > 0.1:
-        c, s = math.cos(angle), math.sin(angle)
-    else:  # Taylor polynomials, exact to the last digit here and many times faster than the library's functions
-        q = angle * angle
-        q2 = q * q
-        s = angle + angle * q * ((q * SIN_5 - SIN_3) + q2 * (q * SIN_9 - SIN_7))
-        c = 1.0 + q * ((q * COS_4 - 0.5) + q2 * ((q * COS_8 - COS_6) - q2 * COS_10))
-    return cosine * c - sine * s, sine * c + cosine * s
+class Crank(NamedTuple):
+    """Motion of the crank: cosine and sine of its angle, speed [rad/s], acceleration [rad/s^2] where prescribed."""
+
+    cosine: float
+    sine: float
+    speed: float
+    acceleration: float
 
 
-@compiled
-def clearance_vectors(p, crank_cos, crank_sin, rod_cos, rod_sin, state):
-    """Clearance vectors of both joints and their rates: (e2x, e2y, v2x, v2y), (e3x, e3y, v3x, v3y) [m, m/s]."""
-    x, y, _, slider, vx, vy, rate, slider_speed = state
-    a, b, c, w = p.rod_to_crank_end, p.rod_to_piston_end, p.crank_length, p.speed
-    pin = (
-        x - a * rod_cos - c * crank_cos,
-        y - a * rod_sin - c * crank_sin,
-        vx + a * rate * rod_sin + c * w * crank_sin,
-        vy - a * rate * rod_cos - c * w * crank_cos,
-    )
-    piston = (
-        x + b * rod_cos - slider,
-        y + b * rod_sin - p.slider_offset,
-        vx - b * rate * rod_sin - slider_speed,
-        vy + b * rate * rod_cos,
-    )
-    return pin, piston
+class Pose(NamedTuple):
+    """Rod and slider at an instant: direction and angular velocity of the rod, position and velocity of the slider."""
+
+    rod_cos: float
+    rod_sin: float
+    rod_speed: float
+    slider: float
+    slider_speed: float
 
 
-@compiled
-def joint_force(joint, mode, hysteresis, vector, rod_rate, partner_rate):
-    """Force of the partner on the rod in one joint.
+@inlined
+def pose(bodies, crank, y, x):
+    """Where rod and slider are, from the clearance vectors."""
+    length = bodies.rod_length
+    end_y = bodies.crank_length * crank.sine + y[1] + x[1]
+    end_vy = bodies.crank_length * crank.speed * crank.cosine + y[5] + x[5]
+    s = (bodies.slider_offset + y[3] - end_y) / length
+    c = math.sqrt(1.0 - s * s)
+    speed = (y[7] - end_vy) / (length * c)
+    end_x = bodies.crank_length * crank.cosine + y[0] + x[0]
+    end_vx = y[4] + x[4] - bodies.crank_length * crank.speed * crank.sine
+    return Pose(c, s, speed, end_x + length * c - y[2], end_vx - length * speed * s - y[6])
 
-    The bodies touch halfway through their overlap: one common point, so that no angular momentum is lost between them.
+
+@inlined
+def accelerations(p, time, crank_angle, crank, y, x, modes, drags):
+    """All accelerations at a state, and the forces behind them.
 
     Parameters
     ----------
-    joint : JointParameters
-    mode, hysteresis
-        Mode of the joint and chi / d'_0 [s/m] of its contact.
-    vector : tuple of 4 floats
-        Clearance vector and its rate.
-    rod_rate, partner_rate
-        Angular velocities [rad/s] of the two bodies.
+    p : Parameters
+    time, crank_angle : float
+        [s], [rad].
+    crank : Crank
+    y, x : tuples of 8 and 11 floats
+        State and further states.
+    modes, drags : tuples of 3
+        Modes of crank pin, piston pin and crank pivot, chi / d'_0 [s/m] of their contacts.
 
     Returns
     -------
-    tuple of 6 floats
-        Normal force (pushing, >= 0 but for rounding), friction force along the tangent, x, y [N]; moments of the
-        friction about the rod's end on the rod and about the partner's centre on the partner [N m].
+    tuple
+        Accelerations as `bodies_under` has them; forces in crank pin, piston pin, crank pivot; torque of motor and losses
+        on the crank [N m], force on the slider [N]; rates of the bristles (3).
     """
-    ex, ey, vx, vy = vector
-    if mode != CONTACT:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    r = math.sqrt(ex * ex + ey * ey)
-    penetration = r - joint.clearance
-    if penetration <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    inverse = 1.0 / r
-    nx, ny = ex * inverse, ey * inverse
-    normal = normal_force(penetration, vx * nx + vy * ny, hysteresis, joint.stiffness, joint.exponent)
-    rod_arm = joint.side * joint.rod_radius - 0.5 * penetration
-    partner_arm = joint.side * joint.partner_radius + 0.5 * penetration
-    sliding = vy * nx - vx * ny + rod_arm * rod_rate - partner_arm * partner_rate
-    tangential = normal * friction_coefficient(-sliding, joint.friction, joint.friction_speed)
-    fx = -normal * nx - tangential * ny
-    fy = -normal * ny + tangential * nx
-    return normal, tangential, fx, fy, rod_arm * tangential, -partner_arm * tangential
-
-
-@compiled
-def accelerations(p, rod_cos, rod_sin, pin, piston):
-    """Accelerations of rod (x, y [m/s^2], angle [rad/s^2]) and slider [m/s^2] under the forces of both joints."""
-    ax = (pin[2] + piston[2]) * p.rod_inverse_mass + p.gravity_x
-    ay = (pin[3] + piston[3]) * p.rod_inverse_mass + p.gravity_y
-    moment = (
-        pin[4]
-        + piston[4]
-        - p.rod_to_crank_end * (rod_cos * pin[3] - rod_sin * pin[2])
-        + p.rod_to_piston_end * (rod_cos * piston[3] - rod_sin * piston[2])
+    here = pose(p.bodies, crank, y, x)
+    pin = joint_force(p.crank_pin, modes[0], drags[0], y[0], y[1], y[4], y[5], here.rod_speed, crank.speed, x[8])
+    piston = joint_force(p.piston_pin, modes[1], drags[1], y[2], y[3], y[6], y[7], here.rod_speed, 0.0, x[9])
+    pivot = NOTHING
+    torque = force = 0.0
+    bristles = (0.0, 0.0, 0.0)
+    if p.switches.further:
+        if p.crank_pivot.loose:
+            pivot = joint_force(p.crank_pivot, modes[2], drags[2], x[0], x[1], x[4], x[5], crank.speed, 0.0, x[10])
+        if p.switches.bristles:
+            w, turn = here.rod_speed, crank.speed
+            bristles = (
+                bristle_motion(p.crank_pin, modes[0], y[0], y[1], y[4], y[5], w, turn, x[8]),
+                bristle_motion(p.piston_pin, modes[1], y[2], y[3], y[6], y[7], w, 0.0, x[9]),
+                bristle_motion(p.crank_pivot, modes[2], x[0], x[1], x[4], x[5], turn, 0.0, x[10]),
+            )
+    if p.switches.free_crank:
+        torque = motor_torque(p.drive, crank.speed)
+        torque += crank_losses(p, here.slider, here.slider_speed, crank.speed, crank_angle, time)
+    if p.effects.on_slider:
+        guide = piston[3] - p.bodies.slider_mass * p.bodies.gravity_y
+        force = slider_force(p, guide, here.slider, here.slider_speed, crank.speed, crank_angle, time)
+    if p.switches.constrained:
+        return constrained(p, time, crank_angle, crank, here, x, torque, pin, piston, pivot, bristles)
+    return (
+        bodies_under(p, crank, here, x, torque, force, pin, piston, pivot),
+        pin,
+        piston,
+        pivot,
+        torque,
+        force,
+        bristles,
     )
-    return ax, ay, moment * p.rod_inverse_inertia, p.gravity_x - piston[2] * p.slider_inverse_mass

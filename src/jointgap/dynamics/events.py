@@ -7,18 +7,21 @@ Each mode has two conditions, numbers that stay positive while the mode lasts:
                d' + d'_0 / chi                   (the force falls to zero: clamped)
     CLAMPED    d                                 (separation)
                -(d' + d'_0 / chi)                (the force comes back)
+
+For other laws of the normal force than those of a restitution see `jointgap.dynamics.contact.pushing_margin`.
 """
 
 import math
 
 import numpy as np
 
-from jointgap.dynamics.compiled import compiled
-from jointgap.dynamics.equations import CLAMPED, CONTACT, FLIGHT
+from jointgap.dynamics.compiled import compiled, inlined
+from jointgap.dynamics.contact import pushing_margin
 from jointgap.dynamics.integrator import AFTER, BEFORE, instant, step, stretch
+from jointgap.dynamics.joints import CLAMPED, CONTACT, FLIGHT
 from jointgap.dynamics.motion import relative_motion
 
-NOWHERE = 2.0
+NOWHERE, JOINTS = 2.0, 3
 
 DISTANCE, FORCE = (np.int64(kind) for kind in (0, 1))
 """Which of a mode's two conditions."""
@@ -29,7 +32,7 @@ LEAST_APPROACH = 1e-6
 """Approach speed [m/s] that a slower impact is given: with d'_0 -> 0 the damping chi d'/d'_0 would have no bound."""
 
 
-@compiled
+@inlined
 def conditions(joint, mode, approach, relative):
     """Both conditions of a joint's mode with their time derivatives.
 
@@ -40,6 +43,8 @@ def conditions(joint, mode, approach, relative):
     tuple of 5 floats
         First condition [m] and its first two derivatives, second condition [m/s] and its first derivative.
     """
+    if not joint.loose:
+        return 1.0, 0.0, 0.0, 1.0, 0.0
     ex, ey, vx, vy, ax, ay = relative
     if mode == FLIGHT:
         c = joint.clearance
@@ -49,12 +54,11 @@ def conditions(joint, mode, approach, relative):
     nx, ny = ex / r, ey / r
     rate = vx * nx + vy * ny
     curvature = ax * nx + ay * ny + (vy * nx - vx * ny) ** 2 / r
-    if joint.damping == 0.0:
-        return r - joint.clearance, rate, curvature, 1.0, 0.0
-    margin = rate + approach / joint.damping
+    depth = r - joint.clearance
+    margin, margin_rate = pushing_margin(joint, depth, rate, curvature, approach)
     if mode == CONTACT:
-        return r - joint.clearance, rate, curvature, margin, curvature
-    return r - joint.clearance, rate, curvature, -margin, -curvature
+        return depth, rate, curvature, margin, margin_rate
+    return depth, rate, curvature, -margin, -margin_rate
 
 
 @compiled
@@ -121,12 +125,13 @@ def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
     return high
 
 
-@compiled
+@inlined
 def all_conditions(p, here, motion):
-    """`conditions` of crank pin and piston pin."""
+    """`conditions` of crank pin, piston pin and crank pivot."""
     return (
         conditions(p.crank_pin, here.modes[0], here.approaches[0], motion[0]),
         conditions(p.piston_pin, here.modes[1], here.approaches[1], motion[1]),
+        conditions(p.crank_pivot, here.modes[2], here.approaches[2], motion[2]),
     )
 
 
@@ -144,7 +149,7 @@ def next_event(before, after, duration, margin):
         As in `first_crossing` [m].
     """
     first, which, kind = NOWHERE, 0, DISTANCE
-    for joint in range(2):
+    for joint in range(JOINTS):
         g0, v0, a0, h0, w0 = before[joint]
         g1, v1, a1, h1, w1 = after[joint]
         x = first_crossing(g0, v0, a0, g1, v1, a1, duration, margin)
@@ -204,11 +209,11 @@ def locate(p, here, course, s, limit, crossed, joint, kind, guess, close, tolera
             ds = -begin
         else:
             run, begin, ds = course, s, stretch(course, s, guess)
-        y, error = step(p, here, run, begin, ds, velocity_time, k)
+        y, x, error = step(p, here, run, begin, ds, velocity_time, k)
         if not error <= tolerance:
             return False, here, run, begin, ds, error, count
-        there = instant(p, here.time + guess, y, here.modes, here.approaches)
-        g, v, _, h, w = all_conditions(p, there, relative_motion(p, there))[joint]
+        there = instant(p, here.time + guess, y, x, here.modes, here.approaches)
+        g, v, _, h, w = all_conditions(p, there, relative_motion(there))[joint]
         if kind == FORCE:
             g, v = h, w
         if abs(g) <= close:

@@ -13,14 +13,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointgap.dynamics.compiled import compiled
-from jointgap.dynamics.equations import STATES, accelerations, clearance_vectors, joint_force, turned
+from jointgap.dynamics.compiled import compiled, inlined
+from jointgap.dynamics.drive import crank_motion
+from jointgap.dynamics.equations import FURTHER, STATES, Crank, accelerations
+from jointgap.dynamics.parameters import CONSTANT, MOTOR
 from jointgap.dynamics.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
 
 LINEAR, AFTER, BEFORE = (np.int64(course) for course in (0, 1, -1))  # of one type, so that code is compiled once
 
 SECOND = np.array([1, 1, *(1 + np.flatnonzero(row[1:])[0] for row in STAGES[2:])])
 """By stage, the first column after column 0 that is not zero; in the solution's row that of the error estimators too."""
+
+
+NORMAL, COLUMNS = STATES + FURTHER, STATES + FURTHER + 3
+"""Where in the work space for stages the normal forces begin, and how wide it is."""
+
+SIN_3, SIN_5, SIN_7, SIN_9 = (1 / math.factorial(n) for n in (3, 5, 7, 9))
+COS_4, COS_6, COS_8, COS_10 = (1 / math.factorial(n) for n in (4, 6, 8, 10))
 
 
 class Instant(NamedTuple):
@@ -30,38 +39,55 @@ class Instant(NamedTuple):
     ----------
     time : float
         [s].
-    y, slope : tuples of 8 floats
-        State and its time derivative.
-    crank_cos, crank_sin, rod_cos, rod_sin : float
-        Directions of crank and rod.
-    modes, approaches : tuples of 2
-        Modes of crank pin and piston pin, approach speeds [m/s] of their contacts.
+    y, x : tuples of 8 and 11 floats
+        State and further states: see `jointgap.dynamics.equations`.
+    slope, further_slope : tuples of 8 and 11 floats
+        Their time derivatives.
+    crank_angle : float
+        [rad].
+    crank : Crank
+    modes, approaches, normals : tuples of 3
+        Modes of crank pin, piston pin and crank pivot, approach speeds [m/s] of their contacts, normal forces [N].
     """
 
     time: float
     y: tuple[float, ...]
+    x: tuple[float, ...]
     slope: tuple[float, ...]
-    crank_cos: float
-    crank_sin: float
-    rod_cos: float
-    rod_sin: float
-    modes: tuple[int, int]
-    approaches: tuple[float, float]
+    further_slope: tuple[float, ...]
+    crank_angle: float
+    crank: Crank
+    modes: tuple[int, int, int]
+    approaches: tuple[float, float, float]
+    normals: tuple[float, float, float]
 
 
-@compiled
+@inlined
+def turned(cosine, sine, angle):
+    """Cosine and sine of an angle further on by `angle` [rad] than the one with the given `cosine` and `sine`."""
+    if abs(angle) > 0.1:
+        c, s = math.cos(angle), math.sin(angle)
+    else:  # Taylor polynomials, exact to the last digit here and many times faster than the library's functions
+        q = angle * angle
+        q2 = q * q
+        s = angle + angle * q * ((q * SIN_5 - SIN_3) + q2 * (q * SIN_9 - SIN_7))
+        c = 1.0 + q * ((q * COS_4 - 0.5) + q2 * ((q * COS_8 - COS_6) - q2 * COS_10))
+    return cosine * c - sine * s, sine * c + cosine * s
+
+
+@inlined
 def elapsed(course, s, ds):
     """Time [s] that passes between s and s + ds."""
     return ds if course == LINEAR else course * ds * (2.0 * s + ds)
 
 
-@compiled
+@inlined
 def pace(course, s):
     """dt/ds at s."""
     return 1.0 if course == LINEAR else 2.0 * course * s
 
 
-@compiled
+@inlined
 def stretch(course, s, duration):
     """The ds that takes `duration` [s] from s on."""
     if course == LINEAR:
@@ -70,38 +96,56 @@ def stretch(course, s, duration):
     return course * duration / (math.sqrt(max(inside, 0.0)) + s)
 
 
-@compiled
+@inlined
 def hystereses(p, approaches):
-    """chi / d'_0 [s/m] of both contacts."""
-    return p.crank_pin.damping / approaches[0], p.piston_pin.damping / approaches[1]
-
-
-@compiled
-def accelerations_at(p, crank_cos, crank_sin, rod_cos, rod_sin, y, modes, drags):
-    """Accelerations of rod (x, y, angle) and slider at a state."""
-    pin, piston = clearance_vectors(p, crank_cos, crank_sin, rod_cos, rod_sin, y)
-    return accelerations(
-        p,
-        rod_cos,
-        rod_sin,
-        joint_force(p.crank_pin, modes[0], drags[0], pin, y[6], p.speed),
-        joint_force(p.piston_pin, modes[1], drags[1], piston, y[6], 0.0),
+    """chi / d'_0 [s/m] of all contacts."""
+    return (
+        p.crank_pin.damping / approaches[0],
+        p.piston_pin.damping / approaches[1],
+        p.crank_pivot.damping / approaches[2],
     )
 
 
+@inlined
+def crank_at(p, time, x):
+    """Angle [rad] of the crank and its `Crank`, from the time or, where a motor turns it, from the further states."""
+    if p.drive.kind == MOTOR:
+        return x[2], Crank(math.cos(x[2]), math.sin(x[2]), x[6], 0.0)
+    angle, speed, acceleration = crank_motion(p, time)
+    return angle, Crank(math.cos(angle), math.sin(angle), speed, acceleration)
+
+
+@inlined
+def further_rates(x, found, bristles):
+    """Time derivatives of the further states; `found` are `accelerations`."""
+    return (x[4], x[5], x[6], x[7], found[4], found[5], found[6], found[7], bristles[0], bristles[1], bristles[2])
+
+
 @compiled
-def instant(p, time, y, modes, approaches):
+def instant(p, time, y, x, modes, approaches):
     """The instant of a state."""
-    crank_angle = p.start_angle + p.speed * time
-    crank_cos, crank_sin, rod_cos, rod_sin = (
-        math.cos(crank_angle),
-        math.sin(crank_angle),
-        math.cos(y[2]),
-        math.sin(y[2]),
-    )
-    forces = accelerations_at(p, crank_cos, crank_sin, rod_cos, rod_sin, y, modes, hystereses(p, approaches))
-    slope = (y[4], y[5], y[6], y[7], forces[0], forces[1], forces[2], forces[3])
-    return Instant(time, y, slope, crank_cos, crank_sin, rod_cos, rod_sin, modes, approaches)
+    angle, crank = crank_at(p, time, x)
+    drags = hystereses(p, approaches)
+    a, pin, piston, pivot, _, _, bristles = accelerations(p, time, angle, crank, y, x, modes, drags)
+    slope = (y[4], y[5], y[6], y[7], a[0], a[1], a[2], a[3])
+    normals = (pin[0], piston[0], pivot[0])
+    return Instant(time, y, x, slope, further_rates(x, a, bristles), angle, crank, modes, approaches, normals)
+
+
+@compiled
+def further_at(x, ds, stage, k):
+    """Further states at a stage of a step from `x`, whose earlier stages are in `k`."""
+    moved = np.zeros(FURTHER)
+    for j in range(stage):
+        a = STAGES[stage, j]
+        if a != 0.0:
+            for i in range(FURTHER):
+                moved[i] += a * k[j, STATES + i]
+    for i in range(FURTHER):
+        moved[i] = x[i] + ds * moved[i]
+    return (
+        moved[0], moved[1], moved[2], moved[3], moved[4], moved[5], moved[6], moved[7], moved[8], moved[9], moved[10],
+    )  # fmt: skip
 
 
 @compiled
@@ -117,19 +161,25 @@ def step(p, here, course, s, ds, velocity_time, k):
         How time runs, and where the step starts and how long it is.
     velocity_time : float
         Time [s] that turns an error in a velocity into one in a position.
-    k : (12, 8) array
-        Work space for the stages.
+    k : (12, 22) array
+        Work space for the stages: rates of the states and of the further states over s, normal forces [N].
 
     Returns
     -------
     tuple
-        State at the end (8 floats), estimated local error [m].
+        State and further states at the end, estimated local error [m].
     """
-    y, drags = here.y, hystereses(p, here.approaches)
+    y, x, drags = here.y, here.x, hystereses(p, here.approaches)
     factor = pace(course, s)
     for i in range(STATES):
         k[0, i] = factor * here.slope[i]
-    z = y
+    for i in range(3):
+        k[0, NORMAL + i] = here.normals[i]
+    further = p.switches.further
+    if further:
+        for i in range(FURTHER):
+            k[0, STATES + i] = factor * here.further_slope[i]
+    z, z_further, crank, angle = y, x, here.crank, here.crank_angle
     for stage in range(1, COUNT + 1):
         a = STAGES[stage, 0]
         z0, z1, z2, z3 = a * k[0, 0], a * k[0, 1], a * k[0, 2], a * k[0, 3]
@@ -147,32 +197,49 @@ def step(p, here, course, s, ds, velocity_time, k):
         z0, z1, z2, z3 = y[0] + ds * z0, y[1] + ds * z1, y[2] + ds * z2, y[3] + ds * z3
         z4, z5, z6, z7 = y[4] + ds * z4, y[5] + ds * z5, y[6] + ds * z6, y[7] + ds * z7
         z = (z0, z1, z2, z3, z4, z5, z6, z7)
+        if further:
+            z_further = further_at(x, ds, stage, k)
         if stage == COUNT:
             break
         advance = NODES[stage] * ds
-        crank_cos, crank_sin = turned(here.crank_cos, here.crank_sin, p.speed * elapsed(course, s, advance))
-        rod_cos, rod_sin = turned(here.rod_cos, here.rod_sin, z2 - y[2])
-        ax, ay, alpha, ap = accelerations_at(p, crank_cos, crank_sin, rod_cos, rod_sin, z, here.modes, drags)
+        passed = elapsed(course, s, advance)
+        if p.drive.kind == CONSTANT:
+            turn = p.drive.speed * passed
+            cosine, sine = turned(here.crank.cosine, here.crank.sine, turn)
+            angle, crank = here.crank_angle + turn, Crank(cosine, sine, p.drive.speed, 0.0)
+        else:
+            angle, crank = crank_at(p, here.time + passed, z_further)
+        a4, pin, piston, pivot, _, _, bristles = accelerations(
+            p, here.time + passed, angle, crank, z, z_further, here.modes, drags
+        )
         factor = pace(course, s + advance)
         k[stage, 0], k[stage, 1], k[stage, 2], k[stage, 3] = factor * z4, factor * z5, factor * z6, factor * z7
-        k[stage, 4], k[stage, 5], k[stage, 6], k[stage, 7] = factor * ax, factor * ay, factor * alpha, factor * ap
-    rod_length = p.rod_to_crank_end + p.rod_to_piston_end
-    return z, abs(ds) * relative_error(k, rod_length, velocity_time)
+        k[stage, 4], k[stage, 5], k[stage, 6], k[stage, 7] = (
+            factor * a4[0], factor * a4[1], factor * a4[2], factor * a4[3],
+        )  # fmt: skip
+        if further:
+            rates = further_rates(z_further, a4, bristles)
+            for i in range(FURTHER):
+                k[stage, STATES + i] = factor * rates[i]
+        k[stage, NORMAL], k[stage, NORMAL + 1], k[stage, NORMAL + 2] = pin[0], piston[0], pivot[0]
+    return z, z_further, abs(ds) * relative_error(p, k, velocity_time)
 
 
 @compiled
-def relative_error(k, rod_length, velocity_time):
+def relative_error(p, k, velocity_time):
     """Estimated local error [m] over ds, from a step's stages: the 5th-order estimate, damped by the 3rd-order one.
 
-    Errors in the rod angle count by the rod's length, errors in velocities by `velocity_time`.
+    Errors in velocities count by `velocity_time`, those of the crank angle by the crank's length.
     """
     fifth = third = 0.0
-    for i in range(STATES):
+    for i in range(STATES + FURTHER if p.switches.further else STATES):
         e5, e3 = ERROR_5[0] * k[0, i], ERROR_3[0] * k[0, i]
         for j in range(SECOND[COUNT], COUNT):
             e5 += ERROR_5[j] * k[j, i]
             e3 += ERROR_3[j] * k[j, i]
-        weight = (velocity_time if i > 3 else 1.0) * (rod_length if i == 2 or i == 6 else 1.0)
+        weight = velocity_time if 4 <= i < 8 or 12 <= i < 16 else 1.0
+        if i == STATES + 2 or i == STATES + 6:
+            weight *= p.bodies.crank_length
         fifth += (weight * e5) ** 2
         third += (weight * e3) ** 2
     size = math.sqrt(fifth + 0.01 * third)

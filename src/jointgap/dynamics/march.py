@@ -10,12 +10,15 @@ import numpy as np
 
 from jointgap.dynamics.advance import advance
 from jointgap.dynamics.compiled import compiled
-from jointgap.dynamics.equations import FLIGHT, STATES
+from jointgap.dynamics.episodes import EPISODE, begin_episode, follow_episodes, note_event
+from jointgap.dynamics.equations import FURTHER, STATES
 from jointgap.dynamics.events import all_conditions, switched
-from jointgap.dynamics.integrator import AFTER, BEFORE, COUNT, LINEAR, elapsed, instant, step, stretch
-from jointgap.dynamics.motion import direction, relative_motion, resolution
+from jointgap.dynamics.integrator import AFTER, BEFORE, COLUMNS, COUNT, LINEAR, elapsed, instant, step, stretch
+from jointgap.dynamics.joints import FLIGHT
+from jointgap.dynamics.motion import directions, relative_motion
+from jointgap.dynamics.parameters import MOTOR
 
-DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE = 0, 1, 2, 3
+DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE, STALLED = range(5)
 
 _LONGEST_TURN = 0.1  # rad of crank angle in one step: a clearance vector leaves its circle once in it, not twice
 _AFTER_IMPACT = 0.1  # share of the tolerance there: velocities wrong by that much last through the flight that follows
@@ -30,48 +33,102 @@ def contact_duration(joint, mass, speed):
 
 
 @compiled
-def march(p, start, times, tolerance, velocity_time, step_limit, states, modes_at, approaches_at, directions_at):
-    """Integrate from `times[0]`, both joints in flight, and take samples at `times`.
+def contact_begins(p, joint, approach):
+    """`contact_duration` of a joint with the rod's mass, near enough."""
+    mass = 0.5 * p.bodies.rod_mass
+    if joint == 0:
+        return contact_duration(p.crank_pin, mass, approach)
+    return contact_duration(p.piston_pin if joint == 1 else p.crank_pivot, mass, approach)
+
+
+@compiled
+def replaced(values, place, value):
+    """Three values with one of them replaced."""
+    return (
+        value if place == 0 else values[0],
+        value if place == 1 else values[1],
+        value if place == 2 else values[2],
+    )
+
+
+@compiled
+def time_at_angle(p, here, there, run, begin, angle, velocity_time, k):
+    """Time [s] within a step at which a motor's crank passes `angle` [rad], by Newton's method with true steps."""
+    low, high = here.time, there.time
+    share = (angle - here.crank_angle) / (there.crank_angle - here.crank_angle)
+    time = low + share * (high - low)
+    for _ in range(50):
+        _, x, _ = step(p, here, run, begin, stretch(run, begin, time - here.time), velocity_time, k)
+        following = time - (x[2] - angle) / x[6]
+        if x[2] < angle:
+            low = time
+        else:
+            high = time
+        if abs(following - time) <= 1e-15 * (there.time - here.time) + 4e-16 * abs(time):
+            break
+        time = following if low <= following <= high else 0.5 * (low + high)
+    return time
+
+
+@compiled
+def march(
+    p,
+    y,
+    x,
+    times,
+    angles,
+    tolerance,
+    velocity_time,
+    step_limit,
+    states,
+    further,
+    modes_at,
+    approaches_at,
+    directions_at,
+):
+    """Integrate from `times[0]`, all joints in flight, and take samples.
 
     Parameters
     ----------
     p : Parameters
-    start : (8,) array
-        State at the first of `times`.
-    times : (n,) array
-        Samples [s], growing.
+    y, x : (8,), (11,) arrays
+        State and further states at the start.
+    times, angles : (n,) arrays
+        Samples [s, rad], growing. A motor's samples lie at `angles`, and `times` beyond the first are overwritten; else
+        they lie at `times`.
     tolerance : float
         Local error of a step [m].
     velocity_time : float
         Time [s] that turns an error in a velocity into one in a position.
     step_limit : int
         Most steps, rejected ones included.
-    states, modes_at, approaches_at, directions_at : (n, 8), (n, 2), (n, 2), (n, 2) arrays
-        Overwritten with the samples: states, modes, approach speeds [m/s] of the contacts, unwrapped directions [rad]
-        of the clearance vectors (NaN where the centres coincide).
+    states, further, modes_at, approaches_at, directions_at : (n, 8), (n, 11), (n, 3), (n, 3), (n, 3) arrays
+        Overwritten with the samples: states, further states, modes, approach speeds [m/s] of the contacts, unwrapped
+        directions [rad] of the clearance vectors (NaN where the centres coincide).
 
     Returns
     -------
     tuple
-        Status, time and state at the end, events as an (m, 4) array (time, joint, 1 for impact and 0 for separation,
-        approach speed), number of steps.
+        Status, instant at the end, events as an (m, 8) array (see `jointgap.dynamics.episodes`), number of steps.
     """
-    k = np.empty((COUNT, STATES))
-    events, event_count, steps, sample = np.empty((64, 4)), 0, 0, 0
-    least, longest = resolution(p), _LONGEST_TURN / abs(p.speed)
+    k = np.zeros((COUNT, COLUMNS))
+    events, event_count, steps, sample = np.empty((64, 8)), 0, 0, 0
+    episodes = np.zeros((3, EPISODE))
+    motor, longest = p.drive.kind == MOTOR, _LONGEST_TURN / abs(p.drive.speed)
     proposal, course, s = 0.1 * longest, LINEAR, 0.0
 
-    y = (start[0], start[1], start[2], start[3], start[4], start[5], start[6], start[7])
-    here = instant(p, times[0], y, (FLIGHT, FLIGHT), (math.inf, math.inf))
-    motion = relative_motion(p, here)
+    y_start = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
+    x_start = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
+    modes, approaches = (FLIGHT, FLIGHT, FLIGHT), (math.inf, math.inf, math.inf)
+    here = instant(p, times[0], y_start, x_start, modes, approaches)
+    motion = relative_motion(here)
     holding = all_conditions(p, here, motion)
     seen, seen_time = motion, here.time  # where the directions were last followed to
-    gamma2 = direction(math.nan, motion[0], motion[0], 0.0, least)
-    gamma3 = direction(math.nan, motion[1], motion[1], 0.0, least)
+    gammas = directions((math.nan, math.nan, math.nan), motion, motion, 0.0)
 
     while True:
         if steps >= step_limit:
-            return TOO_MANY_STEPS, here.time, here.y, events[:event_count], steps
+            return TOO_MANY_STEPS, here, events[:event_count], steps
         proposal = min(proposal, longest)
         if course == AFTER and s * s > _FAR * proposal:
             course, s = LINEAR, 0.0
@@ -86,29 +143,39 @@ def march(p, start, times, tolerance, velocity_time, step_limit, states, modes_a
         if not error <= allowed:
             factor = min(factor, 0.9) if error < math.inf else 0.1
             proposal = 0.5 * elapsed(run, begin, ds) if run == BEFORE else elapsed(run, begin, ds * factor)
-            if proposal < 1e-15 * (abs(here.time) + longest):
+            if not proposal >= 1e-15 * (abs(here.time) + longest):
                 status = STEP_TOO_SMALL if error < math.inf else NOT_FINITE
-                return status, here.time, here.y, events[:event_count], steps
+                return status, here, events[:event_count], steps
             continue
+        if motor and there.crank.speed <= 0.0:
+            return STALLED, there, events[:event_count], steps
+        follow_episodes(episodes, here, there, motion, there_motion, run, begin, ds, k)
 
-        while sample < times.size and times[sample] <= there.time:
-            time, y = times[sample], there.y
+        while sample < times.size:
+            if motor:
+                if angles[sample] > there.crank_angle and sample > 0:
+                    break
+                if sample > 0:
+                    times[sample] = time_at_angle(p, here, there, run, begin, angles[sample], velocity_time, k)
+            elif times[sample] > there.time:
+                break
+            time, y_now, x_now = times[sample], there.y, there.x
             if time < there.time:
-                y, _ = step(p, here, run, begin, stretch(run, begin, time - here.time), velocity_time, k)
-            now = relative_motion(p, instant(p, time, y, here.modes, here.approaches))
-            gamma2 = direction(gamma2, seen[0], now[0], time - seen_time, least)
-            gamma3 = direction(gamma3, seen[1], now[1], time - seen_time, least)
+                y_now, x_now, _ = step(p, here, run, begin, stretch(run, begin, time - here.time), velocity_time, k)
+            now = relative_motion(instant(p, time, y_now, x_now, here.modes, here.approaches))
+            gammas = directions(gammas, seen, now, time - seen_time)
             seen, seen_time = now, time
             for i in range(STATES):
-                states[sample, i] = y[i]
-            for j in range(2):
-                modes_at[sample, j], approaches_at[sample, j] = here.modes[j], here.approaches[j]
-            directions_at[sample, 0], directions_at[sample, 1] = gamma2, gamma3
+                states[sample, i] = y_now[i]
+            for i in range(FURTHER):
+                further[sample, i] = x_now[i]
+            for i in range(3):
+                modes_at[sample, i], approaches_at[sample, i] = here.modes[i], here.approaches[i]
+                directions_at[sample, i] = gammas[i]
             sample += 1
         if sample == times.size:
-            return DONE, there.time, there.y, events[:event_count], steps
-        gamma2 = direction(gamma2, seen[0], there_motion[0], there.time - seen_time, least)
-        gamma3 = direction(gamma3, seen[1], there_motion[1], there.time - seen_time, least)
+            return DONE, there, events[:event_count], steps
+        gammas = directions(gammas, seen, there_motion, there.time - seen_time)
         seen, seen_time = there_motion, there.time
         if course == AFTER:
             s = math.sqrt(s * s + there.time - here.time)
@@ -118,24 +185,23 @@ def march(p, start, times, tolerance, velocity_time, step_limit, states, modes_a
             continue
 
         # The event: the joint's mode changes.
-        modes, approaches = here.modes, here.approaches
-        before = modes[joint]
+        before, modes, approaches, x_after = here.modes[joint], here.modes, here.approaches, there.x
         mode, approach = switched(before, approaches[joint], kind, -there_holding[joint][1])
-        modes = (mode, modes[1]) if joint == 0 else (modes[0], mode)
-        approaches = (approach, approaches[1]) if joint == 0 else (approaches[0], approach)
+        modes, approaches = replaced(modes, joint, mode), replaced(approaches, joint, approach)
         if before == FLIGHT or mode == FLIGHT:
             if event_count == events.shape[0]:
                 events = np.concatenate((events, np.empty_like(events)))
-            events[event_count, 0], events[event_count, 1] = there.time, joint
-            events[event_count, 2] = 1.0 if before == FLIGHT else 0.0
-            events[event_count, 3] = approach if before == FLIGHT else math.nan
+            note_event(events[event_count], episodes, there, joint, before == FLIGHT, approach)
             event_count += 1
         if before == FLIGHT:
+            begin_episode(episodes, joint)
             course, s = AFTER, 0.0
-            lasts = contact_duration(p.crank_pin if joint == 0 else p.piston_pin, 0.5 / p.rod_inverse_mass, approach)
-            proposal = min(proposal, 0.1 * lasts)
-        elif modes[0] == FLIGHT and modes[1] == FLIGHT:
-            course, s, proposal = LINEAR, 0.0, max(proposal, 0.2 * longest)
-        here = instant(p, there.time, there.y, modes, approaches)
-        motion = relative_motion(p, here)
+            proposal = min(proposal, 0.1 * contact_begins(p, joint, approach))
+        elif mode == FLIGHT:
+            # Bristles that touch nothing are straight.
+            x_after = x_after[:8] + replaced((x_after[8], x_after[9], x_after[10]), joint, 0.0)
+            if modes[0] == FLIGHT and modes[1] == FLIGHT and modes[2] == FLIGHT:
+                course, s, proposal = LINEAR, 0.0, max(proposal, 0.2 * longest)
+        here = instant(p, there.time, there.y, x_after, modes, approaches)
+        motion = relative_motion(here)
         holding = all_conditions(p, here, motion)

@@ -2,30 +2,20 @@
 
 import math
 
-from jointgap.dynamics.compiled import compiled
-from jointgap.dynamics.equations import clearance_vectors
+from jointgap.dynamics.compiled import compiled, inlined
 
 _PIECES = 16
 
 
-@compiled
-def resolution(p):
-    """Distance [m] below which two joint centres count as coincident: what rounding leaves of positions."""
-    return 1e-15 * (p.crank_length + p.rod_to_crank_end + p.rod_to_piston_end)
-
-
-@compiled
-def relative_motion(p, here):
-    """Clearance vector, rate and second rate of crank pin and piston pin, 6 numbers each [m, m/s, m/s^2]."""
-    y, slope, rod_cos, rod_sin = here.y, here.slope, here.rod_cos, here.rod_sin
-    a, b, c = p.rod_to_crank_end, p.rod_to_piston_end, p.crank_length * p.speed**2
-    pin, piston = clearance_vectors(p, here.crank_cos, here.crank_sin, rod_cos, rod_sin, y)
-    square, alpha = y[6] * y[6], slope[6]
-    pin_x = slope[4] + a * (alpha * rod_sin + square * rod_cos) + c * here.crank_cos
-    pin_y = slope[5] - a * (alpha * rod_cos - square * rod_sin) + c * here.crank_sin
-    piston_x = slope[4] - b * (alpha * rod_sin + square * rod_cos) - slope[7]
-    piston_y = slope[5] + b * (alpha * rod_cos - square * rod_sin)
-    return pin + (pin_x, pin_y), piston + (piston_x, piston_y)
+@inlined
+def relative_motion(here):
+    """Clearance vector, rate and second rate of crank pin, piston pin and crank pivot, 6 numbers each [m, m/s, m/s^2]."""
+    y, a, x, b = here.y, here.slope, here.x, here.further_slope
+    return (
+        (y[0], y[1], y[4], y[5], a[4], a[5]),
+        (y[2], y[3], y[6], y[7], a[6], a[7]),
+        (x[0], x[1], x[4], x[5], b[4], b[5]),
+    )
 
 
 @compiled
@@ -58,13 +48,23 @@ def swept_angle(before, after, duration):
 
 
 @compiled
-def direction(angle, before, after, duration, least):
-    """Unwrapped direction [rad] of a clearance vector after `duration`, NaN where it is no longer than `least`.
+def direction(angle, before, after, duration):
+    """Unwrapped direction [rad] of a clearance vector after `duration`, NaN where its length is zero.
 
     `angle` is the direction before; NaN (not known yet) starts afresh within (-pi, pi].
     """
-    if math.hypot(after[0], after[1]) <= least:
+    if after[0] == 0.0 and after[1] == 0.0:
         return math.nan
     if math.isnan(angle):
         return math.atan2(after[1], after[0])
     return angle + swept_angle(before, after, duration)
+
+
+@inlined
+def directions(angles, before, after, duration):
+    """`direction` in all three joints."""
+    return (
+        direction(angles[0], before[0], after[0], duration),
+        direction(angles[1], before[1], after[1], duration),
+        direction(angles[2], before[2], after[2], duration),
+    )

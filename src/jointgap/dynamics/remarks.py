@@ -13,7 +13,7 @@ PENALTY_SPEEDS = (0.1, 1.0)
 
 
 def remarks(mechanism: Mechanism) -> list[str]:
-    """Where the contacts of loose joints rebound otherwise than one may think; a sentence for each, empty where all is well.
+    """Where contacts of loose joints do otherwise than one may think; a sentence for each, empty where all is well.
 
     Parameters
     ----------
@@ -34,6 +34,7 @@ def remarks(mechanism: Mechanism) -> list[str]:
 
 def _of_contact(joint: Joint, rod_mass: float) -> Iterator[str]:
     contact = joint.contact
+    yield from _of_friction(contact)
     if contact.law == "penalty":
         yield _of_penalty(joint, contact, rod_mass)
         return
@@ -42,6 +43,20 @@ def _of_contact(joint: Joint, rod_mass: float) -> Iterator[str]:
         yield (
             f"{contact.law} delivers a restitution of {delivered:.4g} where {contact.restitution:.4g} is asked for; "
             "exact_restitution delivers what is asked"
+        )
+
+
+def _of_friction(contact: Contact) -> Iterator[str]:
+    """The condition for passive bristles stands in `jointgap.dynamics.friction.lugre`."""
+    given = contact.friction_parameters()
+    excess = given["static_friction"] - contact.friction
+    if contact.friction_law != "lugre" or contact.friction == 0 or excess == 0:
+        return
+    most = given["viscous_friction"] * contact.friction / excess
+    if given["bristle_damping"] > most:
+        yield (
+            "lugre with static_friction above friction can drive a motion for moments instead of braking it; a bristle_damping "
+            f"of {most:.3g} s/m or less rules that out, or more viscous_friction"
         )
 
 

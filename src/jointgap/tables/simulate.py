@@ -5,9 +5,9 @@ from jointgap.tables.columns import Column, Table
 
 def _clearance(number: int, joint: str, ends: str) -> tuple[Column, ...]:
     r, gamma = f"r{number}", f"gamma{number}"
-    undefined = "; null where the centres coincide"
+    undefined = "; null where the centres coincide, as in an ideal joint"
     return (
-        Column(r, "m", f"distance of the centres of the {joint} ({ends})"),
+        Column(r, "m", f"distance of the centres of the {joint} ({ends}); 0 where it is ideal"),
         Column(f"{r}_dot", "m/s", f"first time derivative of {r}", nullable=True),
         Column(f"{r}_ddot", "m/s^2", f"second time derivative of {r}", nullable=True),
         Column(gamma, "rad", f"direction of the vector of length {r}, unwrapped{undefined}", nullable=True),
@@ -16,13 +16,15 @@ def _clearance(number: int, joint: str, ends: str) -> tuple[Column, ...]:
     )
 
 
-def _contact(joint: str, carrier: str) -> tuple[Column, ...]:
+def _contact(joint: str, partner: str, body: str) -> tuple[Column, ...]:
     words = joint.replace("_", " ")
     return (
-        Column(f"{joint}_normal_force", "N", f"contact force in the {words}, along the clearance, 0 in flight"),
-        Column(f"{joint}_friction_force", "N", f"friction force in the {words}, along the tangent, with sign"),
-        Column(f"{joint}_force_x", "N", f"force of the {carrier} on the rod in the {words}, x"),
-        Column(f"{joint}_force_y", "N", f"force of the {carrier} on the rod in the {words}, y"),
+        Column(
+            f"{joint}_normal_force", "N", f"force in the {words} along the clearance; size of an ideal one's reaction"
+        ),
+        Column(f"{joint}_friction_force", "N", f"force in the {words} along the tangent, with sign; 0 in an ideal one"),
+        Column(f"{joint}_force_x", "N", f"force of the {partner} on the {body} in the {words}, x"),
+        Column(f"{joint}_force_y", "N", f"force of the {partner} on the {body} in the {words}, y"),
     )
 
 
@@ -32,8 +34,11 @@ TRAJECTORY = Table(
     (
         Column("time", "s", "time since the start"),
         Column("crank_angle", "rad", "crank angle theta2, running on over revolutions"),
+        Column("crank_speed", "rad/s", "first time derivative of the crank angle"),
+        Column("crank_acceleration", "rad/s^2", "second time derivative of the crank angle"),
         *_clearance(2, "crank pin", "from the crank's pin to the rod's end"),
         *_clearance(3, "piston pin", "from the slider's pin to the rod's end"),
+        *_clearance(1, "crank pivot", "from the frame's centre to the crank's"),
         Column("rod_position_x", "m", "mass centre of the rod, x"),
         Column("rod_position_y", "m", "mass centre of the rod, y"),
         Column("rod_velocity_x", "m/s", "velocity of the rod's mass centre, x"),
@@ -43,13 +48,20 @@ TRAJECTORY = Table(
         Column("rod_angle", "rad", "angle theta3 of the rod from +x, crank end to piston end"),
         Column("rod_angular_velocity", "rad/s", "first time derivative of the rod angle"),
         Column("rod_angular_acceleration", "rad/s^2", "second time derivative of the rod angle"),
+        Column("rod_deflection", "m", "deflection of the rod at midspan, along its normal; 0 where it is rigid"),
         Column("slider_position", "m", "position of the slider's pin along x"),
         Column("slider_velocity", "m/s", "velocity of the slider"),
         Column("slider_acceleration", "m/s^2", "acceleration of the slider"),
-        *_contact("crank_pin", "crank"),
-        *_contact("piston_pin", "slider"),
-        Column("crank_torque", "N*m", "torque of the drive on the crank"),
-        Column("guide_force", "N", "force of the guide on the slider, +y"),
+        *_contact("crank_pin", "crank", "rod"),
+        *_contact("piston_pin", "slider", "rod"),
+        *_contact("crank_pivot", "frame", "crank"),
+        *(
+            Column(f"{joint}_mode", "", "ideal, flight, impact (the journal hits and rebounds) or contact", "text")
+            for joint in ("crank_pin", "piston_pin", "crank_pivot")
+        ),
+        Column("crank_torque", "N*m", "torque of the drive on the crank, losses of the crank included"),
+        Column("guide_force", "N", "normal force of the guide on the slider, +y"),
+        Column("guide_moment", "N*m", "moment of the guide on the slider, about its pin"),
         Column("frame_force_x", "N", "force of the crank on the crank pivot's bearing, x"),
         Column("frame_force_y", "N", "force of the crank on the crank pivot's bearing, y"),
         Column("transmission_angle", "rad", "transmission angle mu, equation (10)"),
@@ -62,7 +74,7 @@ EVENTS = Table(
     (
         Column("time", "s", "time since the start"),
         Column("crank_angle", "rad", "crank angle theta2, running on over revolutions"),
-        Column("joint", "", "crank_pin or piston_pin", "text"),
+        Column("joint", "", "crank_pin, piston_pin or crank_pivot", "text"),
         Column("event", "", "impact (contact begins) or separation (contact ends)", "text"),
         Column(
             "approach_speed",
@@ -70,6 +82,11 @@ EVENTS = Table(
             "speed of approach along the normal at an impact; null at a separation",
             nullable=True,
         ),
+        Column(
+            "impulse", "N*s", "impulse of the normal force over the contact that ends; null at an impact", nullable=True
+        ),
+        Column("peak_force", "N", "largest normal force of the contact that ends; null at an impact", nullable=True),
+        Column("maxima", "", "maxima of the penetration in the contact that ends; null at an impact", nullable=True),
     ),
 )
 

@@ -1,0 +1,62 @@
+"""Contacts as episodes, from an impact to the separation: impulse, peak of the force, maxima of the penetration."""
+
+import math
+
+from jointgap.dynamics.compiled import compiled, inlined
+from jointgap.dynamics.integrator import NORMAL, pace
+from jointgap.dynamics.joints import FLIGHT
+from jointgap.dynamics.tableau import COUNT, NODES, STAGES
+
+EPISODE = 3
+"""Numbers kept of each joint's present contact: impulse [N s], largest normal force [N], maxima of the penetration."""
+
+EVENT = ("time", "joint", "begins", "approach_speed", "impulse", "peak_force", "maxima", "crank_angle")
+"""What a row of the events holds; the three numbers of the episode belong to its end."""
+
+
+@inlined
+def follow_episodes(episodes, here, there, motion, there_motion, run, begin, ds, k):
+    """Carry on the episodes over an accepted step whose stages are in `k`.
+
+    Parameters
+    ----------
+    episodes : (3, 3) array
+        By joint, changed in place.
+    here, there : Instant
+        Both ends of the step.
+    motion, there_motion : tuples
+        `relative_motion` there.
+    run, begin, ds : int, float, float
+        Course and extent of the step.
+    k : (12, 22) array
+    """
+    for joint in range(3):
+        if here.modes[joint] == FLIGHT:
+            continue
+        impulse, peak = 0.0, max(episodes[joint, 1], there.normals[joint])
+        for stage in range(COUNT):
+            normal = max(k[stage, NORMAL + joint], 0.0)
+            impulse += STAGES[COUNT, stage] * pace(run, begin + NODES[stage] * ds) * normal
+            peak = max(peak, normal)
+        episodes[joint, 0] += ds * impulse
+        episodes[joint, 1] = peak
+        ex, ey, vx, vy, _, _ = motion[joint]
+        fx, fy, wx, wy, _, _ = there_motion[joint]
+        if ex * vx + ey * vy > 0.0 >= fx * wx + fy * wy:
+            episodes[joint, 2] += 1.0
+
+
+@compiled
+def begin_episode(episodes, joint):
+    """A contact begins."""
+    for i in range(EPISODE):
+        episodes[joint, i] = 0.0
+
+
+@compiled
+def note_event(event, episodes, there, joint, begins, approach):
+    """Write a row of events: see `EVENT`."""
+    event[0], event[1], event[2], event[7] = there.time, joint, 1.0 if begins else 0.0, there.crank_angle
+    event[3] = approach if begins else math.nan
+    for i in range(EPISODE):
+        event[4 + i] = math.nan if begins else episodes[joint, i]

@@ -1,0 +1,41 @@
+"""Modes in a user's words: flight, impact, contact.
+
+An impact is a contact in which the penetration has one maximum at most: the journal hits and rebounds. In a longer one it
+stays, swinging about its equilibrium.
+"""
+
+import numpy as np
+
+from jointgap.dynamics.episodes import EVENT
+from jointgap.dynamics.joints import FLIGHT
+from jointgap.dynamics.parameters import JOINTS, Parameters
+
+EVENT_NAMES = np.array(["separation", "impact"], dtype=object)
+
+MODES = ("ideal", "flight", "impact", "contact")
+"""What a sample may be in, by joint."""
+
+
+def sample_modes(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns ``crank_pin_mode``, ... of the table ``trajectory``.
+
+    Parameters
+    ----------
+    p : Parameters
+    times, modes : (n,), (n, 3) arrays
+        Samples [s] and modes of a march.
+    events : (m, 8) array
+        Its events. A contact that lasts to the end of the march counts as contact.
+    """
+    found = {}
+    column = {name: i for i, name in enumerate(EVENT)}
+    for number, joint in enumerate(JOINTS):
+        if not getattr(p, joint).loose:
+            found[f"{joint}_mode"] = np.full(times.size, MODES[0], dtype=object)
+            continue
+        touching = modes[:, number] != FLIGHT
+        ends = events[(events[:, column["joint"]] == number) & (events[:, column["begins"]] == 0)]
+        following = np.searchsorted(ends[:, column["time"]], times)  # the next separation; none: the contact goes on
+        maxima = np.append(ends[:, column["maxima"]], np.inf)[following]
+        found[f"{joint}_mode"] = np.array(MODES, dtype=object)[np.where(touching, np.where(maxima <= 1, 2, 3), 1)]
+    return found
