@@ -4,14 +4,16 @@ import itertools
 import json
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import click
 import pytest
+import yaml
 from click.testing import CliRunner
 
 from jointgap.cli import cli
-from jointgap.config import load_mechanism
+from jointgap.config import EFFECTS, Mechanism, load_mechanism, read_yaml, validate
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -119,3 +121,39 @@ def test_nothing_is_published_from_a_folder_without_results(simulated, tmp_path)
     assert done.returncode == 2
     assert "nothing to publish" in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_catalogue_of_effects_fits_a_hundred_columns_and_leaves_none_out():
+    shown = CliRunner().invoke(cli, ["effects"])
+    assert shown.exit_code == 0
+    assert max(map(len, shown.output.splitlines())) <= 100
+    for name in EFFECTS:
+        assert name in shown.output
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_is_shown_in_full_with_what_to_paste(name):
+    shown = CliRunner().invoke(cli, ["effects", name])
+    assert shown.exit_code == 0
+    words = " ".join(shown.output.split())
+    assert EFFECTS[name].LAW in words and EFFECTS[name].REFERENCE in words
+    snippet = yaml.safe_load(textwrap.dedent(shown.output.split("in the mechanism file:")[1]))
+    joints = {"crank_pivot": {"journal": "crank", "journal_radius": 0.01, "bearing_radius": 0.011, "contact": "steel"}}
+    mechanism = read_yaml(ROOT / "config/mechanisms/erkaya2009.yaml")
+    made = validate(Mechanism, mechanism | snippet | {"joints": mechanism["joints"] | joints}, "pasted")
+    assert made.effects[0].name == name
+
+
+def test_an_unknown_effect_is_told_with_the_nearest_one():
+    done = jointgap("effects", "gas_presure")
+    assert done.returncode == 2
+    assert "no such effect; did you mean 'gas_pressure'?" in done.stderr
+
+
+def test_a_law_that_delivers_another_restitution_says_so_with_the_number(simulated, tmp_path):
+    _, options = simulated
+    places = ("--events", str(tmp_path / "events.parquet"), "--trajectory", str(tmp_path / "trajectory.parquet"))
+    done = jointgap("simulate", "--options", json.dumps(options), *places)
+    assert done.returncode == 0
+    assert "crank_pin: lankarani_nikravesh delivers a restitution of 0.715 where 0.46 is asked for" in done.stderr
+    assert "exact_restitution delivers what is asked" in done.stderr

@@ -31,13 +31,17 @@ def test_quantities_with_units_become_si():
 def test_plain_numbers_and_numbers_that_yaml_reads_as_text_are_si():
     assert resolved({"simulate": {"speed": 60}}).simulate.speed == 60.0
     # YAML 1.1 reads 2e11 as text
-    assert resolved({"mechanism": {"contacts": {"steel": {"youngs_modulus": "2e11"}}}}).mechanism.crank_pin.contact
+    assert (
+        resolved({"mechanism": {"contacts": {"steel": {"youngs_modulus": "2e11"}}}})
+        .mechanism.joint("crank_pin")
+        .contact
+    )
     assert yaml.safe_load("2e11") == "2e11"
 
 
 def test_the_papers_mechanism_has_a_millimetre_of_clearance_and_no_gravity():
     mechanism = load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml")
-    assert mechanism.crank_pin.clearance == pytest.approx(1e-3)
+    assert mechanism.clearance("crank_pin") == pytest.approx(1e-3)
     assert mechanism.gravity.tolist() == [0.0, 0.0]
 
 
@@ -49,8 +53,15 @@ def test_gravity_is_an_effect_that_acts_along_its_direction():
 def test_a_scenario_changes_only_the_keys_it_names():
     changed = resolved({"mechanism": {"contacts": {"steel": {"friction": 0.2}}}})
     plain = resolved({})
-    assert changed.mechanism.crank_pin.contact.friction == changed.mechanism.piston_pin.contact.friction == 0.2
-    assert changed.mechanism.crank_pin.contact.restitution == plain.mechanism.crank_pin.contact.restitution
+    assert (
+        changed.mechanism.joint("crank_pin").contact.friction
+        == changed.mechanism.joint("piston_pin").contact.friction
+        == 0.2
+    )
+    assert (
+        changed.mechanism.joint("crank_pin").contact.restitution
+        == plain.mechanism.joint("crank_pin").contact.restitution
+    )
     assert changed.simulate == plain.simulate
 
 

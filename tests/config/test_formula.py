@@ -1,0 +1,162 @@
+"""Formulas in field terms are read by the usual rules, and their programs give what numpy gives."""
+
+import math
+
+import numpy as np
+import pytest
+
+from jointgap.dynamics.formula import evaluate
+from jointgap.errors import InputError
+from jointgap.formula import NOTHING, VARIABLES, compile_formula
+
+AT = {"v": -1.3, "x": 0.6, "w": 62.8, "theta": 2.1, "t": 0.05}
+NUMPY = {name: getattr(np, name) for name in ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt", "abs")} | {
+    "sgn": np.sign,
+    "pi": np.pi,
+}
+
+
+def value(text: str, at=AT, **coefficients: float) -> float:
+    program = compile_formula(text, coefficients)
+    return evaluate(program.codes, program.numbers, *(at[name] for name in VARIABLES))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("2", 2.0),
+        (".5e1", 5.0),
+        ("-v^2", -1.69),
+        ("(-v)**2", 1.69),
+        ("2^3^2", 512.0),
+        ("2^-1", 0.5),
+        ("1 - 2 - 3", -4.0),
+        ("8 / 4 / 2", 1.0),
+        ("2 + 3*4", 14.0),
+        ("- -v", -1.3),
+        ("2*-v", 2.6),
+        ("v*|v|", -1.69),
+        ("|v|*|x|", 0.78),
+        ("|v*|v - 1||", 2.99),
+        ("|-|v||", 1.3),
+        ("||v||", 1.3),
+        ("sgn(v)", -1.0),
+        ("sgn(v - v)", 0.0),
+        ("sqrt(|v|)^2", 1.3),
+        ("2*pi", 2 * math.pi),
+        ("sin(theta)", math.sin(2.1)),
+        ("tanh(v/0.01)", -1.0),
+        ("x^1.5", 0.6**1.5),
+        ("w*t", 3.14),
+    ],
+)
+def test_the_usual_rules_hold(text, expected):
+    assert value(text) == pytest.approx(expected, rel=1e-14)
+
+
+def test_coefficients_are_numbers_by_name():
+    assert value("-a*v*|v| + b_1*sin(theta)", a=1.2, b_1=3.0) == pytest.approx(
+        1.2 * 1.69 + 3 * math.sin(2.1), rel=1e-14
+    )
+
+
+def test_no_formula_at_all_is_zero():
+    assert evaluate(NOTHING.codes, NOTHING.numbers, 1.0, 2.0, 3.0, 4.0, 5.0) == 0.0
+
+
+def random_formula(random: np.random.Generator, depth: int) -> tuple[str, str]:
+    """The same formula for us and for numpy."""
+    if depth == 0 or random.random() < 0.15:
+        leaf = str(random.choice([*VARIABLES, "a", "pi", f"{random.uniform(0.1, 3):.3g}"]))
+        return leaf, leaf
+    kind = random.integers(8)
+    left, python_left = random_formula(random, depth - 1)
+    if kind == 0:
+        return f"|{left}|", f"abs({python_left})"
+    if kind == 1:
+        return f"-({left})", f"-({python_left})"
+    if kind == 2:
+        name = random.choice(["sin", "cos", "tanh", "sgn", "abs"])
+        return f"{name}({left})", f"{name}({python_left})"
+    if kind == 3:
+        power = random.choice(["2", "3", "-1", "0.5"])
+        return f"(1 + |{left}|)^{power}", f"(1 + abs({python_left}))**{power}"
+    if kind == 4:
+        return f"log(1.5 + ({left})**2)", f"log(1.5 + ({python_left})**2)"
+    right, python_right = random_formula(random, depth - 1)
+    sign = random.choice(["+", "-", "*"])
+    if kind == 5:
+        return f"({left}) {sign} ({right})", f"({python_left}) {sign} ({python_right})"
+    if kind == 6:
+        return f"({left})/(2 + sin({right}))", f"({python_left})/(2 + sin({python_right}))"
+    return f"exp(-|{left}|) {sign} {right}", f"exp(-abs({python_left})) {sign} {python_right}"
+
+
+def test_random_formulas_give_what_numpy_gives():
+    random = np.random.default_rng(2009)
+    for _ in range(400):
+        text, python = random_formula(random, int(random.integers(1, 6)))
+        if len(text) > 1000:
+            continue
+        at = {name: float(random.uniform(-2, 2)) for name in VARIABLES}
+        coefficients = {"a": 0.7} if "a" in python.replace("theta", "").replace("tanh", "").replace("abs", "") else {}
+        expected = eval(python, NUMPY | at | {"a": 0.7})
+        assert value(text, at, **coefficients) == pytest.approx(expected, rel=1e-11, abs=1e-11), text
+
+
+def test_what_is_not_defined_is_not_a_number():
+    assert math.isnan(value("sqrt(v)"))
+    assert math.isinf(value("1/(v - v)"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("-a*vel", ["unknown name 'vel'", "known here: a, abs", "theta"]),
+        ("sni(v)", ["unknown name 'sni'", "did you mean 'sin'"]),
+        ("", ["empty"]),
+        ("   ", ["empty"]),
+        ("2 v", ["character 3: 'v'", "an operation is missing before it"]),
+        ("2 +", ["ends too early"]),
+        ("(v", ["ends too early"]),
+        ("|v", ["ends too early"]),
+        ("v)", ["character 2: ')'"]),
+        ("sin v", ["'sin' is a function; write sin(...)"]),
+        ("v # x", ["character 3: '#'", "no meaning"]),
+        ("v; import os", ["character 2: ';'"]),
+        ("v.real", ["character 2: '.'"]),
+        ("1/0", ["divides by 0"]),
+        ("v/(1 - 1)", ["divides by 0"]),
+        ("log(-1)", ["not a finite number"]),
+        ("exp(1e6)", ["not a finite number"]),
+        ("1e999", ["not a finite number"]),
+        ("v*" * 600 + "v", ["1201 characters", "more than 1000"]),
+        ("(" * 200 + "v" + ")" * 200, ["nested more than 50 deep"]),
+        ("-" * 300 + "v", ["nested more than 50 deep"]),
+        ("v+(" * 17 + "v" + ")" * 17, ["keeps 18 numbers at once, more than 16"]),
+    ],
+)
+def test_a_formula_that_cannot_be_read_is_refused_with_its_place_and_the_mend(text, words):
+    with pytest.raises(InputError) as caught:
+        compile_formula(text, {"a": 1.0} if "a*" in text else {})
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["v", "theta", "sin", "pi", "two words", "1st", "|a|"])
+def test_a_coefficient_cannot_take_a_name_that_means_something_else(name):
+    with pytest.raises(InputError, match="cannot be told from"):
+        compile_formula("v", {name: 1.0})
+
+
+def test_a_coefficient_that_is_not_used_is_a_mistake():
+    with pytest.raises(InputError, match="does not use the coefficient 'b'"):
+        compile_formula("a*v", {"a": 1.0, "b": 2.0})
+
+
+def test_parts_without_variables_are_computed_once():
+    assert len(compile_formula("2*pi*a*v", {"a": 3.0}).codes) == 3
+
+
+def test_the_deepest_formula_that_is_accepted_uses_the_whole_stack():
+    assert value("v+(" * 15 + "v" + ")" * 15) == pytest.approx(16 * -1.3)

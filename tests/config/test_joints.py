@@ -1,0 +1,140 @@
+"""Each joint is ideal or loose over the same data, with contacts and friction laws that say what they need."""
+
+import math
+
+import pytest
+
+from jointgap.config import Scenario, parse_options, validate
+from jointgap.errors import InputError
+from tests.config.mechanisms import PIVOT, mechanism, paper, with_contact
+
+
+def test_the_papers_mechanism_has_two_loose_joints_and_an_ideal_pivot():
+    assert paper().loose == ("crank_pin", "piston_pin")
+    assert paper().joint("crank_pivot") is None
+    assert paper().clearance("crank_pivot") == 0.0
+    assert paper().clearance("piston_pin") == pytest.approx(1e-3, rel=1e-12)
+
+
+def test_one_switch_makes_a_joint_ideal_over_the_same_data():
+    switched = mechanism(joints={"crank_pin": {"loose": False}})
+    assert switched.loose == ("piston_pin",)
+    assert switched.clearance("crank_pin") == 0.0
+    assert switched.joint("crank_pin").bearing_radius == paper().joint("crank_pin").bearing_radius
+
+
+@pytest.mark.parametrize("pivot", [True, False])
+@pytest.mark.parametrize("crank_pin", [True, False])
+@pytest.mark.parametrize("piston_pin", [True, False])
+def test_any_subset_of_the_joints_can_be_loose(pivot, crank_pin, piston_pin):
+    switches = {"crank_pivot": pivot, "crank_pin": crank_pin, "piston_pin": piston_pin}
+    made = mechanism(
+        joints={"crank_pivot": PIVOT}
+        | {name: {"loose": loose} for name, loose in switches.items() if name != "crank_pivot"}
+        | ({"crank_pivot": PIVOT | {"loose": pivot}})
+    )
+    assert made.loose == tuple(name for name, loose in switches.items() if loose)
+
+
+def test_the_bare_word_ideal_needs_no_data():
+    bare = mechanism(joints={"crank_pin": "ideal", "piston_pin": "ideal"})
+    assert bare.loose == ()
+    assert bare.joint("crank_pin") is None
+
+
+def test_joints_survive_the_command_line():
+    made = mechanism(joints={"crank_pivot": PIVOT, "crank_pin": "ideal", "piston_pin": {"loose": False}})
+    scenario = validate(Scenario, {"mechanism": made.model_dump()}, "mine")
+    assert parse_options(scenario.model_dump_json(include={"mechanism"})).mechanism == made
+
+
+@pytest.mark.parametrize(
+    ("joints", "words"),
+    [
+        ({"crank_pin": "idela"}, ["joints.crank_pin = 'idela'", "'ideal' or a mapping"]),
+        ({"crank_pivot": PIVOT | {"journal": "rod"}}, ["joints.crank_pivot", "'frame' or 'crank'"]),
+        ({"crank_pivot": PIVOT | {"contact": "brass"}}, ["joints.crank_pivot.contact", "'brass'"]),
+        ({"crank_pivot": {"journal": "frame"}}, ["joints.crank_pivot.journal_radius' is missing"]),
+        ({"crank_pin": {"lose": False}}, ["joints.crank_pin.lose", "did you mean 'loose'"]),
+        ({"crank_pni": "ideal"}, ["joints.crank_pni", "did you mean 'crank_pin'"]),
+    ],
+)
+def test_a_joint_that_makes_no_sense_is_refused(joints, words):
+    with pytest.raises(InputError) as caught:
+        mechanism(joints=joints)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_clearances_count_when_it_is_asked_whether_the_crank_can_turn():
+    lengths = {"crank": {"length": "400 mm"}, "slider": {"offset": "-162.7 mm"}}  # 1.3 mm short of the rod's 564 mm
+    assert mechanism(joints={"crank_pin": "ideal"}, **lengths).slider.offset < 0
+    with pytest.raises(InputError, match=r"offset 0\.1627 m plus clearances 0\.002 m.*cannot turn"):
+        mechanism(**lengths)
+    with pytest.raises(InputError, match="cannot turn"):
+        mechanism(joints={"crank_pin": "ideal", "crank_pivot": PIVOT}, **lengths)
+
+
+@pytest.mark.parametrize(
+    ("contact", "words"),
+    [
+        ({"law": "penalty"}, ["law penalty needs penalty_damping and penalty_depth", "add them"]),
+        ({"law": "penalty", "penalty_damping": 10, "penalty_depth": "1 um"}, ["does not read restitution"]),
+        ({"restitution": None}, ["law lankarani_nikravesh needs restitution", "add it"]),
+        ({"penalty_damping": 10}, ["does not read penalty_damping"]),
+        ({"stiffness": 1e18}, ["stiffness 1e+18", "infinitely stiff", "3.16e+16 N/m^1.5 at most"]),
+        ({"stiffness": 2e12, "exponent": 1}, ["infinitely stiff", "1e+12 N/m^1 at most"]),
+        ({"youngs_modulus": "1e6 GPa"}, ["youngs_modulus", "10000000000000"]),
+        ({"exponent": 0.5}, ["exponent = 0.5", "greater than or equal to 1"]),
+        ({"restitution": 1e-9}, ["restitution = 1e-09", "0.001"]),
+        ({"friction_law": "columb"}, ["friction_law = 'columb'", "'coulomb'"]),
+        ({"stribeck_speed": 0.1}, ["stribeck_speed is read by friction_law bengisu_akay and lugre", "not by coulomb"]),
+        ({"friction_law": "lugre", "static_friction": 0.01}, ["static_friction 0.01 is less than friction 0.05"]),
+        ({"friction_law": "ambrosio", "dead_band_speed": "2 mm/s"}, ["dead_band_speed 0.002", "0.001 m/s"]),
+    ],
+)
+def test_a_contact_that_makes_no_sense_is_refused_once_with_the_mend(contact, words):
+    with pytest.raises(InputError) as caught:
+        with_contact(**contact)
+    assert str(caught.value).startswith("mine.yaml: contacts.steel")
+    assert len(str(caught.value).splitlines()) == 1
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_contact_is_as_stiff_as_it_may_be_where_a_kilonewton_presses_a_nanometre():
+    for exponent in (1.0, 1.5, 2.2):
+        stiffest = 1e3 / 1e-9**exponent
+        assert with_contact(stiffness=0.999 * stiffest, exponent=exponent)
+        with pytest.raises(InputError, match="infinitely stiff"):
+            with_contact(stiffness=1.001 * stiffest, exponent=exponent)
+
+
+def test_the_penalty_form_needs_no_restitution():
+    made = with_contact(law="penalty", restitution=None, penalty_damping="1 N*s/mm", penalty_depth="1 um")
+    assert made.joint("crank_pin").contact.penalty_damping == pytest.approx(1e3)
+    assert made.joint("crank_pin").contact.penalty_depth == pytest.approx(1e-6)
+
+
+def test_friction_laws_fill_in_what_is_left_out():
+    given = with_contact(friction_law="lugre").joint("crank_pin").contact.friction_parameters()
+    assert given["static_friction"] == given["friction"] == 0.05
+    assert given["stribeck_speed"] == 0.01
+    assert given["viscous_friction"] == 0.0
+    pressed, mass = 1e3, 0.1  # critical damping of this mass on bristles under this force
+    stiffness, damping = pressed * given["bristle_stiffness"], pressed * given["bristle_damping"]
+    assert damping == pytest.approx(2 * math.sqrt(stiffness * mass), rel=1e-12)
+    ambrosio = with_contact(friction_law="ambrosio", friction_speed="5 mm/s").joint("crank_pin").contact
+    assert ambrosio.friction_parameters()["dead_band_speed"] == pytest.approx(5e-4)
+
+
+def test_what_is_given_for_a_friction_law_is_taken():
+    keys = {
+        "static_friction": 0.2,
+        "stribeck_speed": 0.02,
+        "viscous_friction": 0.3,
+        "bristle_stiffness": 4e5,
+        "bristle_damping": 0.0,
+    }
+    given = with_contact(friction_law="lugre", **keys).joint("crank_pin").contact.friction_parameters()
+    assert {key: given[key] for key in keys} == keys

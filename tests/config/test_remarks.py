@@ -1,0 +1,50 @@
+"""A contact that does otherwise than one may think says so, with the number."""
+
+import math
+
+import pytest
+
+from jointgap.dynamics.remarks import remarks
+from tests.config.mechanisms import effect, mechanism, with_contact
+
+PENALTY = {"law": "penalty", "restitution": None, "penalty_depth": "1 um"}
+
+
+@pytest.mark.parametrize(
+    ("law", "restitution", "delivered"), [("hunt_crossley", 0.5, "0.663"), ("flores", 0.3, "0.256")]
+)
+def test_a_law_that_delivers_another_restitution_is_named_for_each_loose_joint(law, restitution, delivered):
+    found = remarks(with_contact(law=law, restitution=restitution))
+    assert [remark.split(":")[0] for remark in found] == ["crank_pin", "piston_pin"]
+    for remark in found:
+        assert f"{law} delivers a restitution of {delivered}" in remark
+        assert f"where {restitution:g} is asked for" in remark
+
+
+def test_there_is_nothing_to_say_where_what_is_asked_is_delivered():
+    assert remarks(with_contact(law="exact_restitution")) == []
+    assert remarks(with_contact(law="carvalho_martins", restitution=0.7)) == []
+
+
+def test_an_ideal_joint_has_no_contact_to_remark_on():
+    assert len(remarks(mechanism(effect("crank_pin_clearance", clearance_m=0)))) == 1
+    assert remarks(mechanism(joints={"crank_pin": "ideal", "piston_pin": {"loose": False}})) == []
+
+
+def test_the_penalty_form_says_what_it_delivers():
+    elastic = remarks(with_contact(penalty_damping=0, **PENALTY))[0]
+    assert "depends on mass and speed: about 1 at 0.1 m/s and 1 at 1 m/s" in elastic
+    numbers = [
+        float(word) for word in remarks(with_contact(penalty_damping=2000, **PENALTY))[0].split() if word[:2] == "0."
+    ]
+    assert all(0 < number < 1 for number in numbers) and len(numbers) == 3  # two restitutions and a speed
+
+
+def test_bristles_that_can_drive_the_motion_say_so():
+    lugre = {"law": "exact_restitution", "friction_law": "lugre", "friction": 0.1}
+    assert remarks(with_contact(**lugre)) == []
+    found = remarks(with_contact(static_friction=0.15, viscous_friction=0.01, **lugre))
+    most = 0.01 * 0.1 / (0.15 - 0.1)  # sigma_1 (mu_s - mu) = sigma_2 mu
+    assert math.isclose(most, 0.02)
+    assert "a bristle_damping of 0.02 s/m or less rules that out" in found[0]
+    assert remarks(with_contact(static_friction=0.15, viscous_friction=0.01, bristle_damping=0.019, **lugre)) == []
