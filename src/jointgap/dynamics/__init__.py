@@ -1,9 +1,10 @@
 """Motion of a slider-crank with clearance joints: contact, friction, equations of motion, events, integration.
 
-`simulate` gives one motion with everything there is to see of it.
+`simulate` gives one motion with everything there is to see of it; `simulate_ensemble` many, from different starts.
 """
 
 from jointgap.dynamics.contact import LAWS, delivered_restitution
+from jointgap.dynamics.ensemble import simulate_ensemble
 from jointgap.dynamics.simulate import Trajectory, simulate
 
-__all__ = ["LAWS", "Trajectory", "delivered_restitution", "simulate"]
+__all__ = ["LAWS", "Trajectory", "delivered_restitution", "simulate", "simulate_ensemble"]

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
-from jointgap.dynamics import simulate_ensemble
+from jointgap.dynamics.ensemble import simulate_ensemble
 from jointgap.mechanism import transmission_angle
 from jointgap.optimise.objective import MEASURES, Measures, evaluation_samples, measure
 
 LOW, HIGH = 0.05, 0.95  # quantiles that bound a spread
-SLIDER = 3  # place of the slider's position among an ensemble's states
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def resimulate(
     error = desired - ensemble.transmission_angle
     samples = stretches(simulate, optimise, training_points)
     angles = ensemble.transmission_angle[:, samples["settled"]]
-    slider = ensemble.states[:, samples["settled"], SLIDER]
+    slider = ensemble.slider_position[:, samples["settled"]]
     return Resimulation(
         lengths=lengths,
         errors={stretch: measure(error[:, chosen]) for stretch, chosen in samples.items()},
