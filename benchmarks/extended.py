@@ -16,7 +16,7 @@ class Extended:
         self.crank, self.speed = REAL(mechanism.crank.length), REAL(speed)
         self.near, self.far = REAL(rod.mass_centre), REAL(rod.length) - REAL(rod.mass_centre)
         self.rod_mass, self.inertia, self.slider_mass = REAL(rod.mass), REAL(rod.inertia), REAL(mechanism.slider.mass)
-        self.clearance = [REAL(joint.clearance) for joint in (mechanism.crank_pin, mechanism.piston_pin)]
+        self.clearance = [REAL(mechanism.clearance(name)) for name in ("crank_pin", "piston_pin")]
         self.stiffness, self.damping = [REAL(value) for value in stiffness], [REAL(value) for value in damping]
         rate = -self.crank * self.speed / (self.near + self.far)
         self.start = np.zeros(8, REAL)

@@ -39,7 +39,7 @@ TARGETS = {1e-9: 5.0, 1e-11: None, 1e-13: None}  # error [m] -> milliseconds to 
 
 def case() -> tuple[Mechanism, Parameters]:
     paper = load_mechanism(Path(__file__).resolve().parent.parent / "config/mechanisms/erkaya2009.yaml")
-    contact = paper.crank_pin.contact.model_copy(
+    contact = paper.joint("crank_pin").contact.model_copy(
         update={"law": "lankarani_nikravesh", "restitution": 0.46, "friction": 0.0}
     )
     joints = paper.joints.model_copy(

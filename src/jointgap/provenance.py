@@ -4,20 +4,17 @@ import hashlib
 from pathlib import Path
 
 # Modules (files or folders of the package) that decide what a stage writes. Snakemake watches rules, not packages.
+_MECHANISM = (
+    *(f"config/{name}" for name in ("mechanism.py", "applied.py", "contact.py", "joints.py", "effects")),
+    "formula.py",
+)
 CODE = {
-    "simulate": ("dynamics", "config/mechanism.py", "tables/simulate.py"),
-    "surrogate": (
-        "surrogate",
-        "paper.py",
-        "dynamics",
-        "config/mechanism.py",
-        "tables/simulate.py",
-        "tables/surrogate.py",
-    ),
+    "simulate": ("dynamics", *_MECHANISM, "tables/simulate.py"),
+    "surrogate": ("surrogate", "paper.py", "dynamics", *_MECHANISM, "tables/simulate.py", "tables/surrogate.py"),
     "kinematics": ("kinematics.py", "results.py", "surrogate", "mechanism", "paper.py", "tables/kinematics.py"),
     "optimise": (
         *("optimise", "results.py", "surrogate", "paper.py", "mechanism", "dynamics"),
-        *("config/mechanism.py", "tables/optimise.py"),
+        *(*_MECHANISM, "tables/optimise.py"),
     ),
     "figures": ("figures", "results.py", "surrogate", "mechanism", "paper.py", "tables/figures.py"),
     "compare": ("compare", "paper.py", "tables/compare.py"),

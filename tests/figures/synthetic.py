@@ -33,7 +33,7 @@ def trajectory(options: Scenario) -> pd.DataFrame:
     n = simulate.revolutions * simulate.samples_per_revolution + 1
     angle = simulate.start_angle + np.linspace(0.0, 2 * np.pi * simulate.revolutions, n)
     speed = simulate.speed
-    gap = options.mechanism.crank_pin.clearance
+    gap = options.mechanism.clearance("crank_pin")
     reached = 1.0 - np.exp(-3.0 * angle)
     length = Motion(gap * reached, gap * 3 * speed * np.exp(-3 * angle), -gap * 9 * speed**2 * np.exp(-3 * angle))
 

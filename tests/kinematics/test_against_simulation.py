@@ -13,10 +13,8 @@ OPTIONS = Simulate(revolutions=1)
 
 def mechanism_with(friction, offset):
     mechanism = load_mechanism("config/mechanisms/erkaya2009.yaml")
-    contact = mechanism.crank_pin.contact.model_copy(update={"friction": friction})
-    pins = {
-        name: getattr(mechanism, name).model_copy(update={"contact": contact}) for name in ("crank_pin", "piston_pin")
-    }
+    contact = mechanism.joint("crank_pin").contact.model_copy(update={"friction": friction})
+    pins = {name: mechanism.joint(name).model_copy(update={"contact": contact}) for name in ("crank_pin", "piston_pin")}
     parts = {
         "joints": mechanism.joints.model_copy(update=pins),
         "slider": mechanism.slider.model_copy(update={"offset": offset}),

@@ -13,10 +13,8 @@ LENGTHS = (0.1494, 0.563)
 
 
 def with_friction(mechanism, friction):
-    contact = mechanism.crank_pin.contact.model_copy(update={"friction": friction})
-    pins = {
-        name: getattr(mechanism, name).model_copy(update={"contact": contact}) for name in ("crank_pin", "piston_pin")
-    }
+    contact = mechanism.joint("crank_pin").contact.model_copy(update={"friction": friction})
+    pins = {name: mechanism.joint(name).model_copy(update={"contact": contact}) for name in ("crank_pin", "piston_pin")}
     return mechanism.model_copy(update={"joints": mechanism.joints.model_copy(update=pins)})
 
 

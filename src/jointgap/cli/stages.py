@@ -106,7 +106,7 @@ def kinematics(options: str, results: Path) -> None:
     scenario, folder = opened(options, results)
     folder.check_writable("kinematics")
     found = kinematics(
-        scenario.mechanism,
+        scenario.mechanism.applied(),
         scenario.simulate,
         scenario.surrogate.training_points,
         folder.read(tables.TRAJECTORY),
@@ -128,7 +128,7 @@ def optimise(options: str, results: Path) -> None:
     scenario, folder = opened(options, results)
     folder.check_writable("optimise")
     found = optimise(
-        scenario.mechanism,
+        scenario.mechanism.applied(),
         scenario.simulate,
         scenario.optimise,
         scenario.surrogate.training_points,

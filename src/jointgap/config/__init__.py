@@ -8,8 +8,6 @@ from jointgap.config.load import json_schema, load_mechanism, options_for, parse
 from jointgap.config.mechanism import Link, Mechanism, Slider
 from jointgap.config.scenario import Box, Ensemble, Figures, Genetic, Optimise, Scenario, Simulate, Surrogate
 
-LooseJoint = Joint
-
 __all__ = [
     "CRANK_SIGN_SPEED",
     "EFFECTS",
@@ -24,7 +22,6 @@ __all__ = [
     "Joint",
     "Joints",
     "Link",
-    "LooseJoint",
     "MeasuredDrive",
     "Mechanism",
     "MotorDrive",

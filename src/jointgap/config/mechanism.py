@@ -149,16 +149,6 @@ class Mechanism(Section):
         size = listed.acceleration_m_s2 if listed else 0.0
         return size * np.array([math.cos(self.gravity_direction), math.sin(self.gravity_direction)])
 
-    @property
-    def crank_pin(self) -> Joint | None:
-        """Joint 2: crank and rod."""
-        return self.joint("crank_pin")
-
-    @property
-    def piston_pin(self) -> Joint | None:
-        """Joint 3: rod and slider."""
-        return self.joint("piston_pin")
-
     def applied(self) -> "Mechanism":
         """The mechanism with all effects that merely change its data folded into them; `effects` keeps the others.
 

@@ -189,7 +189,8 @@ class Scenario(Section):
     def _the_mechanism_lies_in_a_box(self):
         if not {"mechanism", "optimise"} <= self.model_fields_set:
             return self
-        lengths = crank, rod = self.mechanism.crank.length, self.mechanism.rod.length
+        applied = self.mechanism.applied()
+        lengths = crank, rod = applied.crank.length, applied.rod.length
         for box in self.optimise.boxes.values():
             bounds = zip(lengths, (box.crank_length, box.rod_length), strict=True)
             if all(low - ROUNDING <= length <= high + ROUNDING for length, (low, high) in bounds):

@@ -23,11 +23,8 @@ def transmission_errors(tables: Mapping[str, pd.DataFrame], scenario: Scenario) 
         NETWORKS: [predicted(tables, NETWORKS, name)["value"] for name in COORDINATES],
         "simulation": [samples[name] for name in COORDINATES],
     }
-    crank, rod, offset = (
-        scenario.mechanism.crank.length,
-        scenario.mechanism.rod.length,
-        scenario.mechanism.slider.offset,
-    )
+    mechanism = scenario.mechanism.applied()
+    crank, rod, offset = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
     desired = transmission_angle(crank, rod, crank_angle, 0.0, offset)
     optima = tables["optimise_optima"]
     box = next(iter(scenario.optimise.boxes))
