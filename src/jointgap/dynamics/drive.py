@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from jointgap.dynamics.compiled import compiled
-from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING
+from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR
 
 
 @compiled
@@ -51,9 +51,12 @@ def crank_motion(p, time):
 def crank_times(p, angles, longest):
     """Times [s] at which a prescribed crank passes `angles` (n,) [rad], growing, the first at the start.
 
-    `longest` [s] is the time of the end of a measured angle; NaN where it is not reached.
+    `longest` [s] is the time of the end of a measured angle; NaN where it is not reached. When a motor's crank passes them
+    only the march can tell: zeros.
     """
-    times = np.empty(angles.size)
+    times = np.zeros(angles.size)
+    if p.drive.kind == MOTOR:
+        return times
     if p.drive.kind == CONSTANT:
         for i in range(angles.size):
             times[i] = (angles[i] - p.drive.start_angle) / p.drive.speed
