@@ -30,19 +30,18 @@ def follow_episodes(episodes, here, there, motion, there_motion, run, begin, ds,
         Course and extent of the step.
     k : (12, 22) array
     """
-    for joint in range(3):
-        if here.modes[joint] == FLIGHT:
-            continue
-        impulse, peak = 0.0, max(episodes[joint, 1], there.normals[joint])
-        for stage in range(COUNT):
+    if here.modes[0] == FLIGHT and here.modes[1] == FLIGHT and here.modes[2] == FLIGHT:
+        return
+    for stage in range(COUNT):
+        duration = ds * STAGES[COUNT, stage] * pace(run, begin + NODES[stage] * ds)
+        for joint in range(3):
             normal = max(k[stage, NORMAL + joint], 0.0)
-            impulse += STAGES[COUNT, stage] * pace(run, begin + NODES[stage] * ds) * normal
-            peak = max(peak, normal)
-        episodes[joint, 0] += ds * impulse
-        episodes[joint, 1] = peak
+            episodes[joint, 0] += duration * normal
+            episodes[joint, 1] = max(episodes[joint, 1], normal)
+    for joint in range(3):
         ex, ey, vx, vy, _, _ = motion[joint]
         fx, fy, wx, wy, _, _ = there_motion[joint]
-        if ex * vx + ey * vy > 0.0 >= fx * wx + fy * wy:
+        if here.modes[joint] != FLIGHT and ex * vx + ey * vy > 0.0 >= fx * wx + fy * wy:
             episodes[joint, 2] += 1.0
 
 

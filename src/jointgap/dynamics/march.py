@@ -15,7 +15,7 @@ from jointgap.dynamics.equations import FURTHER, STATES
 from jointgap.dynamics.events import all_conditions, switched
 from jointgap.dynamics.integrator import AFTER, BEFORE, COLUMNS, COUNT, LINEAR, elapsed, instant, step, stretch
 from jointgap.dynamics.joints import FLIGHT
-from jointgap.dynamics.motion import directions, relative_motion
+from jointgap.dynamics.motion import all_turns, direction, relative_motion
 from jointgap.dynamics.parameters import MOTOR
 
 DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE, STALLED = range(5)
@@ -124,7 +124,7 @@ def march(
     motion = relative_motion(here)
     holding = all_conditions(p, here, motion)
     seen, seen_time = motion, here.time  # where the directions were last followed to
-    gammas = directions((math.nan, math.nan, math.nan), motion, motion, 0.0)
+    turns = (0.0, 0.0, 0.0)
 
     while True:
         if steps >= step_limit:
@@ -163,7 +163,7 @@ def march(
             if time < there.time:
                 y_now, x_now, _ = step(p, here, run, begin, stretch(run, begin, time - here.time), velocity_time, k)
             now = relative_motion(instant(p, time, y_now, x_now, here.modes, here.approaches))
-            gammas = directions(gammas, seen, now, time - seen_time)
+            turns = all_turns(turns, seen, now, time - seen_time)
             seen, seen_time = now, time
             for i in range(STATES):
                 states[sample, i] = y_now[i]
@@ -171,11 +171,11 @@ def march(
                 further[sample, i] = x_now[i]
             for i in range(3):
                 modes_at[sample, i], approaches_at[sample, i] = here.modes[i], here.approaches[i]
-                directions_at[sample, i] = gammas[i]
+                directions_at[sample, i] = direction(turns[i], now[i])
             sample += 1
         if sample == times.size:
             return DONE, there, events[:event_count], steps
-        gammas = directions(gammas, seen, there_motion, there.time - seen_time)
+        turns = all_turns(turns, seen, there_motion, there.time - seen_time)
         seen, seen_time = there_motion, there.time
         if course == AFTER:
             s = math.sqrt(s * s + there.time - here.time)

@@ -48,23 +48,36 @@ def swept_angle(before, after, duration):
 
 
 @compiled
-def direction(angle, before, after, duration):
-    """Unwrapped direction [rad] of a clearance vector after `duration`, NaN where its length is zero.
+def turns_after(turns, before, after, duration):
+    """Whole turns of a clearance vector after `duration` [s], counted where it passes the negative x-axis.
 
-    `angle` is the direction before; NaN (not known yet) starts afresh within (-pi, pi].
+    Its direction is atan2(y, x) + 2 pi `turns`.
     """
-    if after[0] == 0.0 and after[1] == 0.0:
-        return math.nan
-    if math.isnan(angle):
-        return math.atan2(after[1], after[0])
-    return angle + swept_angle(before, after, duration)
+    x0, y0, x1, y1 = before[0], before[1], after[0], after[1]
+    along = x0 * x1 + y0 * y1
+    if along > 0.0 and along * along > 0.77 * (x0 * x0 + y0 * y0) * (x1 * x1 + y1 * y1):  # within half a radian
+        if x0 + x1 >= 0.0 or (y0 < 0.0) == (y1 < 0.0):
+            return turns
+        return turns + (1.0 if y1 < 0.0 else -1.0)
+    if (x0 == 0.0 and y0 == 0.0) or (x1 == 0.0 and y1 == 0.0):
+        return turns
+    sweep = math.atan2(y0, x0) + swept_angle(before, after, duration) - math.atan2(y1, x1)
+    return turns + math.floor(sweep / (2.0 * math.pi) + 0.5)
 
 
 @inlined
-def directions(angles, before, after, duration):
-    """`direction` in all three joints."""
+def all_turns(turns, before, after, duration):
+    """`turns_after` in all three joints."""
     return (
-        direction(angles[0], before[0], after[0], duration),
-        direction(angles[1], before[1], after[1], duration),
-        direction(angles[2], before[2], after[2], duration),
+        turns_after(turns[0], before[0], after[0], duration),
+        turns_after(turns[1], before[1], after[1], duration),
+        turns_after(turns[2], before[2], after[2], duration),
     )
+
+
+@compiled
+def direction(turns, vector):
+    """Unwrapped direction [rad] of a clearance vector, NaN where its length is zero."""
+    if vector[0] == 0.0 and vector[1] == 0.0:
+        return math.nan
+    return math.atan2(vector[1], vector[0]) + 2.0 * math.pi * turns
