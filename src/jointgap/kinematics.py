@@ -13,17 +13,17 @@ Sources, `NAME` being a surrogate's name such as ``networks``:
 The last two show what it does that independent fits need not agree.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_simpson
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.mechanism import ClearanceMotion, Fit, LinkageMotion, Motion, linkage_motion
 from jointgap.tables.kinematics import QUANTITIES
+from jointgap.tables.simulate import JOINT_NUMBERS
 
 UNITS = {name: unit for name, unit, _ in QUANTITIES}
 PAST = np.radians(60.0)  # where the paper's transient is over by any account
@@ -51,24 +51,24 @@ def kinematics(
     Parameters
     ----------
     mechanism : Mechanism
+        With its effects applied.
     options : Simulate
-        Speed and sampling of the trajectory.
+        Sampling of the trajectory.
     training_points : int
         Points of the networks' training grid over the first revolution; errors leave them out.
     trajectory : DataFrame
         The simulation, table trajectory.
     surrogates : mapping of str to mapping of str to Fit
-        By surrogate and output: r2, r3, gamma2, gamma3, gamma2_dot, gamma3_dot, gamma2_ddot, gamma3_ddot.
+        By surrogate and output: r, gamma, gamma_dot, gamma_ddot of every loose joint.
     """
     first = trajectory.iloc[: options.samples_per_revolution + 1]
     angle = first["crank_angle"].to_numpy()
-    crank = Motion.of(angle, options.speed)
-    simulated = ClearanceMotion.from_table(first)
+    crank = Motion.of(angle, first["crank_speed"].to_numpy(), first["crank_acceleration"].to_numpy())
+    simulated = ClearanceMotion.from_table(first, mechanism.loose)
     clearances = {"simulation_exact": simulated, "simulation_paper_form": simulated.paper_form()}
     for name, fits in surrogates.items():
-        clearances |= {
-            f"{name}_{form}": motion for form, motion in clearance_motions(fits, angle, options.speed).items()
-        }
+        forms = clearance_motions(fits, crank, mechanism.loose)
+        clearances |= {f"{name}_{form}": motion for form, motion in forms.items()}
 
     frames = {"simulation": first[list(UNITS)], "ideal": _frame(linkage_motion(mechanism, crank), angle)}
     frames |= {name: _frame(linkage_motion(mechanism, crank, motion), angle) for name, motion in clearances.items()}
@@ -81,49 +81,51 @@ def kinematics(
         motion=motion[["source", "crank_angle", *UNITS]].reset_index(drop=True),
         errors=_errors(frames, regions),
         contradictions=pd.DataFrame(
-            [row for name in surrogates for row in _contradictions(name, clearances, frames, regions, first)]
+            [
+                row
+                for name in surrogates
+                for row in _contradictions(name, mechanism.loose, clearances, frames, regions, first)
+            ]
         ),
     )
 
 
-def clearance_motions(fits: Mapping[str, Fit], crank_angle: ArrayLike, speed: float) -> dict[str, ClearanceMotion]:
-    """The clearance motion that eight fits describe, in the four forms that the module names.
+def clearance_motions(fits: Mapping[str, Fit], crank: Motion, loose: Iterable[str]) -> dict[str, ClearanceMotion]:
+    """The clearance motion that fits describe, in the four forms that the module names.
 
     Parameters
     ----------
     fits : mapping of str to Fit
-        The eight outputs by name.
-    crank_angle : array_like, shape (n,)
-        Evenly spaced, rising [rad].
-    speed : float
-        Constant speed of the crank [rad/s].
+        The outputs of the loose joints by name.
+    crank : Motion
+        Crank angles, evenly spaced and rising [rad], with speed and acceleration of the crank there; shape (n,) each.
+    loose : iterable of str
+        Names of the loose joints.
     """
-    angle = np.asarray(crank_angle, dtype=float)
     forms: dict[str, dict[str, Motion]] = {"paper_form": {}, "exact": {}, "own_rates": {}, "integrated": {}}
-    for joint in (2, 3):
-        length = _differentiated(fits[f"r{joint}"], angle, speed)
-        own = _differentiated(fits[f"gamma{joint}"], angle, speed)
-        rate, second = fits[f"gamma{joint}_dot"](angle)[0], fits[f"gamma{joint}_ddot"](angle)[0]
+    for joint in (JOINT_NUMBERS[name] for name in loose):
+        length = _differentiated(fits[f"r{joint}"], crank)
+        own = _differentiated(fits[f"gamma{joint}"], crank)
+        rate, second = (fits[f"gamma{joint}_{dots}"](crank.position)[0] for dots in ("dot", "ddot"))
         learned = Motion(own.position, rate, second)
-        integrated = Motion(
-            _integrated(rate, angle, speed, own.position[0]), _integrated(second, angle, speed, rate[0]), second
-        )
+        integrated = Motion(_integrated(rate, crank, own.position[0]), _integrated(second, crank, rate[0]), second)
         for form, gamma in zip(forms, (learned, learned, own, integrated), strict=True):
             forms[form][f"r{joint}"] = length if form == "exact" else length.standing_still()
             forms[form][f"gamma{joint}"] = gamma
     return {form: ClearanceMotion(**motions) for form, motions in forms.items()}
 
 
-def _differentiated(fit: Fit, angle: np.ndarray, speed: float) -> Motion:
+def _differentiated(fit: Fit, crank: Motion) -> Motion:
     """A fit with its own time derivatives; the second from its exact first by a quotient of fourth order."""
+    angle = crank.position
     value, slope = fit(angle)
     slopes = [fit(angle + step * STEP)[1] for step in (-2, -1, 1, 2)]
     second = (slopes[0] - 8.0 * slopes[1] + 8.0 * slopes[2] - slopes[3]) / (12.0 * STEP)
-    return Motion(value, slope * speed, second * speed**2)
+    return Motion(value, slope * crank.velocity, second * crank.velocity**2 + slope * crank.acceleration)
 
 
-def _integrated(rate: np.ndarray, angle: np.ndarray, speed: float, start: float) -> np.ndarray:
-    return start + cumulative_simpson(rate, x=angle, initial=0.0) / speed
+def _integrated(rate: np.ndarray, crank: Motion, start: float) -> np.ndarray:
+    return start + cumulative_simpson(rate / crank.velocity, x=crank.position, initial=0.0)
 
 
 def _frame(motion: LinkageMotion, angle: np.ndarray) -> pd.DataFrame:
@@ -168,6 +170,7 @@ def _errors(frames: Mapping[str, pd.DataFrame], regions: Mapping[str, np.ndarray
 
 def _contradictions(
     name: str,
+    loose: Iterable[str],
     clearances: Mapping[str, ClearanceMotion],
     frames: Mapping[str, pd.DataFrame],
     regions: Mapping[str, np.ndarray],
@@ -176,8 +179,8 @@ def _contradictions(
     """Rows of the table kinematics_contradictions for one surrogate; `simulated` gives the ranges."""
     learned, own, integrated = (clearances[f"{name}_{form}"] for form in ("paper_form", "own_rates", "integrated"))
     pairs = []
-    for joint in (2, 3):
-        gamma = f"gamma{joint}"
+    for joint in loose:
+        gamma = f"gamma{JOINT_NUMBERS[joint]}"
         fitted, derived, summed = (getattr(motion, gamma) for motion in (learned, own, integrated))
         pairs += [
             (gamma, "rad", f"fit of {gamma}", f"integral of the fit of {gamma}_dot", fitted.position, summed.position),

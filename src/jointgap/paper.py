@@ -1,6 +1,11 @@
 """What Erkaya & Uzmay (2009) print, as far as results are held against it."""
 
+import math
 from dataclasses import dataclass
+
+from jointgap.config import Mechanism, Simulate
+
+ROUNDING_M = 1e-9
 
 TRAINING_MSE = {
     "r2": 1.1980e-5,
@@ -14,7 +19,42 @@ TRAINING_MSE = {
 }
 """Mean square error of each network after training, on data normalised to [0, 1] (text beside figure 8)."""
 
+
+def yardstick(output: str) -> float:
+    """The paper's training error of an output; for the crank pivot, which the paper has ideal, that of its crank pin."""
+    return TRAINING_MSE[output.replace("1", "2")]
+
+
 TRAINING_ITERATIONS = 20_000
+
+
+LOOSE = ("crank_pin", "piston_pin")
+CLEARANCE_M, CRANK_M, ROD_M, SPEED_RAD_S = 0.001, 0.150, 0.564, 20.0 * math.pi
+
+
+def departures(mechanism: Mechanism, simulate: Simulate) -> tuple[str, ...]:
+    """In which ways a mechanism is another than the paper's, in words; none where the paper's printed numbers speak of it.
+
+    What the paper does not print (the contact, and which body carries the journals) is no departure.
+    """
+    applied, found = mechanism.applied(), []
+    if applied.loose != LOOSE:
+        found.append(
+            f"loose: {' and '.join(applied.loose).replace('_', ' ') or 'no joint'}, not crank pin and piston pin"
+        )
+    lengths = {"crank": (applied.crank.length, CRANK_M), "rod": (applied.rod.length, ROD_M)}
+    lengths |= {
+        f"clearance of the {name.replace('_', ' ')}": (applied.clearance(name), CLEARANCE_M) for name in applied.loose
+    }
+    lengths["offset"] = (applied.slider.offset, 0.0)
+    for name, (ours, theirs) in lengths.items():
+        if abs(ours - theirs) > ROUNDING_M:
+            found.append(f"{name}: {1e3 * ours:g} mm, not {1e3 * theirs:g} mm")
+    if simulate.drive.kind != "constant" or applied.effect("speed_fluctuation"):
+        found.append("the crank's speed is not constant")
+    elif abs(simulate.speed / SPEED_RAD_S - 1.0) > 1e-6:
+        found.append(f"speed: {simulate.speed * 30.0 / math.pi:g} rpm, not 600 rpm")
+    return tuple(found)
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,14 @@ import numpy as np
 import pandas as pd
 
 from jointgap import tables
-from jointgap.config import Simulate
+from jointgap.config import Mechanism, Scenario
 from jointgap.errors import InputError
 from jointgap.mechanism import Fit
 from jointgap.surrogate.clearance import ClearanceNetwork
 from jointgap.surrogate.evaluate import values_and_slopes
 from jointgap.surrogate.network import Network
-from jointgap.tables import OUTPUTS, Table
+from jointgap.surrogate.speed import CrankSpeed
+from jointgap.tables import JOINT_NUMBERS, Table
 
 PLACES = {
     "trajectory": "simulate/trajectory.parquet",
@@ -36,7 +37,7 @@ PLACES = {
     "optimise_worth": "optimise/worth.parquet",
     "comparison": "comparison.parquet",
 }
-"""Path of each table within ``results/{scenario}``; ``{output}`` stands for one of the eight outputs."""
+"""Path of each table within ``results/{scenario}``; ``{output}`` stands for an output of a loose joint."""
 
 CLEARANCE = "clearance"
 """Stands for an output where the second surrogate has all of them in one file."""
@@ -44,9 +45,27 @@ CLEARANCE = "clearance"
 TABLES = {table.name: table for table in vars(tables).values() if isinstance(table, Table)}
 
 
-def parts(table: str) -> tuple[str, ...]:
-    """What ``{output}`` stands for in the place of `table`."""
-    return (*OUTPUTS, CLEARANCE) if table == "fit_errors" else OUTPUTS
+def outputs_of(mechanism: Mechanism) -> tuple[str, ...]:
+    """What networks learn of a mechanism.
+
+    Raises
+    ------
+    InputError
+        All its joints are ideal.
+    """
+    outputs = tables.outputs(mechanism.applied().loose)
+    if not outputs:
+        raise InputError(
+            "all joints are ideal: without clearance there is nothing to learn, to optimise or to compare; make a joint loose, or "
+            "run the stage simulate alone"
+        )
+    return outputs
+
+
+def parts(table: str, mechanism: Mechanism) -> tuple[str, ...]:
+    """What ``{output}`` stands for in the place of `table`; errors as `outputs_of`."""
+    outputs = outputs_of(mechanism)
+    return (*outputs, CLEARANCE) if table == "fit_errors" else outputs
 
 
 def tables_of(stage: str) -> dict[str, str]:
@@ -54,24 +73,33 @@ def tables_of(stage: str) -> dict[str, str]:
     return {name: place for name, place in PLACES.items() if place.startswith(f"{stage}/")}
 
 
-def read_trajectory(path: Path, options: Simulate) -> pd.DataFrame:
-    """The trajectory in `path`, which has to be the one that `options` ask for.
+def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
+    """The trajectory in `path`, which has to be the one that `scenario` asks for.
 
     Raises
     ------
     InputError
         As `jointgap.tables.read`, or the file was simulated with other samples, revolutions, start or speed.
     """
-    frame = tables.read(tables.TRAJECTORY, path)
+    frame, options = tables.read(tables.TRAJECTORY, path), scenario.simulate
     samples, turned = options.samples_per_revolution * options.revolutions + 1, 2.0 * np.pi * options.revolutions
-    ends = frame[["crank_angle", "time"]].to_numpy()[[0, -1]] if len(frame) == samples else np.full((2, 2), np.nan)
-    wanted = [[options.start_angle, 0.0], [options.start_angle + turned, turned / options.speed]]
-    if not np.allclose(ends, wanted, rtol=1e-9, atol=1e-9):
+    ends, speed = [options.start_angle, options.start_angle + turned], _starting_speed(scenario)
+    fits = len(frame) == samples and np.allclose(frame["crank_angle"].iloc[[0, -1]], ends, rtol=1e-9, atol=1e-9)
+    if not fits or (speed is not None and not np.isclose(frame["crank_speed"].iloc[0], speed, rtol=1e-9)):
         raise InputError(
             f"{path}: its {len(frame)} samples are not the {samples} of {options.revolutions} revolutions at "
             f"{options.speed:g} rad/s that the options ask for; give the options it was simulated with, or simulate again"
         )
     return frame
+
+
+def _starting_speed(scenario: Scenario) -> float | None:
+    """The crank's speed at the start [rad/s]; None where it is measured."""
+    options, wave = scenario.simulate, scenario.mechanism.effect("speed_fluctuation")
+    if options.drive.kind == "measured":
+        return None
+    factor = 1.0 + wave.ratio * np.cos(wave.order * options.start_angle - wave.phase_rad) if wave else 1.0
+    return options.speed * factor
 
 
 class Results:
@@ -81,13 +109,13 @@ class Results:
     ----------
     folder : Path
         ``results/{scenario}``.
-    options : Simulate
-        What the scenario's trajectory was simulated with; one that was not is refused.
+    scenario : Scenario
+        What the tables were made with; a trajectory that was not is refused.
     """
 
-    def __init__(self, folder: Path, options: Simulate):
+    def __init__(self, folder: Path, scenario: Scenario):
         self.folder = folder
-        self.options = options
+        self.scenario = scenario
 
     def read(self, table: Table) -> pd.DataFrame:
         """The frame of `table`; where there is a file per output, all below each other, with a column output.
@@ -99,11 +127,11 @@ class Results:
         """
         place = PLACES[table.name]
         if table is tables.TRAJECTORY:
-            return read_trajectory(self.folder / place, self.options)
+            return read_trajectory(self.folder / place, self.scenario)
         if "{output}" not in place:
             return tables.read(table, self.folder / place)
         frames = []
-        for output in parts(table.name):
+        for output in parts(table.name, self.scenario.mechanism):
             frame = tables.read(table, self.folder / place.format(output=output))
             frames.append(frame if "output" in frame else frame.assign(output=output))
         return pd.concat(frames, ignore_index=True)
@@ -122,12 +150,13 @@ class Results:
 
     def files(self) -> dict[str, Path]:
         """The tables' files that exist, by table, or ``table/output`` where there is one per output."""
-        found = {}
+        found, mechanism = {}, self.scenario.mechanism
         for name, place in PLACES.items():
-            if "{output}" in place:
-                found |= {f"{name}/{output}": self.folder / place.format(output=output) for output in parts(name)}
-            else:
+            if "{output}" not in place:
                 found[name] = self.folder / place
+            elif mechanism.applied().loose:
+                outputs = parts(name, mechanism)
+                found |= {f"{name}/{output}": self.folder / place.format(output=output) for output in outputs}
         return {name: path for name, path in found.items() if path.is_file()}
 
     def surrogates(self) -> dict[str, dict[str, Fit]]:
@@ -135,8 +164,11 @@ class Results:
         fits = self.read(tables.FIT)
         networks = {output: Network.from_frame(fit) for output, fit in fits.groupby("output", sort=False)}
         fit = self.read(tables.CLEARANCE_FIT)
-        joints = {joint: ClearanceNetwork.from_frame(fit, joint) for joint in (2, 3)}
+        speed = CrankSpeed.of(self.read(tables.TRAJECTORY)) if fit["speed"].isna().any() else None
+        numbers = [JOINT_NUMBERS[joint] for joint in self.scenario.mechanism.applied().loose]
+        joints = {number: ClearanceNetwork.from_frame(fit, number, speed) for number in numbers}
+        outputs = outputs_of(self.scenario.mechanism)
         return {
             "networks": {output: partial(values_and_slopes, network) for output, network in networks.items()},
-            CLEARANCE: {output: partial(joints[2 if "2" in output else 3].output, output) for output in OUTPUTS},
+            CLEARANCE: {output: partial(joints[tables.number_of(output)].output, output) for output in outputs},
         }

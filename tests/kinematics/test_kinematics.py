@@ -12,6 +12,7 @@ SPEED = OPTIONS.speed
 
 # Analytic outputs over the crank angle: value and derivatives one to three by the angle.
 WAVES = {"r2": (1e-3, 0.0, 4e-5, 9.0), "r3": (9e-4, 0.0, 6e-5, 7.0)}
+LOOSE = ("crank_pin", "piston_pin")
 WAVES |= {"gamma2": (0.3, 1.0, 0.5, 5.0), "gamma3": (-0.8, 0.0, 1.5, 2.0)}
 
 
@@ -45,11 +46,11 @@ def fits(**errors):
 def trajectory():
     """A trajectory whose clearances are the waves; what it says of the links it knows from differentiated positions."""
     angle = np.linspace(0.0, 2 * np.pi, 1801)
-    frame = pd.DataFrame({"crank_angle": angle, "time": angle / SPEED})
+    frame = pd.DataFrame({"crank_angle": angle, "time": angle / SPEED, "crank_speed": SPEED, "crank_acceleration": 0.0})
     for name in WAVES:
         for order, suffix in enumerate(("", "_dot", "_ddot")):
             frame[name + suffix] = wave(name, angle, order) * SPEED**order
-    motion = linkage_motion(MECHANISM, Motion.of(angle, SPEED), ClearanceMotion.from_table(frame))
+    motion = linkage_motion(MECHANISM, Motion.of(angle, SPEED), ClearanceMotion.from_table(frame, LOOSE))
     parts = ("position", "velocity", "acceleration")
     for part in parts:
         frame[f"rod_{part}_x"] = getattr(motion.rod_x, part)
@@ -111,12 +112,37 @@ def test_a_fit_that_contradicts_another_is_found_with_its_size(trajectory):
 
 def test_the_forms_differ_in_what_they_take_from_where():
     angle = np.linspace(0.0, 2 * np.pi, 3601)
-    forms = clearance_motions(fits(gamma2_dot=2.0), angle, SPEED)
+    forms = clearance_motions(fits(gamma2_dot=2.0), Motion.of(angle, np.full(3601, SPEED), 0.0 * angle), LOOSE)
     assert list(forms) == ["paper_form", "exact", "own_rates", "integrated"]
     assert not forms["paper_form"].r2.velocity.any() and forms["exact"].r2.velocity.any()
     assert forms["exact"].r2.acceleration == pytest.approx(wave("r2", angle, 2) * SPEED**2, abs=1e-9 * SPEED**2)
     assert forms["own_rates"].gamma2.velocity == pytest.approx(wave("gamma2", angle, 1) * SPEED, rel=1e-12)
     assert forms["paper_form"].gamma2.velocity == pytest.approx(wave("gamma2", angle, 1) * SPEED + 2.0, rel=1e-12)
+
+
+def test_a_speed_that_changes_enters_every_derivative_and_every_integral():
+    angle = np.linspace(0.0, 2 * np.pi, 3601)
+    speed, by_angle = SPEED * (1.0 + 0.2 * np.cos(angle)), -0.2 * SPEED * np.sin(angle)
+    crank = Motion.of(angle, speed, speed * by_angle)
+
+    def rate(name, angle):
+        return wave(name, angle, 1) * speed
+
+    def second(name, angle):
+        return wave(name, angle, 2) * speed**2 + wave(name, angle, 1) * speed * by_angle
+
+    given = {name: lambda angle, name=name: (wave(name, angle, 0), wave(name, angle, 1)) for name in WAVES}
+    given |= {f"gamma{joint}_dot": lambda angle, joint=joint: (rate(f"gamma{joint}", angle), None) for joint in (2, 3)}
+    given |= {
+        f"gamma{joint}_ddot": lambda angle, joint=joint: (second(f"gamma{joint}", angle), None) for joint in (2, 3)
+    }
+    forms = clearance_motions(given, crank, LOOSE)
+    assert forms["exact"].r3.acceleration == pytest.approx(second("r3", angle), abs=1e-9 * SPEED**2)
+    for form in ("paper_form", "own_rates"):
+        assert forms[form].gamma3.velocity == pytest.approx(rate("gamma3", angle), rel=1e-12)
+        assert forms[form].gamma3.acceleration == pytest.approx(second("gamma3", angle), abs=1e-7 * SPEED**2)
+    assert forms["integrated"].gamma2.position == pytest.approx(wave("gamma2", angle, 0), abs=1e-9)
+    assert forms["integrated"].gamma2.velocity == pytest.approx(rate("gamma2", angle), rel=1e-7)
 
 
 def test_errors_count_held_out_samples_only(trajectory):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy
@@ -32,6 +34,8 @@ def turning(time):
         gamma2=angle + wave(0.2, 0.3, 90.0, 0.4),
         r3=wave(7e-4, 3e-4, 170.0, 1.1),
         gamma3=wave(-1.0, 2.0, 60.0, 0.7),
+        r1=wave(8e-4, 2e-4, 210.0, 0.9),
+        gamma1=angle + wave(0.5, 0.8, 70.0, 0.2),
     )
     return angle, clearance
 
@@ -97,6 +101,7 @@ def paper_functions():
 
 def test_the_paper_form_is_the_sum_of_partial_derivatives_that_the_paper_prints():
     angle, clearance = turning(np.linspace(0.0, 0.1, 101))
+    clearance = replace(clearance, r1=Motion.of(0.0))
     ours = linkage_motion(MECHANISM, angle, clearance.paper_form())
     arguments = (
         MECHANISM.crank.length,
@@ -150,6 +155,25 @@ def test_clearance_vectors_of_no_length_leave_the_ideal_mechanism():
     assert np.array_equal(ours.rod_angle.position, ideal.rod_angle.position)
 
 
+def test_a_loose_crank_pivot_carries_crank_rod_and_slider_along():
+    angle, clearance = turning(np.linspace(0.0, 0.1, 301))
+    alone = ClearanceMotion(r1=clearance.r1, gamma1=clearance.gamma1)
+    moved, ideal = linkage_motion(MECHANISM, angle, alone), linkage_motion(MECHANISM, angle)
+    across = clearance.r1.position * np.cos(clearance.gamma1.position)
+    assert moved.crank_x.position - ideal.crank_x.position == pytest.approx(across, abs=1e-15)
+    # With the crank on its own radius, a step of the pivot along the slide would carry the slider along unchanged.
+    level = ClearanceMotion(r1=Motion.of(1e-3), gamma1=Motion.of(0.0))
+    shifted = linkage_motion(MECHANISM, angle, level)
+    assert shifted.slider_x.position - ideal.slider_x.position == pytest.approx(np.full(301, 1e-3), abs=1e-15)
+    assert shifted.rod_angle.acceleration == pytest.approx(ideal.rod_angle.acceleration, rel=1e-13)
+
+
+def test_the_lift_of_a_joint_that_is_left_out_is_that_of_an_ideal_one():
+    whole = {"r2": [1e-3], "gamma2": [0.4], "r3": [0.0], "gamma3": [np.nan], "r1": [0.0], "gamma1": [np.nan]}
+    assert clearance_lift(whole) == clearance_lift({"r2": [1e-3], "gamma2": [0.4]}) == [1e-3 * np.sin(0.4)]
+    assert clearance_lift({}) == 0.0
+
+
 def test_the_slider_stays_on_its_line():
     angle, clearance = turning(np.linspace(0.0, 0.1, 301))
     height = linkage_motion(MECHANISM, angle, clearance).slider_y
@@ -167,9 +191,7 @@ def test_an_offset_moves_the_line_of_the_slider():
 def test_transmission_angle_is_a_right_angle_plus_the_rod_angle():
     angle, clearance = turning(np.linspace(0.0, 0.1, 301))
     ours = linkage_motion(MECHANISM, angle, clearance)
-    lift = clearance_lift(
-        clearance.r2.position, clearance.gamma2.position, clearance.r3.position, clearance.gamma3.position
-    )
+    lift = clearance_lift({name: motion.position for name, motion in vars(clearance).items()})
     by_equation_10 = transmission_angle(0.150, 0.564, angle.position, lift)
     assert by_equation_10 == pytest.approx(np.pi / 2 + ours.rod_angle.position, abs=5e-16)
     assert by_equation_10 == pytest.approx(ours.transmission_angle.position, abs=5e-16)

@@ -16,22 +16,21 @@ def mechanism():
 
 @pytest.fixture(scope="session")
 def clearance():
-    """Crank angles and the four clearance coordinates (r2, gamma2, r3, gamma3)."""
+    """Crank angles, and lengths and directions of the clearance vectors by name."""
     angle = np.radians(np.arange(0.05, 360.0, 0.5))
     length = 1e-3 + 2e-5 * np.sin(3 * angle)
-    return (
-        angle,
-        length,
-        angle + 0.8 * np.sin(3 * angle),
-        length,
-        0.4 + 1.5 * np.tanh(4 * np.sin(angle)) + 0.3 * np.sin(5 * angle),
-    )
+    return angle, {
+        "r2": length,
+        "gamma2": angle + 0.8 * np.sin(3 * angle),
+        "r3": length,
+        "gamma3": 0.4 + 1.5 * np.tanh(4 * np.sin(angle)) + 0.3 * np.sin(5 * angle),
+    }
 
 
 @pytest.fixture(scope="session")
 def objective(mechanism, clearance):
-    angle, *vectors = clearance
-    return frozen_objective(mechanism, angle, clearance_lift(*vectors))
+    angle, vectors = clearance
+    return frozen_objective(mechanism, angle, clearance_lift(vectors))
 
 
 @pytest.fixture(scope="session", params=list(Optimise().boxes))

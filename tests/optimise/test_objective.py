@@ -12,7 +12,7 @@ LENGTHS = np.array([0.1492, 0.5611])
 
 def test_the_objective_is_equation_12_summed_by_hand(objective, clearance):
     total = 0.0
-    for angle, r2, gamma2, r3, gamma3 in zip(*clearance, strict=True):
+    for angle, r2, gamma2, r3, gamma3 in zip(clearance[0], *clearance[1].values(), strict=True):
         desired = math.acos(0.150 * math.sin(angle) / 0.564)
         height = 0.1492 * math.sin(angle) + r2 * math.sin(gamma2) - r3 * math.sin(gamma3)
         total += (desired - math.acos(height / 0.5611)) ** 2
@@ -62,12 +62,12 @@ def test_without_clearance_there_is_no_error(mechanism, clearance):
 
 
 def test_a_slide_beside_the_pivot_moves_both_angles_alike(mechanism, clearance):
-    angle, *vectors = clearance
+    angle, vectors = clearance
     slider = mechanism.slider.model_copy(update={"offset": 0.03})
     shifted = mechanism.model_copy(update={"slider": slider})
-    objective = frozen_objective(shifted, angle, clearance_lift(*vectors))
+    objective = frozen_objective(shifted, angle, clearance_lift(vectors))
     assert frozen_objective(shifted, angle, 0.0 * angle).value((0.150, 0.564)) < 1e-28
-    height = 0.150 * np.sin(angle) + clearance_lift(*vectors) - 0.03
+    height = 0.150 * np.sin(angle) + clearance_lift(vectors) - 0.03
     desired = np.arccos((0.150 * np.sin(angle) - 0.03) / 0.564)
     assert objective.error((0.150, 0.564)) == pytest.approx(desired - np.arccos(height / 0.564), abs=1e-15)
 

@@ -9,6 +9,7 @@ from jointgap.optimise.resimulate import compare, perturbations, reduction_pairs
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
 OPTIMISE = Optimise(window=("60 deg", "360 deg"), ensemble=Ensemble(members=6, settled_revolution=2))
 POINTS = 73
+PINS = ("crank_pin", "piston_pin")
 LENGTHS = (0.1494, 0.563)
 
 
@@ -31,7 +32,7 @@ def original(mechanism):
 def test_the_error_is_the_ideal_angle_of_the_original_lengths_less_the_simulated_one(mechanism):
     options = OPTIMISE.model_copy(update={"ensemble": Ensemble(members=2, settled_revolution=2)})
     ours = resimulate(mechanism, SIMULATE, options, POINTS, LENGTHS)
-    for member, start in enumerate(perturbations(options.ensemble)):
+    for member, start in enumerate(perturbations(options.ensemble, PINS)):
         run = simulate(mechanism.with_lengths(*LENGTHS), SIMULATE, start).samples
         desired = np.arccos(0.150 * np.sin(run["crank_angle"]) / 0.564)
         error = (desired - run["transmission_angle"]).to_numpy()
@@ -87,13 +88,20 @@ def test_an_ensemble_is_the_same_for_the_same_seed(mechanism):
     runs = [resimulate(mechanism, SIMULATE, OPTIMISE, POINTS, LENGTHS) for _ in range(2)]
     assert compare(*runs[:1] * 2) == compare(*runs)
     other = Ensemble(members=6, settled_revolution=2, seed=1)
-    assert not np.array_equal(perturbations(OPTIMISE.ensemble), perturbations(other))
+    assert not np.array_equal(perturbations(OPTIMISE.ensemble, PINS), perturbations(other, PINS))
 
 
 def test_perturbed_starts_have_the_configured_size():
-    starts = perturbations(Ensemble(members=2000, perturbation=1e-7))
-    assert starts.shape == (2000, 4)
+    starts = perturbations(Ensemble(members=2000, perturbation=1e-7), (*PINS, "crank_pivot"))
+    assert starts.shape == (2000, 6)
     assert np.std(starts) == pytest.approx(1e-7, rel=0.03)
+
+
+def test_ideal_joints_are_not_perturbed_and_loose_ones_are_alike_whichever_others_are_loose():
+    options = Ensemble(members=5)
+    three, pins, pivot = (perturbations(options, loose) for loose in ((*PINS, "crank_pivot"), PINS, ("crank_pivot",)))
+    assert np.array_equal(pins[:, :4], three[:, :4]) and not pins[:, 4:].any()
+    assert np.array_equal(pivot[:, 4:], three[:, 4:]) and not pivot[:, :4].any()
 
 
 def test_the_stretches_are_the_window_and_one_whole_revolution():

@@ -11,17 +11,23 @@ from jointgap.paper import TRAINING_MSE
 from jointgap.surrogate.bumps import Layer
 from jointgap.surrogate.clearance import ClearanceNetwork
 from jointgap.surrogate.samples import Samples
+from jointgap.surrogate.speed import CrankSpeed
 from jointgap.surrogate.train_clearance import train_clearance
 
 SPEED = 30.0
+PINS = ("crank_pin", "piston_pin")
 LAYER = Layer(np.sort(np.random.default_rng(0).uniform(-0.5, 7.0, 60)), np.random.default_rng(1).uniform(0.1, 0.4, 60))
 
 
-def motion(samples, revolutions=1, start=0.2):
-    """Clearance vectors that start at zero with zero velocity, swing and ring; all derivatives by hand."""
+def motion(samples, revolutions=1, start=0.2, swing=0.0):
+    """Clearance vectors that start at zero with zero velocity, swing and ring; all derivatives by hand.
+
+    The crank's speed swings by a share of `swing`.
+    """
     angle = start + np.linspace(0, 2 * np.pi * revolutions, samples * revolutions + 1)
     x = angle - start
-    frame = {"crank_angle": angle, "time": x / SPEED}
+    w, w1 = SPEED * (1 + swing * np.cos(x)), -SPEED * swing * np.sin(x)
+    frame = {"crank_angle": angle, "crank_speed": w, "crank_acceleration": w * w1}
     for joint, (turn, ring) in {2: (1.0, 40.0), 3: (-2.0, 55.0)}.items():
         gamma = [
             turn * x + 0.1 * np.sin(ring * x),
@@ -30,9 +36,10 @@ def motion(samples, revolutions=1, start=0.2):
         ]
         f = np.exp(-(x**2))
         r = [1e-3 * (1 - f), 2e-3 * x * f, 2e-3 * f * (1 - 2 * x**2)]
-        for order, dots in enumerate(("", "_dot", "_ddot")):
-            frame[f"r{joint}{dots}"] = r[order] * SPEED**order
-            frame[f"gamma{joint}{dots}"] = np.where(x > 0, gamma[order], np.nan) * SPEED**order
+        for quantity, by_angle in (("r", r), ("gamma", [np.where(x > 0, part, np.nan) for part in gamma])):
+            frame[f"{quantity}{joint}"] = by_angle[0]
+            frame[f"{quantity}{joint}_dot"] = by_angle[1] * w
+            frame[f"{quantity}{joint}_ddot"] = by_angle[2] * w**2 + by_angle[1] * w * w1
     return pd.DataFrame(frame)
 
 
@@ -41,7 +48,7 @@ FIT = Surrogate(training_points=121)
 
 @pytest.fixture(scope="module")
 def fit():
-    return train_clearance(motion(720, 2), motion(14400), FIT)
+    return train_clearance(motion(720, 2), motion(14400), FIT, PINS)
 
 
 def test_bumps_add_up_to_one_and_their_derivatives_to_zero():
@@ -56,7 +63,7 @@ def test_bumps_add_up_to_one_and_their_derivatives_to_zero():
 def test_weights_of_bumps_and_of_neurons_describe_the_same_function():
     random = np.random.default_rng(3)
     weights, bias = random.normal(size=60) + 1j * random.normal(size=60), 0.3 - 0.2j
-    network = ClearanceNetwork(2, LAYER, weights, bias, 0.0, np.inf, SPEED)
+    network = ClearanceNetwork(2, LAYER, weights, bias, 0.0, np.inf, CrankSpeed.constant(SPEED))
     angle = random.uniform(0, 6.5, 50)
     neurons = np.tanh((angle[:, None] - LAYER.centres) / LAYER.widths)
     np.testing.assert_allclose(network.vector(angle)[0], neurons @ weights + bias, rtol=1e-12)
@@ -88,6 +95,23 @@ def test_a_motion_in_closed_form_is_learned_to_a_tenth_of_what_is_asked_and_betw
     assert errors["stop"].str.startswith("training errors").all()
 
 
+def test_a_speed_that_swings_enters_the_rates_and_nothing_else(tmp_path):
+    coarse, fine = motion(720, 2, swing=0.3), motion(14400, swing=0.3)
+    fit = train_clearance(coarse, fine, FIT, ("piston_pin",))
+    errors = fit.errors()
+    assert list(errors["output"].unique()) == ["r3", "gamma3", "gamma3_dot", "gamma3_ddot"]
+    assert (errors["held_out_mse"] <= 0.2 * errors["paper_mse"]).all()
+    network, angle, step = fit.joints[3].network, np.linspace(0.3, 6.3, 40), 1e-5
+    slopes = network.output("gamma3_ddot", angle)[1]
+    around = [network.output("gamma3_ddot", angle + k * step)[0] for k in (-1, 1)]
+    np.testing.assert_allclose(slopes, (around[1] - around[0]) / (2 * step), atol=1e-3 * np.abs(slopes).max())
+    tables.write(tables.CLEARANCE_FIT, fit.weights(), tmp_path / "fit.parquet")
+    stored = tables.read(tables.CLEARANCE_FIT, tmp_path / "fit.parquet")
+    assert stored["speed"].isna().all()
+    back = ClearanceNetwork.from_frame(stored, 3, CrankSpeed.of(coarse))
+    np.testing.assert_array_equal(back.output("gamma3_dot", angle), network.output("gamma3_dot", angle))
+
+
 def test_gamma_is_defined_at_the_start_where_r_is_zero_and_continues_the_simulations_turns(fit):
     for joint, turn in ((2, 1.0), (3, -2.0)):
         network = fit.joints[joint].network
@@ -103,15 +127,14 @@ def test_a_motion_that_does_not_start_with_coincident_centres_needs_no_factor():
     late = [frame.iloc[len(frame) // 8 :].reset_index(drop=True) for frame in (coarse, fine)]
     for frame in late:
         frame["crank_angle"] -= frame["crank_angle"].iloc[0]
-        frame["time"] -= frame["time"].iloc[0]
-    result = train_clearance(*late, Surrogate(training_points=106))
+    result = train_clearance(*late, Surrogate(training_points=106), PINS)
     assert np.isinf(result.joints[2].network.settling)
     assert (result.errors()["held_out_mse"] <= result.errors()["paper_mse"]).all()
 
 
 def test_no_sample_that_is_held_out_is_trained_at():
     coarse, fine = motion(720), motion(14400)
-    samples = Samples.of(coarse, fine, 2, 121, SPEED)
+    samples = Samples.of(coarse, fine, 2, 121)
     nearest = np.abs(samples.crank_angle[:, None] - coarse["crank_angle"].to_numpy()).min(axis=1)
     assert nearest.min() > 0.9 * 2 * np.pi / 14400
     assert samples.shares.sum() == pytest.approx(1.0)
@@ -120,7 +143,7 @@ def test_no_sample_that_is_held_out_is_trained_at():
 def test_samples_are_dense_where_a_quantity_jumps():
     coarse, fine = motion(720), motion(14400)
     fine.loc[fine["crank_angle"] > 3.0, "gamma2_ddot"] += 5e4
-    samples = Samples.of(coarse, fine, 2, 121, SPEED)
+    samples = Samples.of(coarse, fine, 2, 121)
     gaps = np.diff(samples.crank_angle)
     at = np.searchsorted(samples.crank_angle, 3.0)
     assert gaps[at - 1] < 1.1 * 2 * np.pi / 14400
@@ -130,7 +153,7 @@ def test_samples_are_dense_where_a_quantity_jumps():
 @pytest.mark.parametrize("samples", [720, 1440, 14410])
 def test_a_fine_sampling_that_does_not_fit_the_trajectory_is_refused(samples):
     with pytest.raises(InputError, match="fine sampling"):
-        Samples.of(motion(720), motion(samples), 2, 121, SPEED)
+        Samples.of(motion(720), motion(samples), 2, 121)
 
 
 def test_the_networks_come_back_from_parquet_the_same_to_the_last_bit(fit, tmp_path):

@@ -30,7 +30,7 @@ def opened(options: str, results: Path):
     from jointgap.results import Results
 
     scenario = parse_options(options)
-    return scenario, Results(results, scenario.simulate)
+    return scenario, Results(results, scenario)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

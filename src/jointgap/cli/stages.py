@@ -58,14 +58,15 @@ def surrogate(options: str, trajectory: Path, output_name: str, fit: Path, histo
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.errors import InputError, did_you_mean
-    from jointgap.results import read_trajectory
+    from jointgap.results import outputs_of, read_trajectory
     from jointgap.surrogate.train import train
 
     scenario = parse_options(options)
-    if output_name not in tables.OUTPUTS:
-        raise InputError(f"--output-name {output_name}: no such output; {did_you_mean(output_name, tables.OUTPUTS)}")
+    outputs = outputs_of(scenario.mechanism)
+    if output_name not in outputs:
+        raise InputError(f"--output-name {output_name}: no such output; {did_you_mean(output_name, outputs)}")
     tables.check_writable(fit, history, errors)
-    trained = train(read_trajectory(trajectory, scenario.simulate), output_name, scenario.surrogate)
+    trained = train(read_trajectory(trajectory, scenario), output_name, scenario.surrogate)
     tables.write(tables.FIT_HISTORY, trained.history(), history)
     tables.write(tables.FIT_ERRORS, trained.errors(), errors)
     tables.write(tables.FIT, trained.weights(), fit)
@@ -74,23 +75,24 @@ def surrogate(options: str, trajectory: Path, output_name: str, fit: Path, histo
 @cli.command()
 @options_option
 @need("--trajectory", "Parquet file to read: the simulated motion, whose samples are held out.")
-@need("--fit", "Parquet file to write: the networks of both joints, a row a neuron.", OUT)
+@need("--fit", "Parquet file to write: the networks of the loose joints, a row a neuron.", OUT)
 @need("--errors", "Parquet file to write: errors at its own points and at the samples held out.", OUT)
 def clearance(options: str, trajectory: Path, fit: Path, errors: Path) -> None:
-    """Train the second surrogate: one network per joint for the clearance vector, all eight outputs from it."""
+    """Train the second surrogate: one network per loose joint for the clearance vector, all outputs from it."""
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.dynamics import simulate
-    from jointgap.results import read_trajectory
+    from jointgap.results import outputs_of, read_trajectory
     from jointgap.surrogate.train_clearance import train_clearance
 
     scenario = parse_options(options)
+    outputs_of(scenario.mechanism)  # complains where there is nothing to learn
     tables.check_writable(fit, errors)
-    held_out = read_trajectory(trajectory, scenario.simulate)
+    held_out = read_trajectory(trajectory, scenario)
     samples = scenario.simulate.samples_per_revolution * scenario.surrogate.clearance_sampling
     finer = scenario.simulate.model_copy(update={"revolutions": 1, "samples_per_revolution": samples})
     fine = simulate(scenario.mechanism, finer).samples  # the same motion; too large to keep
-    trained = train_clearance(held_out, fine, scenario.surrogate)
+    trained = train_clearance(held_out, fine, scenario.surrogate, scenario.mechanism.applied().loose)
     tables.write(tables.FIT_ERRORS, trained.errors(), errors)
     tables.write(tables.CLEARANCE_FIT, trained.weights(), fit)
 

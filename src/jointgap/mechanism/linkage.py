@@ -22,7 +22,7 @@ class LinkageMotion:
     Attributes
     ----------
     crank_x, crank_y : Motion
-        Crank's mass centre G2 [m], equation (2).
+        Crank's mass centre G2 [m], equation (2), moved by the clearance of the crank pivot.
     rod_x, rod_y : Motion
         Rod's mass centre G3 [m], equations (3), (14).
     slider_x, slider_y : Motion
@@ -69,13 +69,11 @@ def linkage_motion(
     crank, rod = mechanism.crank, mechanism.rod
     pin_x, pin_y = rotating_vector(Motion.of(crank.length), crank_angle)
     crank_x, crank_y = rotating_vector(Motion.of(crank.mass_centre), crank_angle)
-    if clearance is None:
-        head_x = head_y = Motion.of(0.0)
-        foot_x, foot_y = pin_x, pin_y
-    else:
-        step_x, step_y = clearance.crank_pin_vector()
-        head_x, head_y = clearance.piston_pin_vector()
-        foot_x, foot_y = pin_x + step_x, pin_y + step_y
+    clearance = ClearanceMotion() if clearance is None else clearance
+    pivot_x, pivot_y = clearance.crank_pivot_vector()
+    step_x, step_y = clearance.crank_pin_vector()
+    head_x, head_y = clearance.piston_pin_vector()
+    foot_x, foot_y = pivot_x + pin_x + step_x, pivot_y + pin_y + step_y
 
     # The slider stays on its line, so the rod has to come down by its foot's height above the slider less the vector B -> B'.
     height = foot_y - head_y - Motion.of(mechanism.slider.offset)
@@ -84,8 +82,8 @@ def linkage_motion(
     along_x, along_y = rotating_vector(rod_length, rod_angle)
     centre_x, centre_y = rotating_vector(Motion.of(rod.mass_centre), rod_angle)
     return LinkageMotion(
-        crank_x=crank_x,
-        crank_y=crank_y,
+        crank_x=pivot_x + crank_x,
+        crank_y=pivot_y + crank_y,
         rod_x=foot_x + centre_x,
         rod_y=foot_y + centre_y,
         slider_x=foot_x + along_x - head_x,

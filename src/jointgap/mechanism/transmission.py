@@ -1,30 +1,35 @@
 """The transmission angle, equations (10) and (17)."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from jointgap.errors import InputError
 
+_SIGNS = {1: 1.0, 2: 1.0, 3: -1.0}
 
-def clearance_lift(r2: ArrayLike, gamma2: ArrayLike, r3: ArrayLike, gamma3: ArrayLike) -> np.ndarray:
-    """What the two clearances add to the height that the rod has to span.
+
+def clearance_lift(vectors: Mapping[str, ArrayLike]) -> np.ndarray:
+    """What the clearances add to the height that the rod has to span.
 
     Parameters
     ----------
-    r2, r3 : array_like, shape (n,)
-        Lengths of the clearance vectors [m].
-    gamma2, gamma3 : array_like, shape (n,)
-        Their directions [rad]; not looked at where the length is zero.
+    vectors : mapping of str to array_like, shape (n,)
+        Lengths ``r1``, ``r2``, ``r3`` [m] and directions ``gamma1``, ``gamma2``, ``gamma3`` [rad] of the clearance vectors of
+        the loose joints; ideal joints are left out. A direction is not looked at where the length is zero.
 
     Returns
     -------
     ndarray, shape (n,)
-        r2 sin gamma2 - r3 sin gamma3 [m].
+        r1 sin gamma1 + r2 sin gamma2 - r3 sin gamma3 [m]; the number 0 where all joints are ideal.
     """
-    r2, r3 = np.asarray(r2), np.asarray(r3)
-    lift2 = np.where(r2 == 0.0, 0.0, r2 * np.sin(gamma2))
-    lift3 = np.where(r3 == 0.0, 0.0, r3 * np.sin(gamma3))
-    return lift2 - lift3
+    lift = np.zeros(())
+    for number, sign in _SIGNS.items():
+        if (name := f"r{number}") in vectors:
+            length = np.asarray(vectors[name])
+            lift = lift + sign * np.where(length == 0.0, 0.0, length * np.sin(vectors[f"gamma{number}"]))
+    return lift
 
 
 def transmission_angle(

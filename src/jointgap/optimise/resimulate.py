@@ -6,6 +6,7 @@ simulated from the same perturbed starts, and reductions compare the two ensembl
 other.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,9 +57,15 @@ class Resimulation:
     inner_dead_centre: np.ndarray
 
 
-def perturbations(options: Ensemble) -> np.ndarray:
-    """Starting clearance vectors r2 x, r2 y, r3 x, r3 y, normally distributed, shape (members, 4) [m]; seeded."""
-    return np.random.default_rng(options.seed).normal(0.0, options.perturbation, (options.members, 4))
+def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
+    """Starting clearance vectors r2 x, r2 y, r3 x, r3 y, r1 x, r1 y, shape (members, 6) [m].
+
+    Normally distributed, and the same for a joint whichever others are loose; zero in joints that are ideal.
+    """
+    random, loose = np.random.default_rng(options.seed), tuple(loose)
+    drawn = [random.normal(0.0, options.perturbation, (options.members, columns)) for columns in (4, 2)]
+    free = np.repeat([joint in loose for joint in ("crank_pin", "piston_pin", "crank_pivot")], 2)
+    return np.concatenate(drawn, axis=1) * free
 
 
 def stretches(simulate: Simulate, optimise: Optimise, training_points: int) -> dict[str, np.ndarray]:
@@ -86,7 +93,7 @@ def resimulate(
     Parameters
     ----------
     mechanism : Mechanism
-        With the original lengths, at which the desired transmission angle is taken.
+        With its effects applied and the original lengths, at which the desired transmission angle is taken.
     simulate, optimise
         Sections of the configuration.
     training_points : int
@@ -99,7 +106,8 @@ def resimulate(
     SimulationError
         From the simulation.
     """
-    ensemble = simulate_ensemble(mechanism.with_lengths(*lengths), simulate, perturbations(optimise.ensemble))
+    starts = perturbations(optimise.ensemble, mechanism.loose)
+    ensemble = simulate_ensemble(mechanism.with_lengths(*lengths), simulate, starts)
     desired = transmission_angle(
         mechanism.crank.length, mechanism.rod.length, ensemble.crank_angle, 0.0, mechanism.slider.offset
     )

@@ -6,16 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from jointgap.config import Optimise
+from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.optimise import local, valley
 from jointgap.optimise.genetic import GeneticResult, evaluations_until, evolve
 from jointgap.optimise.local import LocalResult
 from jointgap.optimise.objective import MEASURES, Objective
 from jointgap.optimise.region import Region
-from jointgap.paper import OPTIMA
-
-# What the paper prints as its optima (L2, L3) [m].
-PRINTED = {point.key: (point.crank_length, point.rod_length) for point in OPTIMA}
+from jointgap.paper import OPTIMA, departures
 
 
 @dataclass(frozen=True)
@@ -37,6 +34,13 @@ class Point:
     lengths: tuple[float, float]
     source: str | None = None
     box: str | None = None
+
+
+def printed_points(mechanism: Mechanism, simulate: Simulate) -> list[Point]:
+    """What the paper prints as its optima; none for a mechanism that is not the paper's."""
+    if departures(mechanism, simulate):
+        return []
+    return [Point(point.key, "printed", (point.crank_length, point.rod_length)) for point in OPTIMA]
 
 
 @dataclass(frozen=True)
@@ -88,12 +92,11 @@ def search_all(objectives: dict[str, Objective], options: Optimise) -> list[Sear
     return searches
 
 
-def optima(objectives: dict[str, Objective], searches: list[Search]) -> pd.DataFrame:
-    """Frame of the table optimise_optima."""
+def optima(objectives: dict[str, Objective], searches: list[Search], printed: list[Point]) -> pd.DataFrame:
+    """Frame of the table optimise_optima; with the points `printed` beside those found."""
     rows = []
     for source, objective in objectives.items():
-        fixed = [Point("original", "original", objective.original)]
-        fixed += [Point(name, "printed", lengths) for name, lengths in PRINTED.items()]
+        fixed = [Point("original", "original", objective.original), *printed]
         rows += [_optimum(source, objective, point) for point in fixed]
         for search in (search for search in searches if search.source == source):
             lowest = min(search.genetic.value, search.best_local.value)

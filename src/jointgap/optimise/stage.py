@@ -11,9 +11,9 @@ from jointgap.mechanism import Fit, clearance_lift, ideal_cycle
 from jointgap.optimise import search as searching
 from jointgap.optimise.objective import Objective, frozen_objective
 from jointgap.optimise.resimulate import Resimulation, compare, resimulate, stretches
-from jointgap.optimise.search import PRINTED, Point
+from jointgap.optimise.search import Point, printed_points
+from jointgap.tables import JOINT_NUMBERS
 
-COORDINATES = ("r2", "gamma2", "r3", "gamma3")
 DIGITS = 6  # lengths are simulated again to the micrometre; points that agree so far are simulated once
 
 
@@ -45,13 +45,14 @@ def objectives(
     points; ``simulation_settled`` over a whole settled revolution.
     """
     samples = stretches(simulate, options, training_points)
+    coordinates = [f"{name}{JOINT_NUMBERS[joint]}" for joint in mechanism.loose for name in ("r", "gamma")]
     angle = trajectory["crank_angle"].to_numpy()
     window, settled = samples["window"], samples["settled"]
     made = {}
     for name, fits in surrogates.items():
-        lift = clearance_lift(*(fits[coordinate](angle[window])[0] for coordinate in COORDINATES))
+        lift = clearance_lift({name: fits[name](angle[window])[0] for name in coordinates})
         made[name] = frozen_objective(mechanism, angle[window], lift)
-    lift = clearance_lift(*(trajectory[coordinate].to_numpy() for coordinate in COORDINATES))
+    lift = clearance_lift({name: trajectory[name].to_numpy() for name in coordinates})
     made["simulation"] = frozen_objective(mechanism, angle[window], lift[window])
     made["simulation_settled"] = frozen_objective(mechanism, angle[settled], lift[settled])
     return made
@@ -70,7 +71,7 @@ def optimise(
     Parameters
     ----------
     mechanism : Mechanism
-        With the original lengths.
+        With the original lengths and its effects applied.
     simulate, options
         Sections of the configuration.
     training_points : int
@@ -78,7 +79,7 @@ def optimise(
     trajectory : DataFrame
         The simulation at the original lengths, table trajectory.
     surrogates : mapping of str to mapping of str to Fit
-        By surrogate and output; of the outputs r2, gamma2, r3, gamma3 are used.
+        By surrogate and output; of the outputs r and gamma of the loose joints are used.
 
     Raises
     ------
@@ -90,12 +91,12 @@ def optimise(
     made = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
     searches = searching.search_all(made, options)
     valley, floor = searching.valleys(searches)
-    points = [Point("original", "original", (mechanism.crank.length, mechanism.rod.length))]
-    points += [Point(name, "printed", lengths) for name, lengths in PRINTED.items()]
+    printed = printed_points(mechanism, simulate)
+    points = [Point("original", "original", (mechanism.crank.length, mechanism.rod.length)), *printed]
     points += [point for search in searches for point in search.points]
     again = _simulated_again(mechanism, simulate, options, training_points, points)
     return Optimisation(
-        optima=searching.optima(made, searches),
+        optima=searching.optima(made, searches, printed),
         population=searching.populations(searches),
         paths=searching.paths(searches),
         tolerance=searching.tolerances(searches),

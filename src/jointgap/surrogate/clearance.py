@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from jointgap.errors import did_you_mean
 from jointgap.surrogate.bumps import DERIVATIVES, Layer
+from jointgap.surrogate.speed import CrankSpeed
 
 BIAS = -1
 SETTLING = np.radians(6.0)  # about where the first impact comes; any width of this order does
@@ -32,7 +33,7 @@ class ClearanceNetwork:
     Attributes
     ----------
     joint : int
-        2 crank pin, 3 piston pin.
+        1 crank pivot, 2 crank pin, 3 piston pin.
     layer : Layer
         Neurons over the crank angle [rad].
     weights : ndarray of complex, shape (H,)
@@ -42,8 +43,8 @@ class ClearanceNetwork:
         Crank angle at the start [rad].
     settling : float
         Width of the factor s [rad]; infinite where s is 1.
-    speed : float
-        Speed of the crank [rad/s].
+    speed : CrankSpeed
+        Speed of the crank over its angle.
     turns : int
         Whole turns to add to gamma, so that it continues the simulation's.
     """
@@ -54,7 +55,7 @@ class ClearanceNetwork:
     bias: complex
     start_angle: float
     settling: float
-    speed: float
+    speed: CrankSpeed
     turns: int = 0
 
     def __post_init__(self):
@@ -94,12 +95,12 @@ class ClearanceNetwork:
         return r, [gamma, q1.imag, q2.imag, q3.imag]
 
     def output(self, name: str, crank_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """One of the eight outputs and its derivative by the crank angle, in SI, of the shape of `crank_angle`.
+        """One of the joint's four outputs and its derivative by the crank angle, in SI, of the shape of `crank_angle`.
 
         Raises
         ------
         ValueError
-            The output belongs to the other joint or is none.
+            The output belongs to another joint or is none.
         """
         names = {f"r{self.joint}": 0, **{f"gamma{self.joint}{dots}": n for n, dots in enumerate(("", "_dot", "_ddot"))}}
         if name not in names:
@@ -107,8 +108,14 @@ class ClearanceNetwork:
         angle = np.asarray(crank_angle, dtype=float)
         r, gamma = self.polar(angle.ravel())
         n = names[name]
-        found = r if name.startswith("r") else gamma
-        return tuple((self.speed**n * values).reshape(angle.shape) for values in (found[n], found[n + 1]))
+        found = (r if name.startswith("r") else gamma)[:2]
+        if n > 0:
+            w, w1, w2 = self.speed(angle.ravel())
+            found = [gamma[1] * w, gamma[2] * w + gamma[1] * w1]
+        if n > 1:
+            second = gamma[3] * w**2 + 3.0 * gamma[2] * w * w1 + gamma[1] * (w1**2 + w * w2)
+            found = [gamma[2] * w**2 + gamma[1] * w * w1, second]
+        return tuple(values.reshape(angle.shape) for values in found)
 
     def _start(self, crank_angle: np.ndarray) -> list[np.ndarray]:
         return start_factor(crank_angle, self.start_angle, self.settling)
@@ -127,14 +134,14 @@ class ClearanceNetwork:
                 "weight_y": weights.imag,
                 "start_angle": self.start_angle,
                 "settling": self.settling if np.isfinite(self.settling) else np.nan,
-                "speed": self.speed,
+                "speed": np.nan if self.speed.if_constant is None else self.speed.if_constant,
                 "turns": self.turns,
             }
         )
 
     @classmethod
-    def from_frame(cls, frame: pd.DataFrame, joint: int) -> "ClearanceNetwork":
-        """The network of a joint from the long form.
+    def from_frame(cls, frame: pd.DataFrame, joint: int, speed: CrankSpeed | None = None) -> "ClearanceNetwork":
+        """The network of a joint from the long form; `speed` is needed where it is not constant.
 
         Raises
         ------
@@ -153,7 +160,7 @@ class ClearanceNetwork:
             complex(last.weight_x, last.weight_y),
             float(last.start_angle),
             np.inf if np.isnan(last.settling) else float(last.settling),
-            float(last.speed),
+            speed if np.isnan(last.speed) else CrankSpeed.constant(float(last.speed)),
             int(last.turns),
         )
 

@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicSpline
 
+from jointgap import tables
 from jointgap.errors import InputError
-from jointgap.paper import TRAINING_MSE
+from jointgap.paper import yardstick
 from jointgap.surrogate.errors import Grid
 from jointgap.surrogate.network import Scaling
 
@@ -37,6 +38,8 @@ class Samples:
     crank_angle : ndarray, shape (n,)
     values : dict of str to ndarray, shape (n,)
         By kind: r, gamma and their derivatives by the crank angle.
+    simulated : dict of str to ndarray, shape (n,)
+        The same as the simulation has them, derivatives by time.
     scales : dict of str to float
         Error allowed in each of them: the range at the paper's training points times the root of its mean square
         error; that of r for the derivatives of r.
@@ -44,6 +47,7 @@ class Samples:
 
     crank_angle: np.ndarray
     values: dict[str, np.ndarray]
+    simulated: dict[str, np.ndarray]
     scales: dict[str, float]
 
     @property
@@ -53,9 +57,7 @@ class Samples:
         return widths / widths.sum()
 
     @classmethod
-    def of(
-        cls, trajectory: pd.DataFrame, fine: pd.DataFrame, joint: int, training_points: int, speed: float
-    ) -> "Samples":
+    def of(cls, trajectory: pd.DataFrame, fine: pd.DataFrame, joint: int, training_points: int) -> "Samples":
         """Samples of the first revolution of `fine` that are none of `trajectory`'s.
 
         Parameters
@@ -65,11 +67,9 @@ class Samples:
         fine : DataFrame
             The same motion, with a multiple of the samples.
         joint : int
-            2 crank pin, 3 piston pin.
+            1 crank pivot, 2 crank pin, 3 piston pin.
         training_points : int
             Points of the paper's networks.
-        speed : float
-            Of the crank [rad/s].
 
         Raises
         ------
@@ -84,14 +84,23 @@ class Samples:
             raise InputError(
                 f"the fine sampling must have a multiple of the trajectory's samples, {2 * PER_HELD_OUT} times as many at least"
             )
-        values, scales = {}, {}
+        part = {name: fine[name].to_numpy()[: len(angle)] for name in ("crank_speed", "crank_acceleration")}
+        speed, mean = part["crank_speed"], float(part["crank_speed"].mean())
+        simulated, scales = {}, {}
         for kind in KINDS:
-            name, by_time = column(kind, joint), speed ** ORDERS[kind]
-            values[kind] = fine[name].to_numpy()[: len(angle)] / by_time
+            name = column(kind, joint)
+            simulated[kind] = fine[name].to_numpy()[: len(angle)]
             spread = Scaling.of(Grid.of(trajectory, name, training_points).training.values).range
-            scales[kind] = spread * TRAINING_MSE.get(name, TRAINING_MSE[f"r{joint}"]) ** 0.5 / by_time
+            allowed = yardstick(name if name in tables.outputs(tables.JOINT_NUMBERS) else f"r{joint}")
+            scales[kind] = spread * allowed**0.5 / mean ** ORDERS[kind]
+        values = dict(simulated)
+        for quantity in ("r", "gamma"):
+            rate = simulated[f"{quantity}_dot"] / speed
+            values[f"{quantity}_dot"] = rate
+            values[f"{quantity}_ddot"] = (simulated[f"{quantity}_ddot"] - rate * part["crank_acceleration"]) / speed**2
         kept = _chosen(angle, values, scales, ratio)
-        return cls(angle[kept], {kind: row[kept] for kind, row in values.items()}, scales)
+        chosen = ({kind: row[kept] for kind, row in rows.items()} for rows in (values, simulated))
+        return cls(angle[kept], *chosen, scales)
 
 
 def _chosen(angle: np.ndarray, values: dict[str, np.ndarray], scales: dict[str, float], ratio: int) -> np.ndarray:

@@ -95,7 +95,7 @@ def train(trajectory: pd.DataFrame, output: str, options: Surrogate) -> Fit:
         Columns crank_angle [rad], evenly spaced over at least one revolution, and `output`; undefined values are NaN,
         left out and counted.
     output : str
-        One of `jointgap.tables.OUTPUTS`.
+        One of `jointgap.tables.outputs` of the loose joints.
     options : Surrogate
         Layers, training points, seeds and iterations.
 
@@ -120,7 +120,7 @@ def train(trajectory: pd.DataFrame, output: str, options: Surrogate) -> Fit:
     for seeds, iterations in (((default,), options.iterations), (tuple(others), options.seed_iterations)):
         if seeds:
             start = np.stack([nguyen_widrow(layout, seed) for seed in seeds])
-            settings = Settings(iterations, milestone=TRAINING_MSE[output], snapshots=SNAPSHOTS)
+            settings = Settings(iterations, milestone=TRAINING_MSE.get(output, 0.0), snapshots=SNAPSHOTS)
             results |= zip(seeds, minimise(model, targets, start, settings), strict=True)
     networks = {seed: Network(layout, result.parameters, scale_in, scale_out) for seed, result in results.items()}
     return Fit(output, networks, results, grid)

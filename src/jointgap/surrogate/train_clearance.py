@@ -9,6 +9,7 @@ Neurons start evenly spaced. Where an output's training error is above its share
 problem is solved again, until all training errors are a given fraction of the paper's. Samples held out are not looked at.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,8 @@ from jointgap.surrogate.bumps import Block, Layer
 from jointgap.surrogate.clearance import SETTLING, ClearanceNetwork, start_factor
 from jointgap.surrogate.errors import Grid, Points, Trained, error_frame, error_rows
 from jointgap.surrogate.samples import ORDERS, Samples, column
+from jointgap.surrogate.speed import CrankSpeed
+from jointgap.tables import JOINT_NUMBERS
 
 FIRST_DISTANCE = np.radians(0.5)  # of neurons, before any is added; half a period of the contact's ringing
 WIDTH = 2.5  # of a neuron, in distances to its neighbours
@@ -52,7 +55,7 @@ class JointFit:
 
 @dataclass(frozen=True)
 class ClearanceFit:
-    """The second surrogate: networks of both joints, and their errors over the trajectory's samples."""
+    """The second surrogate: networks of the loose joints, and their errors over the trajectory's samples."""
 
     joints: dict[int, JointFit]
     trajectory: pd.DataFrame
@@ -63,25 +66,26 @@ class ClearanceFit:
         return pd.concat([fit.network.to_frame() for fit in self.joints.values()], ignore_index=True)
 
     def errors(self) -> pd.DataFrame:
-        """Frame of the table fit_errors: all eight outputs, held out at every sample of the trajectory between the
-        paper's training points."""
+        """Frame of the table fit_errors: all outputs, held out at every sample of the trajectory between the paper's
+        training points."""
         rows = []
         for joint, fit in self.joints.items():
             network, samples = fit.network, fit.samples
             trained = Trained("clearance", None, 2 * network.layer.bumps, fit.rounds, fit.stop)
             for kind in ("r", "gamma", "gamma_dot", "gamma_ddot"):
                 name = column(kind, joint)
-                values = samples.values[kind] * network.speed ** ORDERS[kind]
                 rows += error_rows(
                     Grid.of(self.trajectory, name, self.training_points),
                     lambda angle, name=name, network=network: network.output(name, angle)[0],
                     trained,
-                    Points(samples.crank_angle, values, 0),
+                    Points(samples.crank_angle, samples.simulated[kind], 0),
                 )
         return error_frame(rows)
 
 
-def train_clearance(trajectory: pd.DataFrame, fine: pd.DataFrame, options: Surrogate) -> ClearanceFit:
+def train_clearance(
+    trajectory: pd.DataFrame, fine: pd.DataFrame, options: Surrogate, loose: Iterable[str]
+) -> ClearanceFit:
     """Train the second surrogate.
 
     Parameters
@@ -92,32 +96,33 @@ def train_clearance(trajectory: pd.DataFrame, fine: pd.DataFrame, options: Surro
         The first revolution of the same motion, with a multiple of the samples.
     options : Surrogate
         Training points of the paper's networks: their range scales the errors.
+    loose : iterable of str
+        Names of the loose joints.
 
     Raises
     ------
     InputError
         `fine` does not fit the trajectory.
     """
-    angle, time = (fine[name].to_numpy() for name in ("crank_angle", "time"))
-    speed = float((angle[-1] - angle[0]) / (time[-1] - time[0]))
-    joints = {}
-    for joint in (2, 3):
-        samples = Samples.of(trajectory, fine, joint, options.training_points, speed)
+    start, speed, joints = float(fine["crank_angle"].iloc[0]), CrankSpeed.of(trajectory), {}
+    for joint in (JOINT_NUMBERS[name] for name in loose):
+        samples = Samples.of(trajectory, fine, joint, options.training_points)
         r = fine[f"r{joint}"].to_numpy()
         settling = SETTLING if r[0] < 1e-9 * r.max() else np.inf
-        joints[joint] = grow(samples, joint, float(angle[0]), speed, settling)
+        joints[joint] = grow(samples, joint, start, speed, settling)
     return ClearanceFit(joints, trajectory, options.training_points)
 
 
-def grow(samples: Samples, joint: int, start_angle: float, speed: float, settling: float) -> JointFit:
+def grow(samples: Samples, joint: int, start_angle: float, speed: CrankSpeed, settling: float) -> JointFit:
     """Train the network of one joint, adding neurons.
 
     Parameters
     ----------
     samples : Samples
     joint : int
-    start_angle, speed : float
-        Of the crank [rad, rad/s].
+    start_angle : float
+        Of the crank [rad].
+    speed : CrankSpeed
     settling : float
         Width of the factor s [rad]; infinite for a motion that does not start with r = 0.
     """

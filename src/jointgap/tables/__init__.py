@@ -5,21 +5,26 @@ One module per stage names its tables: ``tables.write(tables.TRAJECTORY, frame, 
 
 from jointgap.tables.columns import Column, Table
 from jointgap.tables.compare import COMPARISON, OVERVIEW
+from jointgap.tables.ensemble import ENSEMBLE_EVENTS, ENSEMBLE_SAMPLES, GROWTH, ensemble_runs
 from jointgap.tables.figures import PLOTTED
 from jointgap.tables.kinematics import KINEMATICS, KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
 from jointgap.tables.optimise import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
-from jointgap.tables.simulate import EVENTS, OUTPUTS, TRAJECTORY
+from jointgap.tables.simulate import EVENTS, JOINT_NUMBERS, OUTPUTS, TRAJECTORY, number_of, outputs
 from jointgap.tables.store import check_writable, describe, read, to_arrow, write, write_text, write_whole
 from jointgap.tables.surrogate import CLEARANCE_FIT, FIT, FIT_ERRORS, FIT_HISTORY
 
 __all__ = [
     "CLEARANCE_FIT",
     "COMPARISON",
+    "ENSEMBLE_EVENTS",
+    "ENSEMBLE_SAMPLES",
     "EVENTS",
     "FIT",
     "FIT_ERRORS",
     "FIT_HISTORY",
     "FLOOR",
+    "GROWTH",
+    "JOINT_NUMBERS",
     "KINEMATICS",
     "KINEMATICS_CONTRADICTIONS",
     "KINEMATICS_ERRORS",
@@ -38,6 +43,9 @@ __all__ = [
     "Table",
     "check_writable",
     "describe",
+    "ensemble_runs",
+    "number_of",
+    "outputs",
     "read",
     "to_arrow",
     "write",

@@ -1,5 +1,7 @@
 """Tables of the stage simulate."""
 
+from collections.abc import Iterable
+
 from jointgap.tables.columns import Column, Table
 
 
@@ -90,5 +92,26 @@ EVENTS = Table(
     ),
 )
 
-OUTPUTS = ("r2", "r3", "gamma2", "gamma3", "gamma2_dot", "gamma3_dot", "gamma2_ddot", "gamma3_ddot")
-"""The eight outputs that networks learn, by their column of the trajectory, in the paper's order."""
+JOINT_NUMBERS = {"crank_pivot": 1, "crank_pin": 2, "piston_pin": 3}
+"""Numbers of the joints in the names of columns, by joint; the two pins have the paper's."""
+
+_LEARNED = ("r", "gamma", "gamma_dot", "gamma_ddot")
+
+
+def outputs(loose: Iterable[str]) -> tuple[str, ...]:
+    """What networks learn of the joints `loose`, by column of the trajectory, in the paper's order."""
+    numbers = sorted(JOINT_NUMBERS[joint] for joint in loose)
+    return tuple(
+        f"{quantity}{number}{'_' * bool(dots)}{dots}"
+        for quantity, _, dots in (kind.partition("_") for kind in _LEARNED)
+        for number in numbers
+    )
+
+
+def number_of(output: str) -> int:
+    """Number of the joint that an output belongs to: 2 for gamma2_dot."""
+    return int(output.partition("_")[0][-1])
+
+
+OUTPUTS = outputs(("crank_pin", "piston_pin"))
+"""The eight outputs of the paper, whose pins are loose."""

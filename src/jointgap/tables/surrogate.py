@@ -59,7 +59,7 @@ FIT_ERRORS = Table(
             "mean square error over the training points of the region (clearance: dense where motion is quick)",
         ),
         Column("held_out_mse", "1", "mean square error over the samples held out"),
-        Column("paper_mse", "1", "the paper's, at its training points"),
+        Column("paper_mse", "1", "the paper's, at its training points; null where it has none", nullable=True),
         Column("spline_held_out_mse", "1", "as held_out_mse, of the cubic spline through the same training points"),
         Column("held_out_peak", "1", "largest error over the samples held out, over the range"),
         Column("training_rms", "as unit", "root mean square error over the training points"),
@@ -85,7 +85,7 @@ CLEARANCE_FIT = Table(
     "clearance_fit",
     "Second surrogate: one layer of tansig neurons per joint with the clearance vector as its output, one row a neuron",
     (
-        Column("joint", "1", "2 crank pin, 3 piston pin", "int"),
+        Column("joint", "1", "1 crank pivot, 2 crank pin, 3 piston pin", "int"),
         Column("neuron", "1", "neuron, from 0 along the crank angle; -1: bias of the output", "int"),
         Column("centre", "rad", "crank angle at which the neuron gives 0; null for the bias", nullable=True),
         Column("width", "rad", "1 / input weight; null for the bias", nullable=True),
@@ -98,7 +98,13 @@ CLEARANCE_FIT = Table(
             "width of the factor tanh^2((angle - start_angle) / settling) that the output is multiplied by; null for none",
             nullable=True,
         ),
-        Column("speed", "rad/s", "speed of the crank, that turns derivatives by the angle into time derivatives"),
+        Column(
+            "speed",
+            "rad/s",
+            "speed of the crank, that turns derivatives by the angle into time derivatives; null where it is not constant: see "
+            "the trajectory",
+            nullable=True,
+        ),
         Column("turns", "1", "whole turns to add to gamma", "int"),
     ),
 )
