@@ -5,10 +5,10 @@ import sys
 
 import click
 
-from jointgap.cli import effects, stages, tools
+from jointgap.cli import effects, ensemble, stages, tools
 from jointgap.cli.group import cli
 
-__all__ = ["cli", "effects", "main", "stages", "tools"]
+__all__ = ["cli", "effects", "ensemble", "main", "stages", "tools"]
 
 
 def main() -> None:

@@ -7,6 +7,7 @@ from jointgap.config.joints import Joint, Joints
 from jointgap.config.load import json_schema, load_mechanism, options_for, parse_options, read_yaml, resolve, validate
 from jointgap.config.mechanism import Link, Mechanism, Slider
 from jointgap.config.scenario import Box, Ensemble, Figures, Genetic, Optimise, Scenario, Simulate, Surrogate
+from jointgap.config.study import Runs, Study
 
 __all__ = [
     "CRANK_SIGN_SPEED",
@@ -26,9 +27,11 @@ __all__ = [
     "Mechanism",
     "MotorDrive",
     "Optimise",
+    "Runs",
     "Scenario",
     "Simulate",
     "Slider",
+    "Study",
     "Surrogate",
     "json_schema",
     "load_mechanism",

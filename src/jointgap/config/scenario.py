@@ -15,6 +15,7 @@ from jointgap.config.quantities import (
     PositiveNumber,
 )
 from jointgap.config.section import Section
+from jointgap.config.study import Runs, Study
 
 Interval = tuple[PositiveLength, PositiveLength]
 ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are one length
@@ -161,6 +162,8 @@ class Scenario(Section):
     surrogate: Surrogate = Surrogate()
     optimise: Optimise = Optimise()
     figures: Figures = Figures()
+    ensemble: Runs = Runs()
+    study: Study = Study()
 
     @model_validator(mode="after")
     def _speed_fluctuates_about_a_constant(self):
@@ -220,5 +223,7 @@ SECTIONS = {
     "optimise": ("mechanism", "simulate", "surrogate", "optimise"),
     "figures": ("mechanism", "simulate", "surrogate", "optimise", "figures"),
     "compare": ("description", "mechanism", "simulate", "surrogate", "optimise"),
+    "ensemble": ("mechanism", "simulate", "ensemble"),
+    "study": ("mechanism", "simulate", "study"),
     "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),
 }

@@ -3,16 +3,18 @@
 import math
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.compiled import compiled
+from jointgap.dynamics.drive import crank_motion
+from jointgap.dynamics.parameters import MOTOR, Parameters
 from jointgap.dynamics.simulate import March, crank_angles, run_march
 from jointgap.dynamics.start import start_state
 from jointgap.errors import InputError, SimulationError
@@ -22,11 +24,23 @@ _AHEAD = 8  # runs per worker that may be finished or under way before the first
 
 @dataclass(frozen=True)
 class Run:
-    """One motion to simulate: what `jointgap.dynamics.simulate` takes."""
+    """One motion to simulate.
+
+    Attributes
+    ----------
+    mechanism, options, perturbation
+        What `jointgap.dynamics.simulate` takes.
+    crank_angle : (n,) array, optional
+        Samples [rad], growing, the first at the start; those of `options` by default.
+    values : mapping of str to float, int, str or bool
+        What distinguishes the run, by name; nothing is computed from it.
+    """
 
     mechanism: Mechanism
     options: Simulate
     perturbation: ArrayLike | None = None
+    crank_angle: np.ndarray | None = None
+    values: Mapping[str, float | int | str | bool] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -125,7 +139,7 @@ def _numbers(run: Run) -> Parameters | InputError:
 
 
 def _outcome(run: Run, numbers: Parameters | InputError) -> Outcome:
-    angles = crank_angles(run.options)
+    angles = crank_angles(run.options) if run.crank_angle is None else run.crank_angle
     if isinstance(numbers, InputError):
         return Outcome(run, None, angles, None, numbers)
     try:
@@ -151,6 +165,20 @@ def rod_and_slider(p: Parameters, crank_angle, states, further) -> tuple[np.ndar
     end_y = b.crank_length * np.sin(crank_angle) + states[:, 1] + further[:, 1]
     sine = (b.slider_offset + states[:, 3] - end_y) / b.rod_length
     return np.arcsin(sine), end_x + b.rod_length * np.sqrt(1.0 - sine**2) - states[:, 2]
+
+
+@compiled
+def prescribed_speeds(p, times):
+    """Speeds [rad/s] of a prescribed crank at `times` (n,) [s]."""
+    speeds = np.empty(times.size)
+    for i in range(times.size):
+        speeds[i] = crank_motion(p, times[i])[1]
+    return speeds
+
+
+def crank_speeds(p: Parameters, times, further) -> np.ndarray:
+    """Crank speeds [rad/s] at samples, (n,)."""
+    return further[:, 6] if p.drive.kind == MOTOR else prescribed_speeds(p, times)
 
 
 def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, workers: int | None = None) -> Ensemble:

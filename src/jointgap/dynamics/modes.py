@@ -16,8 +16,8 @@ MODES = ("ideal", "flight", "impact", "contact")
 """What a sample may be in, by joint."""
 
 
-def sample_modes(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns ``crank_pin_mode``, ... of the table ``trajectory``.
+def mode_numbers(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> np.ndarray:
+    """What each joint is in at samples, as places in `MODES`, shape (n, 3), int8.
 
     Parameters
     ----------
@@ -27,15 +27,19 @@ def sample_modes(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np
     events : (m, 8) array
         Its events. A contact that lasts to the end of the march counts as contact.
     """
-    found = {}
+    found = np.zeros((times.size, 3), np.int8)
     column = {name: i for i, name in enumerate(EVENT)}
     for number, joint in enumerate(JOINTS):
         if not getattr(p, joint).loose:
-            found[f"{joint}_mode"] = np.full(times.size, MODES[0], dtype=object)
             continue
-        touching = modes[:, number] != FLIGHT
         ends = events[(events[:, column["joint"]] == number) & (events[:, column["begins"]] == 0)]
         following = np.searchsorted(ends[:, column["time"]], times)  # the next separation; none: the contact goes on
         maxima = np.append(ends[:, column["maxima"]], np.inf)[following]
-        found[f"{joint}_mode"] = np.array(MODES, dtype=object)[np.where(touching, np.where(maxima <= 1, 2, 3), 1)]
+        found[:, number] = np.where(modes[:, number] != FLIGHT, np.where(maxima <= 1, 2, 3), 1)
     return found
+
+
+def sample_modes(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns ``crank_pin_mode``, ... of the table ``trajectory``; parameters as `mode_numbers`."""
+    numbers = mode_numbers(p, times, modes, events)
+    return {f"{joint}_mode": np.array(MODES, dtype=object)[numbers[:, i]] for i, joint in enumerate(JOINTS)}

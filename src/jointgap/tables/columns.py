@@ -4,7 +4,13 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
-TYPES = {"float": pa.float64(), "int": pa.int64(), "text": pa.string(), "bool": pa.bool_()}
+TYPES = {
+    "float": pa.float64(),
+    "int": pa.int64(),
+    "text": pa.string(),
+    "category": pa.dictionary(pa.int8(), pa.string()),
+    "bool": pa.bool_(),
+}
 
 
 @dataclass(frozen=True)
@@ -18,7 +24,7 @@ class Column:
         SI unit, ``'rad'``, ``'1'`` for pure numbers, ``''`` for text.
     description : str
     kind : str
-        ``'float'``, ``'int'``, ``'text'`` or ``'bool'``.
+        ``'float'``, ``'int'``, ``'text'``, ``'category'`` (one of a few texts) or ``'bool'``.
     nullable : bool
         Whether the quantity can be undefined. Undefined is null in the file and NaN (None) in the frame, never 0.
     """
