@@ -5,37 +5,65 @@ import math
 import numpy as np
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.observe import COLUMNS, observe
-from jointgap.dynamics.parameters import Parameters, parameters
+from jointgap.dynamics.assemble import parameters
+from jointgap.dynamics.parameters import Parameters
 from jointgap.dynamics.simulate import March, run_march
 from jointgap.dynamics.start import start_state
 
 SPEED = 20 * math.pi
+CRANK, ROD, CENTRE = 0.15, 0.564, 0.282
+PINS = ("crank_pin", "piston_pin")
+ALL = ("crank_pivot", *PINS)
+
+MOTOR = {"kind": "motor", "stall_torque": 60.0, "no_load_speed": 1.5 * SPEED, "inertia": 0.02}
+LUGRE = {
+    "friction_law": "lugre",
+    "friction": 0.1,
+    "static_friction": 0.15,
+    "stribeck_speed": 0.05,
+    "bristle_stiffness": 1e4,
+    "bristle_damping": 1.0,
+    "viscous_friction": 0.6,
+}
+
+
+def effect(name: str, site: str | None = None, **parameters) -> dict:
+    """An entry of a mechanism's effects."""
+    return {"name": name, "parameters": parameters} | ({"site": site} if site else {})
 
 
 def mechanism(
+    *effects: dict,
+    loose=PINS,
     friction=0.0,
     restitution=0.46,
     law="lankarani_nikravesh",
     journals=("crank", "slider"),
-    bearing_radius=0.008,
+    clearance=1e-3,
     offset=0.0,
     gravity=False,
     **contact,
 ) -> Mechanism:
-    """The paper's slider-crank; `contact` holds further keys of the contact, e.g. its stiffness."""
-    steel = {"law": law, "restitution": restitution, "friction": friction, **contact}
-    pins = [
-        {"journal": journal, "journal_radius": 0.007, "bearing_radius": bearing_radius, "contact": steel}
-        for journal in journals
-    ]
+    """The paper's slider-crank with a crank pivot that may be loose too; `contact` holds further keys of the contact."""
+    steel = {"law": law, "friction": friction, **({} if law == "penalty" else {"restitution": restitution}), **contact}
+    carriers = dict(zip(ALL, ("frame", *journals), strict=True))
+    radii = dict(zip(ALL, (0.010, 0.007, 0.007), strict=True))
     return Mechanism.model_validate(
         {
-            "crank": {"length": 0.15, "mass": 0.3704, "inertia": 1.458e-3, "mass_centre": 0.075},
-            "rod": {"length": 0.564, "mass": 0.773, "inertia": 2.482e-2, "mass_centre": 0.282},
+            "crank": {"length": CRANK, "mass": 0.3704, "inertia": 1.458e-3, "mass_centre": 0.075},
+            "rod": {"length": ROD, "mass": 0.773, "inertia": 2.482e-2, "mass_centre": CENTRE},
             "slider": {"mass": 0.4482, "offset": offset},
-            "joints": {"crank_pin": pins[0], "piston_pin": pins[1]},
-            "effects": [{"name": "gravity"}] if gravity else [],
+            "joints": {
+                name: {
+                    "loose": name in loose,
+                    "journal": carriers[name],
+                    "journal_radius": radii[name],
+                    "bearing_radius": radii[name] + clearance,
+                    "contact": steel,
+                }
+                for name in ALL
+            },
+            "effects": [*effects, *([{"name": "gravity"}] if gravity else [])],
         }
     )
 
@@ -44,14 +72,17 @@ def options(**changed) -> Simulate:
     return Simulate(**{"speed": SPEED, "revolutions": 1, "samples_per_revolution": 360, "tolerance": 1e-12, **changed})
 
 
-def marched(made: Mechanism, degrees, tolerance=1e-12, start_angle=0.0) -> tuple[Parameters, March]:
+def marched(made: Mechanism, degrees, tolerance=1e-12, start_angle=0.0, **changed) -> tuple[Parameters, March]:
     """`made` from its start, sampled at crank angles `degrees` after it (the first must be 0)."""
-    p = parameters(made, SPEED, start_angle)
-    times = np.radians(np.asarray(degrees, dtype=float)) / SPEED
-    return p, run_march(p, start_state(p), times, tolerance)
+    p = parameters(made, options(start_angle=start_angle, **changed))
+    angles = start_angle + np.radians(np.asarray(degrees, dtype=float))
+    return p, run_march(p, start_state(p), angles, tolerance)
 
 
-def observed(p: Parameters, run: March, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Everything to be seen of `run` at its samples, by column."""
-    seen = observe(p, times, run.states, run.modes, run.approaches, run.directions)
-    return dict(zip(COLUMNS, seen.T, strict=True))
+def with_numbers(p: Parameters, **groups: dict) -> Parameters:
+    """`p` with some numbers of its groups changed."""
+    records = {name: getattr(p, name).copy() for name in groups}
+    for name, numbers in groups.items():
+        for key, value in numbers.items():
+            records[name][key] = value
+    return p._replace(**records)

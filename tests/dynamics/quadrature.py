@@ -5,12 +5,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from jointgap.dynamics.parameters import Parameters, parameters
+from jointgap.config import Mechanism
+from jointgap.dynamics.assemble import parameters
+from jointgap.dynamics.episodes import EVENT
+from jointgap.dynamics.parameters import JOINTS, Parameters
 from jointgap.dynamics.simulate import March, run_march
 from jointgap.dynamics.start import start_state
-from tests.dynamics.cases import SPEED, observed
+from tests.dynamics.cases import options
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+LAST = np.polynomial.legendre.legvander(NODES, 15)[:, 12:].T * (np.arange(12, 16) + 0.5)[:, None]
+"""Takes values at the nodes, times weights, to their last Legendre coefficients."""
+
+ANGLE = EVENT.index("crank_angle")
+ROUNDS, SMOOTH = 6, 1e-12
 
 
 @dataclass(frozen=True)
@@ -19,44 +27,95 @@ class Motion:
 
     Attributes
     ----------
-    times : (panels, 16 + 2) array
-        Of each panel its start, 16 nodes and its end [s].
+    made : Mechanism
+        Its effects applied.
+    angles : (panels, 16 + 2) array
+        Crank angles of each panel's start, 16 nodes and end [rad].
+    weights : (panels, 16) array
+        Of the nodes, for integrals over the time [s].
     """
 
+    made: Mechanism
     p: Parameters
-    times: np.ndarray
+    angles: np.ndarray
     weights: np.ndarray
     run: March
     seen: dict[str, np.ndarray]
 
+    def sampled(self, values: np.ndarray) -> np.ndarray:
+        return values.reshape(self.angles.shape)
+
     def state(self, i: int) -> np.ndarray:
-        return self.run.states[:, i].reshape(self.times.shape)
+        return self.sampled(self.run.states[:, i])
+
+    def further(self, i: int) -> np.ndarray:
+        return self.sampled(self.run.further[:, i])
+
+    def mode(self, joint: str) -> np.ndarray:
+        return self.sampled(self.run.modes[:, JOINTS.index(joint)])
+
+    def approach(self, joint: str) -> np.ndarray:
+        return self.sampled(self.run.approaches[:, JOINTS.index(joint)])
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.seen[name].reshape(self.times.shape)
+        return self.sampled(self.seen[name])
+
+    def steps(self, values: np.ndarray) -> np.ndarray:
+        """Integral of `values` over the time of each panel, (panels,)."""
+        return (values[:, 1:-1] * self.weights).sum(axis=1)
 
     def integral(self, values: np.ndarray) -> np.ndarray:
         """Integral of `values` over time from the start to the end of each panel, (panels,)."""
-        return np.cumsum((values[:, 1:-1] * self.weights).sum(axis=1))
+        return np.cumsum(self.steps(values))
 
 
-def motion(mechanism, revolutions: float, tolerance=1e-14, panels_per_revolution=6000) -> Motion:
+def motion(made: Mechanism, revolutions: float, tolerance=1e-15, panels_per_revolution=1000, **changed) -> Motion:
     """Simulate once for the events, again with samples at Gauss nodes between them.
 
-    At an event forces go like a half-integer power of the time from it. With t = a + (b - a) sin^2(u) between events a
-    and b all is smooth in u, and Gauss' rule converges at its full rate.
+    At an event forces go like a half-integer power of the time from it. With the crank angle a + (b - a) sin^2(u) between
+    events a and b all is smooth in u, and Gauss' rule converges at its full rate. Kinks of friction laws are elsewhere:
+    panels in which the forces are not smooth are divided.
     """
-    p = parameters(mechanism, SPEED, 0.0)
-    end = revolutions * 2 * np.pi / SPEED
-    run = run_march(p, start_state(p), np.array([0.0, end]), tolerance)
-    corners = np.concatenate(([0.0], run.events[:, 0], [end]))
-    times, weights = [], []
+    chosen = options(**changed)
+    p = parameters(made, chosen)
+    start, end = chosen.start_angle, chosen.start_angle + revolutions * 2 * np.pi
+    run = run_march(p, start_state(p), np.array([start, end]), tolerance)
+    corners = np.concatenate(([start], run.events[:, ANGLE], [end]))
+    panels = []
     for a, b in pairwise(corners):
-        edges = np.linspace(0.0, np.pi / 2, 2 + int((b - a) / end * revolutions * panels_per_revolution))
-        for u0, u1 in pairwise(edges):
-            u = np.concatenate(([u0], 0.5 * (u0 + u1) + 0.5 * (u1 - u0) * NODES, [u1]))
-            times.append(np.clip(a + (b - a) * np.sin(u) ** 2, a, b))
-            weights.append(0.5 * (u1 - u0) * WEIGHTS * (b - a) * np.sin(2 * u[1:-1]))
-    times, weights = np.array(times), np.array(weights)
-    run = run_march(p, start_state(p), times.ravel(), tolerance)
-    return Motion(p, times, weights, run, observed(p, run, times.ravel()))
+        edges = np.linspace(0.0, np.pi / 2, 2 + int((b - a) / (2 * np.pi) * panels_per_revolution))
+        panels += [(a, b, u0, u1) for u0, u1 in pairwise(edges)]
+    for _ in range(ROUNDS):
+        moved = _sampled(made, p, np.array(panels), tolerance)
+        rough = _roughness(moved) > SMOOTH
+        if not rough.any():
+            break
+        divided = []
+        for panel, is_rough in zip(panels, rough, strict=True):
+            edges = np.linspace(panel[2], panel[3], 5 if is_rough else 2)
+            divided += [(*panel[:2], u0, u1) for u0, u1 in pairwise(edges)]
+        panels = divided
+    return moved
+
+
+def _sampled(made: Mechanism, p: Parameters, panels: np.ndarray, tolerance: float) -> Motion:
+    a, b, u0, u1 = panels.T[:, :, None]
+    inside = 0.5 * (u0 + u1) + 0.5 * (u1 - u0) * NODES
+    u = np.concatenate((u0, inside, u1), axis=1)
+    angles = np.clip(a + (b - a) * np.sin(u) ** 2, a, b)
+    weights = 0.5 * (u1 - u0) * WEIGHTS * (b - a) * np.sin(2 * inside)
+    run = run_march(p, start_state(p), angles.ravel(), tolerance)
+    seen = run.observed(p)
+    weights /= seen["crank_speed"].reshape(angles.shape)[:, 1:-1]
+    return Motion(made.applied(), p, angles, weights, run, seen)
+
+
+def _roughness(moved: Motion) -> np.ndarray:
+    """About how much impulse a panel's quadrature misses, over the largest impulse that there is in half a turn."""
+    missed = np.zeros(len(moved.angles))
+    for name in ("crank_pin", "piston_pin", "crank_pivot"):
+        for axis in "xy":
+            force = moved[f"{name}_force_{axis}"]
+            tail = np.abs((force[:, 1:-1] * WEIGHTS) @ LAST.T).max(axis=1) * moved.weights.sum(axis=1)
+            missed = np.maximum(missed, tail / np.abs(moved.integral(np.abs(force))).max().clip(1e-9))
+    return missed
