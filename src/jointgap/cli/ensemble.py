@@ -65,18 +65,65 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
     """
     from jointgap import tables
     from jointgap.config import parse_options
-    from jointgap.config.quantities import to_si
     from jointgap.ensemble.growth import growth as grown
     from jointgap.errors import InputError
 
-    scenario = parse_options(options)
+    scenario, size = parse_options(options), _quantity("--change", change, "m")
     tables.check_writable(growth)
-    try:
-        size = to_si(change, "m")
-    except ValueError as error:
-        raise InputError(f"--change {change!r}: {error}") from error
     if not size > 0:
         raise InputError(f"--change {change!r}: must be a positive length, e.g. '1e-11 m'")
     found = grown(scenario.mechanism, scenario.simulate, size, workers=workers)
     tables.write(tables.GROWTH, found.frame(), growth)
     click.echo(found.verdict)
+
+
+@cli.command()
+@options_option
+@need("--trajectory", "Parquet file to read: the simulated motion.")
+@need("--events", "Parquet file to read: its events.")
+@click.option(
+    "--folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    required=True,
+    help="Folder to write section.parquet, revolutions.parquet, impacts.parquet and eccentricity.parquet to.",
+)
+@click.option("--angle", default="0 deg", show_default=True, help="Crank angle of the Poincare section.")
+@click.option(
+    "--first-revolution",
+    type=click.IntRange(min=1),
+    default=2,
+    show_default=True,
+    help="First revolution that counts as settled.",
+)
+def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: str, first_revolution: int) -> None:
+    """Statistics over revolutions: contact, impacts, orbits, Poincare section, and whether the motion repeats."""
+    from jointgap import tables
+    from jointgap.config import parse_options
+    from jointgap.results import read_trajectory
+    from jointgap.statistics import cycles
+
+    scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")
+    places = [folder / f"{name}.parquet" for name in ("section", "revolutions", "impacts", "eccentricity")]
+    tables.check_writable(*places)
+    samples, found = read_trajectory(trajectory, scenario), tables.read(tables.EVENTS, events)
+    made = cycles(samples, found, scenario.mechanism, scenario.simulate, first_revolution, turned)
+    frames = (
+        (tables.POINCARE_SECTION, made.section),
+        (tables.JOINT_REVOLUTIONS, made.revolutions),
+        (tables.IMPACT_DISTRIBUTION, made.impacts),
+        (tables.ECCENTRICITY, made.eccentricity),
+    )
+    for (table, frame), place in zip(frames, places, strict=True):
+        tables.write(table, frame, place)
+    click.echo(made.summary)
+
+
+def _quantity(option: str, text: str, unit: str) -> float:
+    """The value of an option in `unit`."""
+    from jointgap.config.quantities import to_si
+    from jointgap.errors import InputError
+
+    try:
+        return to_si(text, unit)
+    except ValueError as error:
+        raise InputError(f"{option} {text!r}: {error}") from error

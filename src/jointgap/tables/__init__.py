@@ -10,12 +10,14 @@ from jointgap.tables.figures import PLOTTED
 from jointgap.tables.kinematics import KINEMATICS, KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
 from jointgap.tables.optimise import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
 from jointgap.tables.simulate import EVENTS, JOINT_NUMBERS, OUTPUTS, TRAJECTORY, number_of, outputs
+from jointgap.tables.statistics import ECCENTRICITY, IMPACT_DISTRIBUTION, JOINT_REVOLUTIONS, POINCARE_SECTION
 from jointgap.tables.store import check_writable, describe, read, to_arrow, write, write_text, write_whole
 from jointgap.tables.surrogate import CLEARANCE_FIT, FIT, FIT_ERRORS, FIT_HISTORY
 
 __all__ = [
     "CLEARANCE_FIT",
     "COMPARISON",
+    "ECCENTRICITY",
     "ENSEMBLE_EVENTS",
     "ENSEMBLE_SAMPLES",
     "EVENTS",
@@ -24,7 +26,9 @@ __all__ = [
     "FIT_HISTORY",
     "FLOOR",
     "GROWTH",
+    "IMPACT_DISTRIBUTION",
     "JOINT_NUMBERS",
+    "JOINT_REVOLUTIONS",
     "KINEMATICS",
     "KINEMATICS_CONTRADICTIONS",
     "KINEMATICS_ERRORS",
@@ -33,6 +37,7 @@ __all__ = [
     "OVERVIEW",
     "PATHS",
     "PLOTTED",
+    "POINCARE_SECTION",
     "POPULATION",
     "RESIMULATED",
     "TOLERANCE",
