@@ -121,7 +121,7 @@ def further_rates(x, found, bristles):
     return (x[4], x[5], x[6], x[7], found[4], found[5], found[6], found[7], bristles[0], bristles[1], bristles[2])
 
 
-@compiled
+@inlined
 def instant(p, time, y, x, modes, approaches):
     """The instant of a state."""
     angle, crank = crank_at(p, time, x)
