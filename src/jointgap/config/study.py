@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, WithJsonSchema, model_validator
 
-from jointgap.config.quantities import FrictionCoefficient, PositiveAngularSpeed, PositiveLength
+from jointgap.config.quantities import FrictionCoefficient, OpenFraction, PositiveAngularSpeed, PositiveLength
 from jointgap.config.section import Section
 
 _NUMBER = re.compile(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*$")
@@ -82,9 +82,13 @@ class Study(Section):
     transient_revolutions: PositiveInt = Field(4, description="revolutions that do not count")
     settled_revolutions: PositiveInt = Field(4, description="revolutions after these, which count")
     members: Annotated[int, Field(ge=2)] = Field(4, description="starts of each point; the first is not perturbed")
-    perturbation: PositiveLength = Field(1e-9, description="size of the change in the perturbed starting positions")
+    perturbation: OpenFraction = Field(
+        1e-4, description="length of the change in the perturbed starting positions, as a share of the clearance"
+    )
     seed: NonNegativeInt = Field(0, description="seed of the perturbations")
-    tolerance: PositiveLength = Field(1e-9, description="local error of positions that an integration step may make")
+    tolerance: OpenFraction = Field(
+        1e-6, description="local error of positions that an integration step may make, as a share of the clearance"
+    )
 
     @model_validator(mode="after")
     def _no_value_is_listed_twice(self):

@@ -30,7 +30,7 @@ def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterat
     """
     base = Scenario(mechanism=mechanism.applied(), simulate=options)
     combinations = [
-        (altered(base, dict(zip(runs.vary, values, strict=True))), values)
+        (altered(base, dict(zip(runs.vary, values, strict=True)), "ensemble.vary"), values)
         for values in itertools.product(*runs.vary.values())
     ]
     for scenario, values in combinations:
@@ -50,8 +50,8 @@ def perturbed_starts(mechanism: Mechanism, members: int, size: float, seed: int)
     return starts
 
 
-def altered(scenario: Scenario, changes: dict[str, Any]) -> Scenario:
-    """`scenario` with other values, by word or by path.
+def altered(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:
+    """`scenario` with other values, by word or by path; `source` is what to call them in errors.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def altered(scenario: Scenario, changes: dict[str, Any]) -> Scenario:
             holder, last = _holder(data, path, key)
             holder[last] = _new(holder, last, key, value)
     told = ", ".join(f"{key} = {value}" for key, value in changes.items())
-    return validate(Scenario, data, f"ensemble.vary, {told}")
+    return validate(Scenario, data, f"{source}, {told}")
 
 
 def _paths(data: dict, key: str) -> list[tuple[str, ...]]:

@@ -12,6 +12,7 @@ from jointgap.tables.optimise import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULAT
 from jointgap.tables.simulate import EVENTS, JOINT_NUMBERS, OUTPUTS, TRAJECTORY, number_of, outputs
 from jointgap.tables.statistics import ECCENTRICITY, IMPACT_DISTRIBUTION, JOINT_REVOLUTIONS, POINCARE_SECTION
 from jointgap.tables.store import check_writable, describe, read, to_arrow, write, write_text, write_whole
+from jointgap.tables.study import STUDY
 from jointgap.tables.surrogate import CLEARANCE_FIT, FIT, FIT_ERRORS, FIT_HISTORY
 
 __all__ = [
@@ -40,6 +41,7 @@ __all__ = [
     "POINCARE_SECTION",
     "POPULATION",
     "RESIMULATED",
+    "STUDY",
     "TOLERANCE",
     "TRAJECTORY",
     "VALLEY",
