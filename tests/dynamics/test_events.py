@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from jointgap.dynamics.assemble import parameters
+from jointgap.dynamics.equations import FURTHER
 from jointgap.dynamics.events import NOWHERE, first_crossing
-from jointgap.dynamics.parameters import parameters
 from jointgap.dynamics.simulate import run_march
-from tests.dynamics.cases import mechanism
+from tests.dynamics.cases import mechanism, options, with_numbers
 
 GRAVITY, SPEED = 9.81, 0.14
 HEIGHT = SPEED**2 / (2 * GRAVITY)
@@ -17,12 +18,13 @@ def thrown(clearance):
 
     A crank and a lever of no length make the rod's mass centre the journal's; its whole flight fits into one step.
     """
-    p = parameters(mechanism(gravity=True), 1.0, 0.0)
-    p = p._replace(crank_length=0.0, rod_to_crank_end=0.0, gravity_y=-GRAVITY)
-    p = p._replace(
-        crank_pin=p.crank_pin._replace(clearance=clearance), piston_pin=p.piston_pin._replace(clearance=10.0)
+    p = with_numbers(
+        parameters(mechanism(), options(speed=1.0)),
+        bodies={"crank_length": 0.0, "rod_centre": 0.0, "gravity_y": -GRAVITY},
+        crank_pin={"clearance": clearance},
+        piston_pin={"clearance": 10.0},
     )
-    start = np.array([0.0, 0.0, 0.0, 0.5, 0.0, SPEED, 0.0, 0.0])
+    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, SPEED, 0.0, SPEED]), np.zeros(FURTHER)
     return run_march(p, start, np.array([0.0, 1.5 * SPEED / GRAVITY]), 1e-12).events
 
 

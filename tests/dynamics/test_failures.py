@@ -8,19 +8,22 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics import simulate
-from jointgap.dynamics.parameters import parameters
+from jointgap.dynamics.assemble import parameters
 from jointgap.dynamics.simulate import run_march
 from jointgap.dynamics.start import start_state
 from jointgap.errors import InputError, SimulationError
-from tests.dynamics.cases import SPEED, mechanism, options
+from tests.dynamics.cases import ALL, CRANK, MOTOR, PINS, ROD, effect, mechanism, options, with_numbers
 
-WHERE = r"time \S+ s, crank angle \S+ deg \(state in SI: rod_position_x .*slider_velocity"
+TURN = np.linspace(0.0, 2 * np.pi, 10)
+WHERE = r"time \S+ s, crank angle \S+ deg \(state in SI: crank.speed"
 
 
-@pytest.mark.parametrize("stiffness", (1e30, 1e200, 1e308))
-def test_a_contact_stiff_beyond_reason_ends_in_an_error(stiffness):
-    with pytest.raises(SimulationError, match=WHERE):
-        simulate(mechanism(stiffness=stiffness), options())
+def test_a_contact_stiff_beyond_reason_ends_in_an_error():
+    p = parameters(mechanism(), options())
+    for stiffness in (1e30, 1e200, 1e308):
+        stiff = with_numbers(p, crank_pin={"stiffness": stiffness}, piston_pin={"stiffness": stiffness})
+        with pytest.raises(SimulationError, match=WHERE):
+            run_march(stiff, start_state(stiff), TURN, 1e-12)
 
 
 def test_a_tolerance_below_rounding_ends_in_an_error():
@@ -29,10 +32,42 @@ def test_a_tolerance_below_rounding_ends_in_an_error():
 
 
 def test_a_number_that_is_not_finite_ends_in_an_error():
-    p = parameters(mechanism(), SPEED, 0.0)
-    start = start_state(p)
+    p = parameters(mechanism(), options())
+    broken = with_numbers(p, bodies={"gravity_y": np.nan})
     with pytest.raises(SimulationError, match=f"not finite.*{WHERE}"):
-        run_march(p._replace(gravity_y=np.nan), start, np.array([0.0, 0.1]), 1e-12)
+        run_march(broken, start_state(p), TURN, 1e-12)
+
+
+def test_a_formula_without_a_value_on_the_way_ends_in_an_error():
+    rooted = effect("discovered_slider_force", formula="sqrt(x - 0.6)")
+    with pytest.raises(SimulationError, match=f"not finite.*{WHERE}.*formulas") as told:
+        simulate(mechanism(rooted), options())
+    angle = float(str(told.value).split("crank angle ")[1].split(" deg")[0])
+    slider = CRANK * np.cos(np.radians(angle)) + np.sqrt(ROD**2 - (CRANK * np.sin(np.radians(angle))) ** 2)
+    assert slider == pytest.approx(0.6, abs=3e-3)  # within the clearances of where the root ends
+
+
+@pytest.mark.parametrize("name", ("discovered_slider_force", "discovered_crank_torque"))
+@pytest.mark.parametrize("drive", ({}, {"drive": MOTOR}))
+@pytest.mark.parametrize("loose", ((), ("crank_pin",), PINS, ALL))
+def test_no_table_holds_what_is_not_a_number(loose, drive, name):
+    with pytest.raises(SimulationError, match=WHERE):
+        simulate(mechanism(effect(name, formula="log(0.6 - x)"), loose=loose), options(start_angle=3.0, **drive))
+
+
+def test_a_stalled_motor_is_told_with_advice():
+    weak = {"kind": "motor", "stall_torque": 0.5, "no_load_speed": 100.0}
+    for loose in ((), ALL):
+        made = mechanism(effect("slider_constant_force", force_N=-500.0), loose=loose)
+        with pytest.raises(SimulationError, match=f"stalls.*{WHERE}.*more torque"):
+            simulate(made, options(drive=weak, start_angle=3.3, revolutions=2))
+
+
+def test_friction_that_holds_itself_is_an_error_not_a_hang():
+    """A rod steeper than the angle of friction wedges the slider in its guide."""
+    wedged = mechanism(effect("slider_load_friction", coefficient=1.0), loose=(), offset=0.4)
+    with pytest.raises(SimulationError, match=f"not finite.*{WHERE}.*holds itself"):
+        simulate(wedged, options())
 
 
 def test_the_bound_on_steps_is_named(monkeypatch):
@@ -42,9 +77,9 @@ def test_the_bound_on_steps_is_named(monkeypatch):
 
 
 def test_a_rod_that_does_not_reach_the_slide_is_refused():
-    p = parameters(mechanism(), SPEED, np.pi / 2)
+    p = parameters(mechanism(), options(start_angle=np.pi / 2))
     with pytest.raises(InputError, match="does not reach the slide"):
-        start_state(p._replace(slider_offset=-0.5))
+        start_state(with_numbers(p, bodies={"slider_offset": -0.5}))
 
 
 def test_compiled_code_is_kept_where_neither_home_nor_sources_may_be_written(tmp_path):

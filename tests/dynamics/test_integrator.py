@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.equations import CONTACT, FLIGHT
-from jointgap.dynamics.integrator import AFTER, BEFORE, LINEAR, elapsed, instant, step, stretch
+from jointgap.dynamics.integrator import AFTER, BEFORE, COLUMNS, LINEAR, elapsed, instant, step, stretch
+from jointgap.dynamics.joints import CONTACT, FLIGHT
 from jointgap.dynamics.simulate import run_march
 from jointgap.dynamics.start import start_state
 from jointgap.dynamics.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
-from tests.dynamics.cases import marched, mechanism
+from tests.dynamics.cases import SPEED, marched, mechanism
 
 
 def order(p, here, course, begin, end, counts):
@@ -17,8 +17,8 @@ def order(p, here, course, begin, end, counts):
     def state(count):
         there, s = here, begin
         for s1 in np.linspace(begin, end, count + 1)[1:]:
-            y, _ = step(p, there, course, s, s1 - s, 1e-5, np.empty((12, 8)))
-            there = instant(p, there.time + elapsed(course, s, s1 - s), y, here.modes, here.approaches)
+            y, x, _ = step(p, there, course, s, s1 - s, 1e-5, np.zeros((COUNT, COLUMNS)))
+            there = instant(p, there.time + elapsed(course, s, s1 - s), y, x, here.modes, here.approaches)
             s = s1
         return np.array(there.y)
 
@@ -45,11 +45,11 @@ def test_the_tableau_fulfils_the_conditions_of_its_order():
 def impact():
     """Parameters; instants of the first impact, a quarter and half through its contact; time of separation [s]."""
     p, run = marched(mechanism(), [0, 8], tolerance=1e-15)
-    (begin, _, _, approach), (end, *_) = run.events[:2]
+    (begin, _, _, approach), (end, *_) = run.events[:2, :4]
     times = np.array([0.0, begin, 0.75 * begin + 0.25 * end, 0.5 * (begin + end), end])
-    at = run_march(p, start_state(p), times, 1e-15)
-    contact = (CONTACT, FLIGHT), (approach, np.inf)
-    instants = [instant(p, time, tuple(y), *contact) for time, y in zip(times[1:4], at.states[1:4], strict=True)]
+    at = run_march(p, start_state(p), SPEED * times, 1e-15)
+    contact = (CONTACT, FLIGHT, FLIGHT), (approach, np.inf, np.inf)
+    instants = [instant(p, times[i], tuple(at.states[i]), tuple(at.further[i]), *contact) for i in (1, 2, 3)]
     return p, *instants, end
 
 

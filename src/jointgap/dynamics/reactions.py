@@ -14,7 +14,7 @@ from jointgap.dynamics.effects import slider_force
 from jointgap.dynamics.joints import pin_friction, reaction
 
 _PROBE = 1e8  # N: a force beside which inertia and weight are small, so that little is lost in the difference
-_ROUNDS, _SETTLED = 200, 1e-15
+_ROUNDS, _SETTLED = 200, 1e-14
 
 
 @compiled
@@ -44,7 +44,7 @@ def constrained(p, time, crank_angle, crank, here, x, torque, pin, piston, pivot
 
     forces, weight = np.zeros(4), p.bodies.slider_mass * p.bodies.gravity_y
     force = pin_moment = piston_moment = 0.0
-    width = p.effects.crank_sign_speed
+    width, share, before = p.effects.crank_sign_speed, 1.0, math.inf
     for _ in range(_ROUNDS):
         if p.effects.on_slider:
             guide = (piston[3] if p.piston_pin.loose else forces[3]) - weight
@@ -57,11 +57,14 @@ def constrained(p, time, crank_angle, crank, here, x, torque, pin, piston, pivot
         for row in range(first, last):
             change += abs(solved[row] - forces[row])
             size += abs(solved[row])
-            forces[row] = solved[row]
+            forces[row] = solved[row] if share == 1.0 else forces[row] + share * (solved[row] - forces[row])
         pin_moment = pin_friction(p.crank_pin, forces[0], forces[1], here.rod_speed - crank.speed, width)
         piston_moment = pin_friction(p.piston_pin, forces[2], forces[3], here.rod_speed, width)
         if not change > _SETTLED * size:
             break
+        if change > before:  # steep friction against the load: rounds overshoot
+            share *= 0.5
+        before = change
     else:
         force = math.nan  # friction holds itself: no motion obeys the equations
     if not p.crank_pin.loose:
@@ -69,9 +72,9 @@ def constrained(p, time, crank_angle, crank, here, x, torque, pin, piston, pivot
     if not p.piston_pin.loose:
         piston = reaction(forces[2], forces[3], piston_moment)
     a = bodies_under(p, crank, here, x, torque, force, pin, piston, pivot)
-    # An ideal joint does not open by rounding either.
-    ax, ay = (a[0], a[1]) if p.crank_pin.loose else (0.0, 0.0)
-    bx, by = (a[2], a[3]) if p.piston_pin.loose else (0.0, 0.0)
+    # An ideal joint does not open by rounding either; but what is not a number stays so.
+    ax, ay = (a[0], a[1]) if p.crank_pin.loose else (0.0 * a[0], 0.0 * a[1])
+    bx, by = (a[2], a[3]) if p.piston_pin.loose else (0.0 * a[2], 0.0 * a[3])
     return (ax, ay, bx, by, a[4], a[5], a[6], a[7]), pin, piston, pivot, torque, force, bristles
 
 

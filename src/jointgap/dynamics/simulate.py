@@ -103,7 +103,9 @@ def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Traj
     p = parameters(mechanism, options)
     angles = crank_angles(options)
     run = run_march(p, start_state(p, perturbation), angles, options.tolerance)
-    columns = run.observed(p) | sample_modes(p, run.times, run.modes, run.events)
+    columns = run.observed(p)
+    _check_finite(columns, run.times)
+    columns |= sample_modes(p, run.times, run.modes, run.events)
     columns |= {"time": run.times, "crank_angle": angles}
     columns["transmission_angle"] = math.pi / 2 + columns["rod_angle"]
     frame = pd.DataFrame({column.name: columns[column.name] for column in TRAJECTORY.columns})
@@ -162,6 +164,21 @@ def _state_in_words(p: Parameters, end) -> str:
         if getattr(p, joint).loose
     ]
     return f"state in SI: crank speed {end.crank.speed:.9g}" + "".join(f"; {vector}" for vector in told)
+
+
+def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
+    """What is no part of the motion may fail too: the torque on a crank whose motion is prescribed."""
+    for name, values in columns.items():
+        if name.startswith("gamma") or np.isfinite(values).all():
+            continue
+        sample = int(np.flatnonzero(~np.isfinite(values))[0])
+        state = ", ".join(
+            f"{key} {columns[key][sample]:.9g}" for key in ("crank_speed", "slider_position", "rod_angle")
+        )
+        raise SimulationError(
+            f"{name} is not finite at time {times[sample]:.9g} s, crank angle "
+            f"{math.degrees(columns['crank_angle'][sample]):.6g} deg (state in SI: {state}); {_ADVICE[marching.NOT_FINITE]}"
+        )
 
 
 def event_frame(events: np.ndarray) -> pd.DataFrame:
