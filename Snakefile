@@ -18,11 +18,11 @@ include: "workflow/rules/common.smk"
 rule all:
     default_target: True
     input:
-        comparison=expand("results/{scenario}/comparison.md", scenario=SCENARIOS),
-        figures=expand("results/{scenario}/figures/{figure}.svg", scenario=SCENARIOS, figure=FIGURES),
+        comparison=expand("results/{scenario}/comparison.md", scenario=LOOSE),
+        figures=expand("results/{scenario}/figures/{figure}.svg", scenario=LOOSE, figure=FIGURES),
         animation=expand("results/{scenario}/figures/animation.gif", scenario=SCENARIOS),
-        overview=["results/overview.md"] if len(SCENARIOS) > 1 else [],
-        published=expand("results/{scenario}/track/published.json", scenario=SCENARIOS),
+        overview=["results/overview.md"] if len(LOOSE) > 1 else [],
+        published=expand("results/{scenario}/track/published.json", scenario=LOOSE),
     message:
         "every scenario is complete"
 
@@ -33,4 +33,5 @@ include: "workflow/rules/kinematics.smk"
 include: "workflow/rules/optimise.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/compare.smk"
+include: "workflow/rules/study.smk"
 include: "workflow/rules/track.smk"

@@ -15,6 +15,20 @@ def scenario():
     return synthetic.scenario()
 
 
+@pytest.fixture(scope="session", params=[("crank_pivot",), ("piston_pin",), synthetic.JOINTS], ids="-".join)
+def another(request):
+    """Scenario and tables of another set of loose joints than the paper's."""
+    options = synthetic.scenario(request.param)
+    return options, synthetic.tables_of(options)
+
+
+@pytest.fixture(scope="session")
+def without_clearance():
+    """Scenario and tables of the mechanism whose joints are all ideal."""
+    options = synthetic.scenario(())
+    return options, {"trajectory": synthetic.trajectory(options)}
+
+
 @pytest.fixture(scope="session")
 def tables(scenario):
     return synthetic.tables_of(scenario)

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 
@@ -84,7 +85,27 @@ def test_every_series_in_a_legend_has_its_data(name, drawings):
 
 @every_still_figure
 def test_no_text_leaves_the_figure_and_no_labels_of_one_axis_touch(name, drawings):
-    figure = drawings(name).figure
+    check_texts(drawings(name).figure)
+
+
+@every_still_figure
+def test_other_sets_of_loose_joints_are_drawn_as_well(name, another):
+    scenario, tables = another
+    drawing = draw(name, tables, scenario)
+    check_texts(drawing.figure)
+    files.to_arrow(files.PLOTTED, drawing.data)
+    titles = " ".join(axes.get_title(loc="left") for axes in panels_of(drawing))
+    ideal = {"crank_pivot", "crank_pin", "piston_pin"} - set(scenario.mechanism.loose)
+    assert not any(f"{joint.replace('_', ' ')}:" in titles for joint in ideal)
+
+
+def test_a_mechanism_without_clearance_is_animated(without_clearance):
+    scenario, tables = without_clearance
+    assert len(draw("animation", tables, scenario).frames) == scenario.figures.animation_frames
+
+
+def check_texts(figure):
+    """No text leaves the figure, and no labels of one axis touch."""
     with style.look():
         figure.draw_without_rendering()
     width, height = figure.bbox.size
@@ -169,6 +190,14 @@ def test_the_animation_has_the_frames_asked_for_and_shows_different_things(table
     assert len(drawing.frames) == scenario.figures.animation_frames
     assert all(frame.dtype == np.uint8 and frame.shape == drawing.frames[0].shape for frame in drawing.frames)
     assert all((one != two).any() for one, two in itertools.pairwise(drawing.frames))
+
+
+def test_a_box_whose_name_ends_like_that_of_the_main_one_stays_out_of_the_re_simulated_reductions(tables, scenario):
+    more = tables["optimise_resimulated"].query("point == 'networks_paper_genetic'")
+    more = more.assign(point="networks_my_paper_genetic")
+    both = pd.concat([tables["optimise_resimulated"], more], ignore_index=True)
+    shown = draw("resimulation", dict(tables, optimise_resimulated=both), scenario).data["label"]
+    assert "networks_paper_genetic" in set(shown) and "networks_my_paper_genetic" not in set(shown)
 
 
 def test_an_unknown_figure_is_refused_with_a_hint(tables, scenario):

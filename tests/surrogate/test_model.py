@@ -9,6 +9,7 @@ from jointgap.surrogate.network import Layout, nguyen_widrow
 
 LAYOUTS = [Layout((10, 10, 10, 10)), Layout((5,)), Layout((3, 7))]
 INPUTS = np.linspace(0.0, 1.0, 31)
+torch.set_num_threads(1)  # as training does: sums of several threads hang on how many there are
 
 
 def start(layout, seeds):

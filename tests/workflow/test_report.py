@@ -65,7 +65,7 @@ def test_the_report_is_one_file_that_loads_nothing(report):
 def test_a_browser_shows_the_rule_graph_the_figures_their_captions_and_the_comparison(seen, smoke):
     assert seen.pop("graphics") > 0
     assert "Workflow" in seen.pop("start")
-    assert all(place.startswith("smoke/") for place in seen)
+    assert all(place.startswith("1. smoke/") for place in seen)
 
     listed = "\n".join(place["list"] for place in seen.values())
     captions = [caption for place in seen.values() for caption in place["captions"]]

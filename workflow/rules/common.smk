@@ -4,22 +4,27 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
+from jointgap.compare.family import family
 from jointgap.config import options_for, resolve
 from jointgap.errors import InputError
 from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FIGURES
 from jointgap.provenance import code_digest
 from jointgap.results import PLACES, parts, tables_of
-from jointgap.tables import OUTPUTS
+from jointgap.study import FIGURES as STUDY_FIGURES
+from jointgap.tables import JOINT_NUMBERS, outputs
 
 try:
     SCENARIOS = resolve(config, (Path(), Path(workflow.current_basedir).parent.parent))
 except InputError as error:
     raise WorkflowError(str(error)) from None
 
+# Where all joints are ideal there is nothing to learn: such a scenario is simulated and animated.
+LOOSE = [name for name, scenario in SCENARIOS.items() if scenario.mechanism.applied().loose]
+
 
 wildcard_constraints:
     scenario="|".join(SCENARIOS),
-    output="|".join(OUTPUTS),
+    output="|".join(outputs(JOINT_NUMBERS)),
 
 
 def options(stage):
@@ -27,13 +32,14 @@ def options(stage):
     return lambda wildcards: options_for(SCENARIOS[wildcards.scenario], stage)
 
 
-def scenarios_with_options(stage):
-    """For params: every scenario with what the stage reads of it, as arguments."""
-    return [
-        text
-        for name, scenario in SCENARIOS.items()
-        for text in ("--scenario", name, options_for(scenario, stage))
-    ]
+def with_options(flag, names, stage):
+    """For params: scenarios with what the stage reads of each, as arguments."""
+    return [text for name in names for text in (flag, name, options_for(SCENARIOS[name], stage))]
+
+
+def beside(wildcards):
+    """The scenarios that differ from this one in nothing but which joints are loose."""
+    return [name for name in family(wildcards.scenario, SCENARIOS) if name != wildcards.scenario]
 
 
 def written_by(stage):
@@ -47,12 +53,28 @@ def place(table, **wildcards):
 
 
 def read_from(*stages):
-    """For input: the tables of stages, by name; all eight outputs where there is a table for each."""
+    """For input: the tables of stages, by name; all outputs of the loose joints where there is a table for each."""
     return {
-        name: expand(path, output=parts(name), allow_missing=True) if "{output}" in path else path
+        name: of_each_output(name, path) if "{output}" in path else path
         for stage in stages
         for name, path in written_by(stage).items()
     }
+
+
+def of_each_output(table, path):
+    """For input: the files of a table of which there is one for each output."""
+
+    def files(wildcards):
+        mechanism = SCENARIOS[wildcards.scenario].mechanism
+        return expand(path, scenario=wildcards.scenario, output=parts(table, mechanism))
+
+    return files
+
+
+def section(wildcards):
+    """For the report, which sorts its sections by name: the scenario, in the order in which scenarios are run."""
+    place = list(SCENARIOS).index(wildcards.scenario) + 1
+    return f"{place:0{len(str(len(SCENARIOS)))}}. {wildcards.scenario}"
 
 
 def reported(name, figure, ending):
@@ -60,7 +82,7 @@ def reported(name, figure, ending):
     return report(
         f"results/{{scenario}}/figures/{name}.{ending}",
         caption=f"../report/{name}.rst",
-        category="{scenario}",
+        category=section,
         subcategory=figure.category,
         labels={"figure": figure.title},
     )

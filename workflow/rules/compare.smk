@@ -1,13 +1,14 @@
 rule compare:
     input:
         **read_from("simulate", "surrogate", "kinematics", "optimise"),
+        beside=lambda wildcards: expand(place("optimise_resimulated"), scenario=beside(wildcards)),
     output:
         table="results/{scenario}/comparison.parquet",
         text="results/{scenario}/comparison.md",
         page=report(
             "results/{scenario}/comparison.html",
             caption="../report/comparison.rst",
-            category="{scenario}",
+            category=section,
             subcategory="Comparison",
             labels={"figure": "The paper's numbers and claims beside ours"},
         ),
@@ -22,17 +23,18 @@ rule compare:
         runtime=10,
     params:
         options=options("compare"),
+        beside=lambda wildcards: with_options("--beside", beside(wildcards), "compare"),
         code=code_digest("compare"),
         results=subpath(output.table, parent=True),
     message:
         "{wildcards.scenario}: compare with the paper"
     shell:
-        "jointgap compare --options {params.options:q} --results {params.results:q} > {log:q} 2>&1"
+        "jointgap compare --options {params.options:q} --results {params.results:q} {params.beside:q} > {log:q} 2>&1"
 
 
 rule overview:
     input:
-        expand(rules.compare.output.table, scenario=SCENARIOS),
+        expand(rules.compare.output.table, scenario=LOOSE),
     output:
         table="results/overview.parquet",
         text="results/overview.md",
@@ -50,7 +52,7 @@ rule overview:
         mem_mb=1500,
         runtime=10,
     params:
-        scenarios=scenarios_with_options("compare"),
+        scenarios=with_options("--scenario", LOOSE, "compare"),
         code=code_digest("compare"),
         results=subpath(output.table, parent=True),
     message:

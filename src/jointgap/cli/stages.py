@@ -173,15 +173,28 @@ def figures(options: str, results: Path, names: tuple[str, ...], folder: Path) -
 @cli.command()
 @options_option
 @results_option
-def compare(options: str, results: Path) -> None:
+@click.option(
+    "--beside",
+    nargs=2,
+    multiple=True,
+    help="Name and options of a scenario, in the folder beside --results, that differs in its loose joints alone; repeatable.",
+)
+def compare(options: str, results: Path, beside: tuple[tuple[str, str], ...]) -> None:
     """Put every number and claim of the paper beside ours."""
     from jointgap import tables
-    from jointgap.compare import NEEDED, compare, html, markdown
+    from jointgap.compare import NEEDED, compare, html, markdown, member
 
     scenario, folder = opened(options, results)
-    found = compare(folder.frames(NEEDED), scenario)
-    tables.write_text(results / "comparison.html", html(found, scenario))
-    tables.write_text(results / "comparison.md", markdown(found, scenario))
+    texts = {results / "comparison.html": html, results / "comparison.md": markdown}
+    tables.check_writable(*texts, results / "comparison.parquet")
+    others = {name: opened(more, results.parent / name) for name, more in beside}
+    members = [
+        member(name, one, place.read(tables.RESIMULATED))
+        for name, (one, place) in {results.name: (scenario, folder), **others}.items()
+    ]
+    found = compare(folder.frames(NEEDED), scenario, members)
+    for path, write in texts.items():
+        tables.write_text(path, write(found, scenario))
     folder.write(tables.COMPARISON, found)
 
 

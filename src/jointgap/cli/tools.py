@@ -85,10 +85,12 @@ def overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
     from jointgap.cli.group import opened
     from jointgap.compare import overview
 
+    texts = {results / "overview.html": overview.html, results / "overview.md": overview.markdown}
+    tables.check_writable(*texts, results / "overview.parquet")
     loaded = {name: opened(options, results / name) for name, options in scenarios}
     found = overview.overview(
         {name: (folder.frames(overview.NEEDED), scenario) for name, (scenario, folder) in loaded.items()}
     )
-    tables.write_text(results / "overview.html", overview.html(found))
-    tables.write_text(results / "overview.md", overview.markdown(found))
+    for path, write in texts.items():
+        tables.write_text(path, write(found))
     tables.write(tables.OVERVIEW, found, results / "overview.parquet")

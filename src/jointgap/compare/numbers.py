@@ -7,14 +7,16 @@ import pandas as pd
 
 from jointgap.compare.rows import AGREES, LENGTH_AGREES, MISSED, REACHED, Row
 from jointgap.config import Scenario
-from jointgap.paper import OPTIMA, TRAINING_ITERATIONS, TRAINING_MSE, PrintedOptimum
+from jointgap.paper import OPTIMA, TRAINING_ITERATIONS, TRAINING_MSE, PrintedOptimum, departures
 
 MM = 1e3
 PERCENT = 100
 
 
 def numbers(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Iterator[Row]:
-    """A row for each printed number; arguments as for `jointgap.compare.compare`."""
+    """A row for each printed number, none for a mechanism that is not the paper's; arguments as for `jointgap.compare.compare`."""
+    if departures(scenario.mechanism, scenario.simulate):
+        return
     yield from _training_errors(frames["fit_errors"], scenario)
     yield from _second_surrogate(frames["fit_errors"])
     optima = frames["optimise_optima"]

@@ -7,6 +7,7 @@ import pandas as pd
 
 from jointgap.compare.rows import AGREES, LENGTH_AGREES
 from jointgap.config import Scenario
+from jointgap.paper import departures
 
 HEADS = {
     "number": (
@@ -38,20 +39,31 @@ def _cells(row) -> tuple[str, ...]:
 
 def _counts(comparison: pd.DataFrame) -> str:
     """How many numbers agree and claims hold, in a sentence."""
-    counts = comparison.groupby("kind")["verdict"].value_counts()
+    counts = comparison[comparison["kind"] == "number"]["verdict"].value_counts()
 
-    def count(kind: str, verdict: str) -> int:
-        return int(counts.get((kind, verdict), 0))
+    def count(verdict: str) -> int:
+        return int(counts.get(verdict, 0))
 
     return (
-        f"Of the paper's training errors, put to the networks and to the second surrogate, {count('number', 'reached')} are reached and {count('number', 'missed')} missed; of its other "
-        f"numbers {count('number', 'agrees')} agree and {count('number', 'differs')} differ; "
-        f"of {counts['claim'].sum()} claims {count('claim', 'holds')} hold, {count('claim', 'does not hold')} do not, and "
-        f"{count('claim', 'cannot be told')} cannot be told."
+        f"Of the paper's training errors, put to the networks and to the second surrogate, {count('reached')} are reached and {count('missed')} missed; of its other "
+        f"numbers {count('agrees')} agree and {count('differs')} differ. {_claims(comparison)}"
     )
 
 
+def _claims(comparison: pd.DataFrame) -> str:
+    """How many claims hold, in a sentence."""
+    verdicts = comparison[comparison["kind"] == "claim"]["verdict"]
+    counts = [int((verdicts == verdict).sum()) for verdict in ("holds", "does not hold", "cannot be told")]
+    return f"Of {len(verdicts)} claims {counts[0]} hold, {counts[1]} do not, and {counts[2]} cannot be told."
+
+
 def _introduction(scenario: Scenario, comparison: pd.DataFrame) -> list[str]:
+    if found := departures(scenario.mechanism, scenario.simulate):
+        return [
+            scenario.description,
+            f"The paper's printed numbers are not comparable with this mechanism ({'; '.join(found)}), so none is listed. "
+            f"{_claims(comparison)}",
+        ]
     return [
         scenario.description,
         f"{_counts(comparison)} A number agrees within {AGREES:.0%} of the paper's, an optimum length within {LENGTH_AGREES:.1%}. "
@@ -64,9 +76,11 @@ def markdown(comparison: pd.DataFrame, scenario: Scenario) -> str:
     lines = ["# The paper and this simulation side by side", ""]
     lines += [line for text in _introduction(scenario, comparison) if text for line in (text, "")]
     for kind, (title, heads) in HEADS.items():
+        rows = comparison[comparison["kind"] == kind]
+        if rows.empty:
+            continue
         lines += [f"## {title}", "", f"| {' | '.join(heads)} |", f"| {' | '.join('---' for _ in heads)} |"]
-        rows = comparison[comparison["kind"] == kind].itertuples(index=False)
-        lines += [f"| {' | '.join(cell.replace('|', '/') for cell in _cells(row))} |" for row in rows]
+        lines += [f"| {' | '.join(cell.replace('|', '/') for cell in _cells(row))} |" for row in rows.itertuples()]
         lines.append("")
     return "\n".join(lines)
 
@@ -79,10 +93,13 @@ def html(comparison: pd.DataFrame, scenario: Scenario) -> str:
     ]
     parts += [f"<p>{escape.escape(text)}</p>" for text in _introduction(scenario, comparison) if text]
     for kind, (title, heads) in HEADS.items():
+        rows = comparison[comparison["kind"] == kind]
+        if rows.empty:
+            continue
         parts.append(
             f"<h2>{title}</h2><table><thead><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr></thead><tbody>"
         )
-        for row in comparison[comparison["kind"] == kind].itertuples(index=False):
+        for row in rows.itertuples():
             item, unit, paper, ours, ratio, verdict, sentence = map(escape.escape, _cells(row))
             numbers = "".join(f"<td class='n'>{cell}</td>" for cell in (paper, ours, ratio))
             shown = f"<td class='v {_CLASSES.get(row.verdict, 'open')}'>{verdict}</td>"

@@ -1,10 +1,11 @@
 """The stage compare: tables of a scenario in, the comparison out."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
 from jointgap.compare.claims import claims
+from jointgap.compare.family import Member
 from jointgap.compare.numbers import numbers
 from jointgap.compare.rows import Row
 from jointgap.config import Scenario
@@ -20,7 +21,7 @@ NEEDED = (
 )
 
 
-def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> pd.DataFrame:
+def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, members: Sequence[Member]) -> pd.DataFrame:
     """Every number and claim of the paper beside ours.
 
     Parameters
@@ -28,11 +29,13 @@ def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> pd.DataFr
     frames : mapping of str to DataFrame
         The tables `NEEDED`, by name.
     scenario : Scenario
+    members : sequence of Member
+        This scenario and those that differ from it in nothing but which joints are loose.
 
     Returns
     -------
     DataFrame
         Columns of the table comparison; numbers first.
     """
-    rows: list[Row] = [*numbers(frames, scenario), *claims(frames, scenario)]
+    rows: list[Row] = [*numbers(frames, scenario), *claims(frames, scenario, members)]
     return pd.DataFrame([row.record() for row in rows])

@@ -11,11 +11,12 @@ from matplotlib.colors import LogNorm
 from matplotlib.patches import Circle, Rectangle
 
 from jointgap.config import Scenario
-from jointgap.figures.contact import JOINTS, SMALLEST_FORCE, eccentricity
+from jointgap.figures.contact import BODIES, SMALLEST_FORCE, eccentricity
 from jointgap.figures.drawing import Drawing
-from jointgap.figures.samples import degrees, revolution
+from jointgap.figures.samples import degrees, in_words, loose_joints, revolution
 from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet
 from jointgap.figures.style import INK
+from jointgap.tables import JOINT_NUMBERS
 
 OPENING, SHARE = 60.0, 0.5  # [deg] the opening, where the journals fly and hit, gets this share of the frames
 FRAME_DURATION = 0.06  # s
@@ -27,11 +28,14 @@ FORCE = Quantity("normal force", "N")
 
 @dataclass(frozen=True)
 class Pin:
-    """One joint as drawn: centres magnified about the crank's or the slider's pin, shapes (frames, 2) [mm]."""
+    """One joint as drawn: centres magnified about the frame's, the crank's or the slider's, shapes (frames, 2) [mm].
+
+    `end` is the centre of the crank in the crank pivot, of the rod in the pins.
+    """
 
     journal: np.ndarray
     bearing: np.ndarray
-    rod_end: np.ndarray
+    end: np.ndarray
     force: np.ndarray
 
 
@@ -40,16 +44,17 @@ def animation(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing
     first = revolution(tables["trajectory"], scenario, 1)
     chosen = _frames(len(first) - 1, scenario.figures.animation_frames)
     samples = first.iloc[chosen].reset_index(drop=True)
-    largest = max(first[f"{name}_normal_force"].max() for name in JOINTS)
+    joints = tuple(loose_joints(scenario))
+    shown = joints or tuple(JOINT_NUMBERS)  # of ideal joints the reactions
+    largest = max(first[f"{name}_normal_force"].max() for name in shown)
     norm = LogNorm(SMALLEST_FORCE, max(largest, 10.0 * SMALLEST_FORCE))
     colours = mpl.colormaps["viridis_r"].resampled(9)
 
-    sheet = Sheet(HEIGHT, 2, 3, width=WIDTH, height_ratios=[1.25, 1.0], width_ratios=[1.0, 1.0, 1.5])
+    ratios, width = [1.0] * len(joints) + [1.5], WIDTH + 2.0 * max(len(joints) - 2, 0)
+    sheet = Sheet(HEIGHT, 2, len(ratios), width=width, height_ratios=[1.25, 1.0], width_ratios=ratios)
     moving = [_Mechanism(sheet, samples, scenario)]
-    for column, (name, number) in enumerate(JOINTS.items()):
-        if name in scenario.mechanism.applied().loose:
-            moving.append(_Bearing(sheet, column, name, number, first, samples, scenario))
-    moving.append(_Forces(sheet, first, samples))
+    moving += [_Bearing(sheet, column, name, first, samples, scenario) for column, name in enumerate(joints)]
+    moving.append(_Forces(sheet, len(joints), shown, first, samples))
     panel = sheet.panels[-1]
     bar = mpl.cm.ScalarMappable(norm, colours)
     sheet.figure.colorbar(bar, ax=panel.axes, label=f"{FORCE.label}; grey: in flight")
@@ -88,38 +93,41 @@ def _film(sheet: Sheet, moving: list, frames: int, colour) -> tuple[np.ndarray, 
     return tuple(shots)
 
 
-def _pin(samples: pd.DataFrame, name: str, number: int, x, y, scenario: Scenario) -> Pin:
-    """The joint around its pin at (x, y) [m] on the crank or the slider."""
+def _pin(samples: pd.DataFrame, name: str, centre: np.ndarray, scenario: Scenario) -> Pin:
+    """The joint whose partner (frame, crank or slider) has its centre at `centre` (frames, 2) [m]."""
     joint = scenario.mechanism.applied().joint(name)
-    rod_has_journal = joint is not None and joint.journal == "rod"
-    magnified = scenario.figures.magnification * np.nan_to_num(np.stack(eccentricity(samples, number, joint), axis=-1))
-    pin = np.stack([x, y], axis=-1)
-    end = pin + (magnified if rod_has_journal else -magnified)
-    journal, bearing = (end, pin) if rod_has_journal else (pin, end)
+    outward = joint is not None and joint.journal == BODIES[name]
+    magnified = scenario.figures.magnification * np.nan_to_num(np.stack(eccentricity(samples, name, joint), axis=-1))
+    end = centre + (magnified if outward else -magnified)
+    journal, bearing = (end, centre) if outward else (centre, end)
     return Pin(1e3 * journal, 1e3 * bearing, 1e3 * end, samples[f"{name}_normal_force"].to_numpy())
 
 
 class _Mechanism:
-    """Crank, rod and piston; the rings and journals of both joints."""
+    """Crank, rod and piston; the rings and journals of the pins, and of the crank pivot where it is loose."""
 
     def __init__(self, sheet: Sheet, samples: pd.DataFrame, scenario: Scenario):
         mechanism, times = scenario.mechanism.applied(), scenario.figures.magnification
         angle = samples["crank_angle"].to_numpy()
         crank = mechanism.crank.length * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         slide = np.full(len(samples), mechanism.slider.offset)
-        self.pins = (
-            _pin(samples, "crank_pin", 2, crank[:, 0], crank[:, 1], scenario),
-            _pin(samples, "piston_pin", 3, samples["slider_position"].to_numpy(), slide, scenario),
-        )
+        slider = np.stack([samples["slider_position"].to_numpy(), slide], axis=-1)
+        pivot = _pin(samples, "crank_pivot", np.zeros((len(samples), 2)), scenario)
+        crank_pin = _pin(samples, "crank_pin", 1e-3 * pivot.end + crank, scenario)
+        pins = {"crank_pin": crank_pin, "piston_pin": _pin(samples, "piston_pin", slider, scenario)}
+        if "crank_pivot" in mechanism.loose:
+            pins["crank_pivot"] = pivot
+        self.pins, self.pivot = tuple(pins.values()), pivot.end
+        crank = 1e-3 * pivot.end + crank
         self.crank, self.angle, self.time = 1e3 * crank, degrees(samples["crank_angle"]), samples["time"].to_numpy()
-        self.slider = 1e3 * np.stack([samples["slider_position"].to_numpy(), slide], axis=-1)
+        self.slider = 1e3 * slider
         title = f"mechanism, first revolution; clearances drawn {times:g} times as large"
         panel = sheet.panel((0, slice(None)), title, Quantity("x", "mm"), Quantity("y", "mm"))
         axes = panel.axes
-        for series, pin in zip(("rod's crank end", "rod's piston end"), self.pins, strict=True):
-            panel.record(series, *pin.rod_end.T, value=self.angle, value_quantity="crank angle", value_unit="deg")
-        radii = [JOURNAL + 1e3 * times * mechanism.clearance(joint) for joint in JOINTS]
-        half = 1.35 * max(radii)
+        for series, pin in zip(("rod's crank end", "rod's piston end"), self.pins, strict=False):
+            panel.record(series, *pin.end.T, value=self.angle, value_quantity="crank angle", value_unit="deg")
+        radii = [JOURNAL + 1e3 * times * mechanism.clearance(joint) for joint in pins]
+        half = 1.35 * max(radii[:2])
         reach = 1e3 * (mechanism.crank.length + mechanism.rod.length)
         margin = 1e3 * mechanism.crank.length + 2.0 * max(radii)
         axes.set_xlim(-margin, reach + 2.6 * half)
@@ -143,8 +151,8 @@ class _Mechanism:
 
     def move(self, frame: int, colour) -> None:
         self.piston.set_xy((self.slider[frame, 0] - 1.1 * self.half, self.slider[frame, 1] - self.half))
-        self.rod.set_data(*np.transpose([pin.rod_end[frame] for pin in self.pins]))
-        self.link.set_data([0.0, self.crank[frame, 0]], [0.0, self.crank[frame, 1]])
+        self.rod.set_data(*np.transpose([pin.end[frame] for pin in self.pins[:2]]))
+        self.link.set_data(*np.transpose([self.pivot[frame], self.crank[frame]]))
         for ring, journal, pin in zip(self.rings, self.journals, self.pins, strict=True):
             ring.set_center(pin.bearing[frame])
             journal.set_center(pin.journal[frame])
@@ -159,14 +167,14 @@ class _Mechanism:
 class _Bearing:
     """One journal's centre in its bearing, with the way it has come."""
 
-    def __init__(self, sheet, column, name, number, first, samples, scenario):
-        joint, words = scenario.mechanism.applied().joint(name), name.replace("_", " ")
+    def __init__(self, sheet, column, name, first, samples, scenario):
+        joint, words = scenario.mechanism.applied().joint(name), in_words(name)
         panel = sheet.panel((1, column), words, Quantity("journal, x", "mm"), Quantity("journal, y", "mm"))
         radius, circle = 1e3 * joint.clearance, np.linspace(0.0, 2.0 * np.pi, 181)
         panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
         panel.square(1.2 * radius)
-        self.way = 1e3 * np.stack(eccentricity(first, number, joint), axis=-1)
-        self.centre = 1e3 * np.nan_to_num(np.stack(eccentricity(samples, number, joint), axis=-1))
+        self.way = 1e3 * np.stack(eccentricity(first, name, joint), axis=-1)
+        self.centre = 1e3 * np.nan_to_num(np.stack(eccentricity(samples, name, joint), axis=-1))
         self.force = samples[f"{name}_normal_force"].to_numpy()
         self.row = np.searchsorted(first["crank_angle"].to_numpy(), samples["crank_angle"].to_numpy())
         panel.record(words, *self.centre.T, value=self.force, value_quantity=FORCE.name, value_unit=FORCE.unit)
@@ -183,11 +191,11 @@ class _Bearing:
 class _Forces:
     """Normal forces over the crank angle with a cursor."""
 
-    def __init__(self, sheet: Sheet, first: pd.DataFrame, samples: pd.DataFrame):
-        panel: Panel = sheet.panel((1, 2), "contact", CRANK_ANGLE, FORCE)
+    def __init__(self, sheet: Sheet, column: int, joints: tuple[str, ...], first: pd.DataFrame, samples: pd.DataFrame):
+        panel: Panel = sheet.panel((1, column), "contact", CRANK_ANGLE, FORCE)
         angle = degrees(first["crank_angle"])
-        for name in JOINTS:
-            force, words = first[f"{name}_normal_force"].to_numpy(), name.replace("_", " ")
+        for name in joints:
+            force, words = first[f"{name}_normal_force"].to_numpy(), in_words(name)
             panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.5)
         panel.axes.set_yscale("log")
         panel.axes.set_ylim(bottom=SMALLEST_FORCE)

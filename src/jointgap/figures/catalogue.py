@@ -64,7 +64,9 @@ CATALOGUE = {
         "Frozen and true reductions", _OPTIMUM, "optimum:resimulation", ("optimise_resimulated",)
     ),
     "orbits": FigureSpec("Orbits of the journals", _CONTACT, "contact:orbits", ("trajectory",)),
-    "contact_forces": FigureSpec("Contact forces", _CONTACT, "contact:contact_forces", ("trajectory",)),
+    "contact_forces": FigureSpec("Contact forces and modes", _CONTACT, "contact:contact_forces", ("trajectory",)),
+    "impacts": FigureSpec("Impacts", _CONTACT, "contact:impacts", ("trajectory", "events")),
+    "drive_and_guide": FigureSpec("Drive and guide", _CONTACT, "contact:drive_and_guide", ("trajectory",)),
 }
 """The still figures by name: saved as SVG and PNG."""
 

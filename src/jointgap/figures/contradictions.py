@@ -8,9 +8,9 @@ import pandas as pd
 from jointgap.config import Scenario
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.outputs import spread_scale
-from jointgap.figures.samples import NETWORKS, degrees, predicted
-from jointgap.figures.sheet import CRANK_ANGLE, Quantity, Sheet
-from jointgap.figures.training import SYMBOLS
+from jointgap.figures.samples import NETWORKS, degrees, in_words, loose_joints, predicted
+from jointgap.figures.sheet import CRANK_ANGLE, Quantity, Sheet, width_for
+from jointgap.figures.training import symbol
 
 EACH = "each output from its own network"
 OTHER = "one output derived from another's network"
@@ -19,13 +19,16 @@ DIFFERENCE = "derivative of one network − the other network"
 
 def contradictions(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
     """Rates of the directions learned and derived; errors of the piston's motion that follow from either."""
-    sheet = Sheet(5.6, 2, 2)
-    for column, (joint, words) in enumerate(((2, "crank pin"), (3, "piston pin"))):
-        name = f"gamma{joint}"
+    joints = loose_joints(scenario)
+    shares = 2 * len(joints)  # the piston's two panels take half of the width each, those of the joints a share each
+    sheet = Sheet(5.6, 2, shares, width=width_for(len(joints)))
+    for place, (joint, number) in enumerate(joints.items()):
+        name, words = f"gamma{number}", in_words(joint)
         own, learned = predicted(tables, NETWORKS, name), predicted(tables, NETWORKS, f"{name}_dot")
         angle = degrees(own["crank_angle"])
-        title = f"{words}: d{SYMBOLS[name]}/dt − {SYMBOLS[f'{name}_dot']}"
-        panel = sheet.panel((0, column), title, CRANK_ANGLE, Quantity("contradiction", "rad/s"))
+        title = f"{words}: d{symbol(name)}/dt − {symbol(f'{name}_dot')}"
+        columns = slice(2 * place, 2 * place + 2)
+        panel = sheet.panel((0, columns), title, CRANK_ANGLE, Quantity("contradiction", "rad/s"))
         difference = own["rate"].to_numpy() - learned["value"].to_numpy()
         panel.line(DIFFERENCE, angle, difference, "ideal", linewidth=0.8)
         panel.over_crank_angle(angle[0], angle[-1])
@@ -39,7 +42,8 @@ def contradictions(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Dr
         )
     ):
         true = sources["simulation"][quantity].to_numpy()
-        panel = sheet.panel((1, column), title, CRANK_ANGLE, Quantity("networks − simulation", unit))
+        columns = slice(column * shares // 2, (column + 1) * shares // 2)
+        panel = sheet.panel((1, columns), title, CRANK_ANGLE, Quantity("networks − simulation", unit))
         errors = []
         for series, source, colour in ((OTHER, form, "spline"), (EACH, "paper_form", "network")):
             error = factor * (sources[f"{NETWORKS}_{source}"][quantity].to_numpy() - true)

@@ -112,6 +112,8 @@ def _points(panel: Panel, optima: pd.DataFrame, box: str, x: str, x_factor: floa
     }
     for method, (series, colour, look) in looks.items():
         rows = optima[(optima["method"] == method) & (optima["box"].isna() | (optima["box"] == box))]
+        if rows.empty:  # the paper's points are those of its own mechanism
+            continue
         panel.marks(
             series, x_factor * rows[x], y_factor * rows[y], colour, labels=list(rows["point"]), zorder=5, **look
         )
@@ -120,10 +122,9 @@ def _points(panel: Panel, optima: pd.DataFrame, box: str, x: str, x_factor: floa
 def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
     """Reductions with the clearance motion frozen, beside those of the mechanism simulated with the new lengths."""
     table, box = tables["optimise_resimulated"], next(iter(scenario.optimise.boxes))
-    wanted = [
-        point for point in table["point"].unique() if point.startswith("printed_") or point.endswith(f"_{box}_genetic")
-    ]
-    names = [LENGTHS.get(point, LENGTHS.get(point.removesuffix(f"_{box}_genetic"), point)) for point in wanted]
+    told = {name if name.startswith("printed_") else f"{name}_{box}_genetic": words for name, words in LENGTHS.items()}
+    wanted = [point for point in table["point"].unique() if point in told]
+    names = [told[point] for point in wanted]
     place = np.arange(len(wanted))[::-1]
     sheet = Sheet(1.6 + 0.62 * len(wanted), 1, 2)
     beside: Panel | None = None

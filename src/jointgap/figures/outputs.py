@@ -8,8 +8,8 @@ import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.figures.drawing import Drawing
-from jointgap.figures.samples import NETWORKS, degrees, predicted, revolution, training_rows
-from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet, round_up
+from jointgap.figures.samples import NETWORKS, degrees, in_words, loose_joints, predicted, revolution, training_rows
+from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet, round_up, width_for
 
 Tables = Mapping[str, pd.DataFrame]
 SIMULATION, NETWORK, EVERYWHERE, AT_POINTS = (
@@ -24,7 +24,7 @@ IMPACTS_DWARF = 4.0  # times beyond the bulk at which a scale becomes logarithmi
 
 @dataclass(frozen=True)
 class Output:
-    """One learned output as figures show it; `joint` is 2 or 3."""
+    """One learned output as figures show it; `joint` is its number."""
 
     column: str
     title: str
@@ -59,9 +59,6 @@ def _accelerations(joint: int, name: str) -> Output:
     return Output(f"gamma{joint}_ddot", f"{name}: acceleration {symbol}", value, 1.0, error, 1.0)
 
 
-JOINTS = ((2, "crank pin"), (3, "piston pin"))
-
-
 def clearances(tables: Tables, scenario: Scenario) -> Drawing:
     """Equivalent clearances and convergence errors (figure 5)."""
     return _compare(tables, scenario, (_lengths,))
@@ -82,10 +79,12 @@ def _compare(tables: Tables, scenario: Scenario, kinds: tuple) -> Drawing:
     samples = revolution(tables["trajectory"], scenario, 1)
     angle = degrees(samples["crank_angle"])
     points = training_rows(scenario)
-    sheet = Sheet(0.6 + 4.2 * len(kinds), 2 * len(kinds), 2)
-    for column, (joint, name) in enumerate(JOINTS):
+    joints = loose_joints(scenario)
+    sheet = Sheet(0.6 + 4.2 * len(kinds), 2 * len(kinds), len(joints), width=width_for(len(joints)))
+    for column, (joint, number) in enumerate(joints.items()):
+        name = in_words(joint)
         for row, kind in enumerate(kinds):
-            output = kind(joint, name)
+            output = kind(number, name)
             simulated = samples[output.column].to_numpy()
             network = predicted(tables, NETWORKS, output.column)["value"].to_numpy()
             above = sheet.panel((2 * row, column), output.title, CRANK_ANGLE, output.value)

@@ -7,6 +7,7 @@ import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.mechanism import Fit
+from jointgap.tables import JOINT_NUMBERS
 
 NETWORKS = "networks"
 """Name of the surrogate that the paper's networks make."""
@@ -33,6 +34,16 @@ def settled_revolution(trajectory: pd.DataFrame, scenario: Scenario) -> pd.DataF
     return revolution(trajectory, scenario, scenario.optimise.ensemble.settled_revolution)
 
 
+def loose_joints(scenario: Scenario) -> dict[str, int]:
+    """Names of the loose joints from the frame to the slider, with their numbers in the names of columns."""
+    return {joint: JOINT_NUMBERS[joint] for joint in scenario.mechanism.applied().loose}
+
+
+def in_words(joint: str) -> str:
+    """A joint as titles and legends name it; its colour goes by the same name."""
+    return joint.replace("_", " ")
+
+
 def degrees(crank_angle: pd.Series) -> np.ndarray:
     """Crank angle for an abscissa, running from the start of its revolution [deg]: the revolution begins in [0, 360)."""
     angle = np.degrees(crank_angle.to_numpy())
@@ -57,12 +68,13 @@ def predictions(
     DataFrame
         surrogate, output, crank_angle [rad], value [SI] and rate (the fit's own time derivative) [SI per s].
     """
-    angle = revolution(trajectory, scenario, 1)["crank_angle"].to_numpy()
+    first = revolution(trajectory, scenario, 1)
+    angle, speed = first["crank_angle"].to_numpy(), first["crank_speed"].to_numpy()
     frames = []
     for surrogate, fits in surrogates.items():
         for output, fit in fits.items():
             value, slope = fit(angle)
-            columns = {"crank_angle": angle, "value": value, "rate": slope * scenario.simulate.speed}
+            columns = {"crank_angle": angle, "value": value, "rate": slope * speed}
             frames.append(pd.DataFrame({"surrogate": surrogate, "output": output} | columns))
     return pd.concat(frames, ignore_index=True)
 

@@ -59,6 +59,11 @@ def _short(value: float, position: int) -> str:
     return rf"${lead}10^{{{exponent}}}$"
 
 
+def width_for(columns: int) -> float:
+    """Width of a figure with one column of panels for each loose joint [inches]: the usual one holds two."""
+    return WIDTH * max(1.0, columns / 2)
+
+
 CRANK_ANGLE = Quantity("crank angle", "deg", r"$\theta_2$")
 
 
@@ -118,6 +123,18 @@ class Panel:
         """Names on the ordinate at `places`."""
         self.axes.set_yticks(places, names)
         self.axes.grid(False, axis="y")
+
+    def bands(self, row: float, label: str, x: np.ndarray, values: np.ndarray, kinds: Sequence[str]) -> None:
+        """A band at height `row` that shows by colour which of `kinds` the text `values` (n,) over `x` (n,) is."""
+        starts = np.flatnonzero(np.append(True, values[1:] != values[:-1]))
+        edges = np.append(x[starts], x[-1])
+        for kind in kinds:
+            low, high = (edges[i:][: len(starts)][values[starts] == kind] for i in (0, 1))
+            spans = list(zip(low, high - low, strict=True))
+            self.axes.broken_barh(spans, (row - 0.4, 0.8), color=COLOURS[kind], label=kind, linewidth=0.0)
+            self.record(
+                kind, (low + high) / 2.0, np.full(len(low), float(row)), low=low, high=high, label=[label] * len(low)
+            )
 
     def upright(self, series: str, x: float, named: bool = True) -> None:
         """A vertical line across the panel, in the legend if `named`."""

@@ -8,36 +8,36 @@ import pandas as pd
 from jointgap.config import Scenario
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.sheet import Panel, Quantity, Sheet
-from jointgap.tables import OUTPUTS
+from jointgap.tables import number_of, outputs
 
 Tables = Mapping[str, pd.DataFrame]
-SYMBOLS = {
-    "r2": "$r_2$",
-    "r3": "$r_3$",
-    "gamma2": r"$\gamma_2$",
-    "gamma3": r"$\gamma_3$",
-    "gamma2_dot": r"$\dot\gamma_2$",
-    "gamma3_dot": r"$\dot\gamma_3$",
-    "gamma2_ddot": r"$\ddot\gamma_2$",
-    "gamma3_ddot": r"$\ddot\gamma_3$",
-}
+_SYMBOLS = {"r": "r", "gamma": r"\gamma", "gamma_dot": r"\dot\gamma", "gamma_ddot": r"\ddot\gamma"}
 PAPER_ITERATIONS = 20_000  # of every network in the paper
+SHAPES = {4: (2.9, 1, 4), 8: (4.6, 2, 4), 12: (6.4, 3, 4)}  # height, rows and columns by the number of outputs
 CURVE_POINTS = 300  # of a curve over thousands of iterations, evenly spaced on its logarithmic axis
 ERROR = Quantity("MSE over squared range", "1")
 NETWORK, CLEARANCE = "network", "clearance"  # models of the table fit_errors
+
+
+def symbol(output: str) -> str:
+    """An output as mathtext."""
+    number = str(number_of(output))
+    return f"${_SYMBOLS[output.replace(number, '')]}_{number}$"
 
 
 def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
     """Mean square error at the training points over the iterations, a panel for each network (figure 8)."""
     history, default = tables["fit_history"], scenario.surrogate.seeds[0]
     paper = tables["fit_errors"].drop_duplicates("output").set_index("output")["paper_mse"]
-    sheet = Sheet(4.6, 2, 4)
+    learned = outputs(scenario.mechanism.applied().loose)
+    sheet = Sheet(*SHAPES[len(learned)])
+    rows = SHAPES[len(learned)][1]
     lowest, highest = np.inf, 0.0
     first: Panel | None = None
-    for place, output in enumerate(OUTPUTS):
-        row, column = place % 2, place // 2
+    for place, output in enumerate(learned):
+        row, column = place % rows, place // rows
         above = sheet.panels[-1] if row else None
-        panel = sheet.panel((row, column), f"network {SYMBOLS[output]}", Quantity("iteration", "1"), ERROR, below=above)
+        panel = sheet.panel((row, column), f"network {symbol(output)}", Quantity("iteration", "1"), ERROR, below=above)
         curves = history[history["output"] == output]
         for seed in reversed(curves["seed"].unique()):
             curve = _thinned(curves[(curves["seed"] == seed) & (curves["iteration"] > 0)])
@@ -47,7 +47,8 @@ def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
             colour = "network" if seed == default else "other"
             panel.line(series, curve["iteration"], curve["mse"], colour, **({"linewidth": 0.6} | look))
             lowest, highest = min(lowest, curve["mse"].min()), max(highest, curve["mse"].max())
-        panel.marks("paper, after 20 000", [PAPER_ITERATIONS], [paper[output]], "paper", marker="D", zorder=4)
+        if paper[output] > 0:  # there is one
+            panel.marks("paper, after 20 000", [PAPER_ITERATIONS], [paper[output]], "paper", marker="D", zorder=4)
         lowest = min(lowest, paper[output])
         panel.axes.set_xscale("log")
         panel.axes.set_yscale("log")
@@ -80,15 +81,15 @@ MARKS = (
 
 def held_out(tables: Tables, scenario: Scenario) -> Drawing:
     """Errors at the training points and between them, networks, second surrogate and splines, beside the paper's."""
-    errors = tables["fit_errors"]
+    errors, learned = tables["fit_errors"], outputs(scenario.mechanism.applied().loose)
     sheet = Sheet(6.6, 2, 1)
     above: Panel | None = None
     for row, (region, title) in enumerate((("all", "first revolution"), ("past_60_deg", "its part past 60 deg"))):
         panel = sheet.panel((row, 0), title, Quantity("output", ""), ERROR, below=above)
-        _errors(panel, errors[errors["region"] == region], scenario.surrogate.seeds[0])
+        _errors(panel, errors[errors["region"] == region], scenario.surrogate.seeds[0], learned)
         panel.axes.set_yscale("log")
         panel.axes.minorticks_off()
-        panel.categories([SYMBOLS[output] for output in OUTPUTS])
+        panel.categories([symbol(output) for output in learned])
         above = panel
     drawing = sheet.drawing()
     shown = drawing.data[["y", "low", "high"]].to_numpy()
@@ -98,9 +99,9 @@ def held_out(tables: Tables, scenario: Scenario) -> Drawing:
     return drawing
 
 
-def _errors(panel: Panel, errors: pd.DataFrame, default: int) -> None:
+def _errors(panel: Panel, errors: pd.DataFrame, default: int, learned: tuple[str, ...]) -> None:
     """The default start's errors, with the range over all starts as bars."""
-    place = np.arange(len(OUTPUTS))
+    place = np.arange(len(learned))
     for series, model, column, shift, colour, marker in MARKS:
         rows = errors[errors["model"] == model]
         if rows.empty:
@@ -108,10 +109,11 @@ def _errors(panel: Panel, errors: pd.DataFrame, default: int) -> None:
         lowest = highest = None
         if column in ("training_mse", "held_out_mse") and rows["seed"].nunique() > 1:
             grouped = rows.groupby("output")[column]
-            lowest, highest = (grouped.agg(edge).reindex(OUTPUTS).to_numpy() for edge in ("min", "max"))
-        shown = rows[rows["seed"].isna() | (rows["seed"] == default)].set_index("output")[column].reindex(OUTPUTS)
+            lowest, highest = (grouped.agg(edge).reindex(learned).to_numpy() for edge in ("min", "max"))
+        shown = rows[rows["seed"].isna() | (rows["seed"] == default)].set_index("output")[column].reindex(learned)
         panel.marks(
-            series, place + shift, shown.to_numpy(), colour, lowest, highest, labels=list(OUTPUTS), marker=marker
+            series, place + shift, shown.to_numpy(), colour, lowest, highest, labels=list(learned), marker=marker
         )
-    paper = errors.groupby("output")["paper_mse"].first().reindex(OUTPUTS).to_numpy()
-    panel.marks("paper, training points", place, paper, "paper", labels=list(OUTPUTS), marker="_", markersize=22)
+    paper = errors.groupby("output")["paper_mse"].first().reindex(learned).to_numpy()
+    if np.isfinite(paper).any():
+        panel.marks("paper, training points", place, paper, "paper", labels=list(learned), marker="_", markersize=22)

@@ -7,21 +7,21 @@ import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.figures.drawing import Drawing
-from jointgap.figures.samples import NETWORKS, degrees, predicted, revolution
+from jointgap.figures.samples import NETWORKS, degrees, loose_joints, predicted, revolution
 from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet
 from jointgap.mechanism import clearance_lift, transmission_angle
 
 ACTUAL, OPTIMISED = "desired − actual", "desired − optimised"
-COORDINATES = ("r2", "gamma2", "r3", "gamma3")
 
 
 def transmission_errors(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
     """Errors of the transmission angle before and after the optimisation, clearance motion frozen (figure 16)."""
     samples = revolution(tables["trajectory"], scenario, 1)
     crank_angle, angle = samples["crank_angle"].to_numpy(), degrees(samples["crank_angle"])
+    coordinates = [f"{name}{number}" for number in loose_joints(scenario).values() for name in ("r", "gamma")]
     motions = {
-        NETWORKS: [predicted(tables, NETWORKS, name)["value"] for name in COORDINATES],
-        "simulation": [samples[name] for name in COORDINATES],
+        NETWORKS: {name: predicted(tables, NETWORKS, name)["value"].to_numpy() for name in coordinates},
+        "simulation": {name: samples[name].to_numpy() for name in coordinates},
     }
     mechanism = scenario.mechanism.applied()
     crank, rod, offset = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
@@ -31,7 +31,7 @@ def transmission_errors(tables: Mapping[str, pd.DataFrame], scenario: Scenario) 
     sheet = Sheet(5.4, 2, 1)
     above: Panel | None = None
     for row, (source, motion) in enumerate(motions.items()):
-        lift = clearance_lift(*(values.to_numpy() for values in motion))
+        lift = clearance_lift(motion)
         best = optima[(optima["source"] == source) & (optima["box"] == box) & (optima["method"] == "genetic")].iloc[0]
         pairs = {
             ACTUAL: (crank, rod, "simulation"),

@@ -89,7 +89,7 @@ def clearance_to_files(fit: pd.DataFrame, joint: int) -> dict[str, bytes]:
     fit : DataFrame
         Table clearance_fit.
     joint : int
-        2 crank pin, 3 piston pin.
+        1 crank pivot, 2 crank pin, 3 piston pin.
     """
     rows = fit[fit["joint"] == joint]
     neurons, bias = rows[rows["neuron"] >= 0].sort_values("neuron"), rows[rows["neuron"] < 0].iloc[0]
@@ -102,10 +102,10 @@ def clearance_to_files(fit: pd.DataFrame, joint: int) -> dict[str, bytes]:
         "joint": joint,
         "start_angle": float(bias["start_angle"]),
         "settling": None if pd.isna(bias["settling"]) else float(bias["settling"]),
-        "speed": float(bias["speed"]),
+        "speed": None if pd.isna(bias["speed"]) else float(bias["speed"]),
         "turns": int(bias["turns"]),
         "use": "s = tanh^2((crank_angle - start_angle) / settling), 1 where settling is null; r = s |w|; "
-        "gamma = direction of w, unwrapped, plus turns; rates by calculus, times speed",
+        "gamma = direction of w, unwrapped, plus turns; rates by calculus, times speed; null: the speed of the crank is not constant",
     }
     return _pack(weights, biases, description)
 

@@ -53,7 +53,7 @@ def _whole(given: Given, errors: pd.DataFrame, curves: dict[str, Curve | None]) 
     metrics = {}
     whole = errors[errors["region"] == "all"]
     for model, rows in whole.groupby("model", sort=False):
-        metrics[f"{model}_outputs"] = len(rows)
+        metrics |= {f"{model}_outputs": len(rows), f"{model}_outputs_of_the_paper": rows["paper_mse"].notna().sum()}
         for kind in ("training", "held_out"):
             metrics[f"{model}_outputs_{kind}_at_paper"] = (rows[f"{kind}_mse"] <= rows["paper_mse"]).sum()
             metrics[f"{model}_largest_{kind}_mse"] = rows[f"{kind}_mse"].max()
@@ -105,8 +105,7 @@ def _weights(given: Given, model: str, output: str) -> dict[str, bytes]:
         fit = tables.read(tables.FIT, given.tables[f"fit/{output}"])
         return weights.to_files(weights.from_table(fit[fit["seed"] == given.options.surrogate.seeds[0]]), output)
     if model == CLEARANCE and given.has(tables.CLEARANCE_FIT):
-        joint = int(output.removeprefix("gamma").removeprefix("r")[0])
-        return weights.clearance_to_files(given.read(tables.CLEARANCE_FIT), joint)
+        return weights.clearance_to_files(given.read(tables.CLEARANCE_FIT), tables.number_of(output))
     return {}
 
 

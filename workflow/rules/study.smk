@@ -1,0 +1,74 @@
+# Not part of `make run`: `make study` maps clearance, speed and friction for the first scenario with a loose joint.
+
+
+def study_parts(wildcards):
+    """For input: the points of each speed."""
+    speeds = SCENARIOS[wildcards.scenario].study.speed
+    return expand(rules.study_points.output.points, number=range(len(speeds)), allow_missing=True)
+
+
+rule studied:
+    input:
+        expand("results/{scenario}/study/summary.md", scenario=LOOSE[:1]),
+    message:
+        "clearance, speed and friction are mapped"
+
+
+rule study_points:
+    output:
+        points="results/{scenario}/study/points_{number}.parquet",
+    log:
+        "results/{scenario}/logs/study_points_{number}.log",
+    wildcard_constraints:
+        number=r"\d+",
+    conda:
+        "../envs/jointgap.yaml"
+    threads: 1
+    resources:
+        mem_mb=1500,
+        runtime=20,
+    params:
+        options=options("study"),
+        code=code_digest("study"),
+    message:
+        "{wildcards.scenario}: study, speed {wildcards.number}"
+    shell:
+        "jointgap study-points --options {params.options:q} --speed {wildcards.number}"
+        " --points {output.points:q} --workers {threads} > {log:q} 2>&1"
+
+
+rule study:
+    input:
+        study_parts,
+    output:
+        points="results/{scenario}/study/points.parquet",
+        text="results/{scenario}/study/summary.md",
+        figures=[
+            report(
+                f"results/{{scenario}}/study/{name}.png",
+                caption="../report/study.rst",
+                category=section,
+                subcategory="Study",
+                labels={"figure": title},
+            )
+            for name, title in STUDY_FIGURES.items()
+        ],
+        more=expand(
+            "results/{{scenario}}/study/{figure}.{ending}", figure=STUDY_FIGURES, ending=["svg", "parquet"]
+        ),
+    log:
+        "results/{scenario}/logs/study.log",
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=10,
+    params:
+        options=options("study"),
+        code=code_digest("study"),
+        parts=lambda wildcards, input: [text for part in input for text in ("--points", part)],
+        folder=subpath(output.points, parent=True),
+    message:
+        "{wildcards.scenario}: maps of clearance, speed and friction"
+    shell:
+        "jointgap study --options {params.options:q} {params.parts:q} --folder {params.folder:q} > {log:q} 2>&1"
