@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run smoke report test test-slow lint bench dashboard clean set-up
+.PHONY: help run smoke study report test test-slow lint bench dashboard clean set-up
 
 PROFILE ?= local
 CORES ?=
@@ -22,6 +22,9 @@ run: set-up ## every scenario to every figure, then results/report.html
 smoke: set-up ## the whole chain, small: about a minute, then results/smoke-report.html
 	@scripts/in-venv scripts/run-workflow results/smoke-report.html \
 		--configfile config/smoke.yaml $(snakemake_options)
+
+study: set-up ## map clearance x speed x friction of the first scenario, then results/study-report.html
+	@scripts/in-venv scripts/run-workflow results/study-report.html $(snakemake_options) studied
 
 report: set-up ## write results/report.html anew
 	@rm -f results/report.html

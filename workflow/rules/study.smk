@@ -1,12 +1,6 @@
 # Not part of `make run`: `make study` maps clearance, speed and friction for the first scenario with a loose joint.
 
 
-def study_parts(wildcards):
-    """For input: the points of each speed."""
-    speeds = SCENARIOS[wildcards.scenario].study.speed
-    return expand(rules.study_points.output.points, number=range(len(speeds)), allow_missing=True)
-
-
 rule studied:
     input:
         expand("results/{scenario}/study/summary.md", scenario=LOOSE[:1]),
@@ -39,7 +33,11 @@ rule study_points:
 
 rule study:
     input:
-        study_parts,
+        lambda wildcards: expand(
+            rules.study_points.output.points,
+            number=range(len(SCENARIOS[wildcards.scenario].study.speed)),
+            allow_missing=True,
+        ),
     output:
         points="results/{scenario}/study/points.parquet",
         text="results/{scenario}/study/summary.md",

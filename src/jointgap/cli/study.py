@@ -40,8 +40,8 @@ def study(options: str, folder: Path, parts: tuple[Path, ...], workers: int | No
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.figures import style
-    from jointgap.study import joined, points
     from jointgap.study.figures import draw
+    from jointgap.study.points import joined, points
     from jointgap.study.summary import summary
 
     scenario = parse_options(options)
@@ -68,7 +68,7 @@ def study_points(options: str, number: int, points: Path, workers: int | None) -
     """Simulate one speed of the study, for `jointgap study --points`."""
     from jointgap import tables
     from jointgap.config import parse_options
-    from jointgap.study import points as simulated
+    from jointgap.study.points import points as simulated
 
     scenario = parse_options(options)
     tables.check_writable(points)

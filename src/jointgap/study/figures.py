@@ -3,19 +3,20 @@
 import numpy as np
 import pandas as pd
 from matplotlib.colors import LogNorm, Normalize
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from jointgap.config import Scenario
 from jointgap.figures import style
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.sheet import Panel, Quantity, Sheet
-from jointgap.tables.study import MEASURES, NOISE_ORDER, ORDERS
+from jointgap.tables.study import NOISE_ORDER, ORDERS
 
 CLEARANCE = Quantity("radial clearance", "mm", "$r_c$")
 SPEED = Quantity("crank speed", "rpm")
 
 MAPS = {
     "peak_force": (Quantity("peak force in the joints", "N"), 1.0, True),
-    "angle_error_rms": (Quantity("RMS error of the transmission angle", "deg"), 180.0 / np.pi, True),
+    "angle_error_rms": (Quantity("RMS error of the transmission angle", "mdeg"), 180e3 / np.pi, True),
     "contact_share": (Quantity("time in contact", "%"), 100.0, False),
     "noise_share": (Quantity(f"share of the slider's acceleration above order {NOISE_ORDER}", "%"), 100.0, False),
     "jerk_rms": (Quantity("RMS of the slider's jerk", "m/s³"), 1.0, True),
@@ -36,13 +37,12 @@ def draw(points: pd.DataFrame, scenario: Scenario) -> dict[str, Drawing]:
     scenario : Scenario
     """
     with style.look():
-        drawings = {f"study_{measure}": study_map(points, measure) for measure in MAPS}
-        return drawings | {"study_orders": order_lines(points, scenario)}
+        maps = {f"study_{measure}": study_map(points, measure) for measure in MAPS}
+        return maps | {"study_orders": order_lines(points, scenario)}
 
 
 def study_map(points: pd.DataFrame, measure: str) -> Drawing:
-    """One measure over clearance and speed, a panel for each friction; a ring marks points that only statistics describe."""
-    assert measure in MEASURES
+    """One measure over clearance and speed, a panel for each friction; points that only statistics describe are underlined."""
     quantity, factor, logarithmic = MAPS[measure]
     frictions = sorted(points["friction"].unique())
     columns = min(2, len(frictions))
@@ -74,16 +74,12 @@ def study_map(points: pd.DataFrame, measure: str) -> Drawing:
     bar = sheet.figure.colorbar(
         drawn, ax=[panel.axes for panel in sheet.panels], label=quantity.label, location="bottom", shrink=0.7, aspect=40
     )
-    bar.ax.tick_params(which="both", labelsize=8)
-    sheet.figure.text(
-        0.99,
-        0.005,
-        "underlined: sensitive to the start, only statistics hold",
-        ha="right",
-        va="bottom",
-        fontsize=8,
-        color=style.INK,
-    )
+    if isinstance(norm, LogNorm):
+        bar.ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 1e3 else (1.0,)))
+        bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _short(value)))
+        bar.ax.xaxis.set_minor_locator(NullLocator())
+    note = "underlined: sensitive to the start, only statistics hold" if points["sensitive"].any() else ""
+    sheet.figure.suptitle(note, fontsize=8.5, x=0.99, ha="right")
     return sheet.drawing()
 
 
@@ -114,8 +110,8 @@ def _short(value: float) -> str:
     """Three digits, thousands and millions by letter."""
     for limit, letter in ((1e6, "M"), (1e4, "k")):
         if abs(value) >= limit:
-            return f"{value / (1e6 if letter == 'M' else 1e3):.3g}{letter}"
-    return f"{value:.3g}"
+            return f"{value / {'M': 1e6, 'k': 1e3}[letter]:.3g}{letter}"
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def order_lines(points: pd.DataFrame, scenario: Scenario) -> Drawing:
