@@ -62,9 +62,9 @@ def constrained(p, time, crank_angle, crank, here, x, torque, pin, piston, pivot
         piston_moment = pin_friction(p.piston_pin, forces[2], forces[3], here.rod_speed, width)
         if not change > _SETTLED * size:
             break
-        if change > before:  # steep friction against the load: rounds overshoot
-            share *= 0.5
-        before = change
+        before, overshot = change, change > before
+        if overshot:  # steep friction against the load: again from its beginning, more slowly
+            share, before, forces[:], pin_moment, piston_moment = 0.5 * share, math.inf, 0.0, 0.0, 0.0
     else:
         force = math.nan  # friction holds itself: no motion obeys the equations
     if not p.crank_pin.loose:
