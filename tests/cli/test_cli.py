@@ -108,6 +108,22 @@ def test_outputs_that_cannot_be_written_are_found_out_before_anything_is_compute
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+def test_where_all_joints_are_ideal_there_is_a_motion_and_nothing_to_learn_from_it(tmp_path):
+    mechanism = load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml").model_dump(mode="json")
+    for joint in mechanism["joints"].values():
+        joint["loose"] = False
+    options = json.dumps({"mechanism": mechanism, "simulate": {"revolutions": 1, "samples_per_revolution": 1800}})
+    trajectory, files = str(tmp_path / "trajectory.parquet"), [str(tmp_path / name) for name in ("a", "b", "c")]
+    done = jointgap("simulate", "--options", options, "--trajectory", trajectory, "--events", files[0])
+    assert done.returncode == 0, done.stderr
+    learn = ("--trajectory", trajectory, "--fit", files[1], "--errors", files[2])
+    for command in (("clearance", *learn), ("surrogate", *learn, "--history", files[0], "--output-name", "r2")):
+        done = jointgap(*command, "--options", options)
+        assert done.returncode == 2
+        assert "all joints are ideal" in done.stderr and "make a joint loose" in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+
+
 @pytest.mark.parametrize("port", ["-5", "0", "70000"])
 def test_a_port_that_cannot_be_is_refused(port):
     done = CliRunner().invoke(cli, ["dashboard", "--port", port])

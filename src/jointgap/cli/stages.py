@@ -187,12 +187,13 @@ def compare(options: str, results: Path, beside: tuple[tuple[str, str], ...]) ->
     scenario, folder = opened(options, results)
     texts = {results / "comparison.html": html, results / "comparison.md": markdown}
     tables.check_writable(*texts, results / "comparison.parquet")
+    frames = folder.frames(NEEDED)
     others = {name: opened(more, results.parent / name) for name, more in beside}
     members = [
         member(name, one, place.read(tables.RESIMULATED))
         for name, (one, place) in {results.name: (scenario, folder), **others}.items()
     ]
-    found = compare(folder.frames(NEEDED), scenario, members)
+    found = compare(frames, scenario, members)
     for path, write in texts.items():
         tables.write_text(path, write(found, scenario))
     folder.write(tables.COMPARISON, found)

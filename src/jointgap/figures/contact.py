@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
-from matplotlib.ticker import MultipleLocator
 
 from jointgap.config import Joint, Scenario
 from jointgap.figures.drawing import Drawing
@@ -16,6 +15,7 @@ from jointgap.tables import JOINT_NUMBERS
 
 DEPTH_MAGNIFIED = 20.0  # times that penetrations of the settled orbit are drawn
 INNERMOST = 10.0  # [um] the gap to the wall is shown linearly up to here, logarithmically beyond
+SECTOR = 60.0  # [deg] the figure of impacts ends with a multiple of it
 SMALLEST_FORCE = 1.0  # [N] where the axis of forces begins
 BODIES = {
     "crank_pivot": "crank",
@@ -89,7 +89,7 @@ def contact_forces(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Dr
         panel = sheet.panel((2 * row, 0), title, CRANK_ANGLE, Quantity("normal force", "N"))
         below = sheet.panel((2 * row + 1, 0), f"{title}: modes", CRANK_ANGLE, Quantity("joint", ""), below=panel)
         below.axes.set_title("")
-        for place, name in enumerate(reversed(joints)):
+        for place, name in zip(range(len(joints))[::-1], joints, strict=True):
             force, words = samples[f"{name}_normal_force"].to_numpy(), in_words(name)
             panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.7, alpha=0.85)
             below.bands(place, words, angle, samples[f"{name}_mode"].to_numpy(), MODES)
@@ -103,10 +103,12 @@ def contact_forces(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Dr
 
 
 def impacts(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """Every contact of the whole simulation at the crank angle where it begins: impulse, peak force, approach speed."""
+    """Every contact of the simulation at the crank angle where it begins: impulse, peak force, approach speed."""
     events, trajectory = tables["events"], tables["trajectory"]
-    ends = degrees(trajectory["crank_angle"])[[0, -1]]
-    turn = ends[0] - np.degrees(trajectory["crank_angle"].iloc[0])
+    turn = degrees(trajectory["crank_angle"])[0] - np.degrees(trajectory["crank_angle"].iloc[0])
+    begins = np.degrees(events.loc[events["event"] == "impact", "crank_angle"]) + turn
+    first, last = degrees(trajectory["crank_angle"])[[0, -1]]
+    last = min(last, first + SECTOR * np.ceil((begins.max() - first) / SECTOR)) if len(begins) else last
     sheet, above = Sheet(6.4, 3, 1), None
     shown = (
         ("impulse", "impulse", "N s"),
@@ -127,9 +129,8 @@ def impacts(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
                 series = f"{in_words(name)}: {kind}"
                 if chosen.any():
                     panel.marks(series, angle[chosen], sizes[chosen], in_words(name), markersize=3.5, **look)
-        panel.axes.set_yscale("log")
-        panel.axes.set_xlim(*ends)
-        panel.axes.xaxis.set_major_locator(MultipleLocator(180))
+        panel.logarithmic()
+        panel.over_crank_angle(first, last)
         above = panel
     if sheet.panels[0].axes.get_legend_handles_labels()[0]:
         sheet.legend()

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, MultipleLocator, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MultipleLocator, NullLocator
 from numpy.typing import ArrayLike
 
 from jointgap import tables
@@ -145,13 +145,24 @@ class Panel:
         """Ticks and limits for crank angles from `start` to `end` [deg]."""
         span = end - start
         self.axes.set_xlim(start, end)
-        self.axes.xaxis.set_major_locator(MultipleLocator(60 if span > 200 else 15 if span > 50 else 5))
+        self.axes.xaxis.set_major_locator(
+            MultipleLocator(180 if span > 600 else 60 if span > 200 else 15 if span > 50 else 5)
+        )
 
     def square(self, half_width: float) -> None:
         """Equal scales on both axes, from -`half_width` to `half_width`."""
         self.axes.set_xlim(-half_width, half_width)
         self.axes.set_ylim(-half_width, half_width)
         self.axes.set_aspect("equal")
+
+    def logarithmic(self) -> None:
+        """A logarithmic ordinate with plain numbers at it; call it after plotting."""
+        low, high = self.axes.dataLim.intervaly
+        steps = (1.0, 2.0, 5.0) if 0.0 < high < 1e3 * max(low, 1e-300) else (1.0,)
+        self.axes.set_yscale("log")
+        self.axes.yaxis.set_major_locator(LogLocator(subs=steps))
+        self.axes.yaxis.set_major_formatter(FuncFormatter(_short))
+        self.axes.yaxis.set_minor_locator(NullLocator())
 
     def linear_then_logarithmic(self, threshold: float) -> None:
         """An ordinate that is linear up to +-`threshold` (grey band) and logarithmic beyond; call it after plotting."""
