@@ -35,7 +35,7 @@ def poincare_section(
     """
     turned = (angle - samples["crank_angle"].iloc[0]) % (2.0 * np.pi)
     row = round(turned / (2.0 * np.pi) * per_turn) % per_turn
-    chosen = samples.iloc[row + (first - 1) * per_turn :: per_turn]
+    chosen = samples.iloc[row + (first - 1) * per_turn : -1 : per_turn]
     if chosen.empty:
         raise InputError(
             f"the section from revolution {first} on is empty, for there are {(len(samples) - 1) // per_turn} revolutions; "
