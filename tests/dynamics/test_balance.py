@@ -97,9 +97,13 @@ CASES = {
     ),
 }
 BOUND = 1e-8
+SOONER = ("with friction", "all ideal", "crank pivot alone loose", "penalty form", "lugre", "film", "flexible rod")
+SOONER += ("motor, pivot loose", "fluctuating speed", "every force, three loose, motor", "friction of ideal pins")
 
 
-@pytest.fixture(scope="module", params=CASES)
+@pytest.fixture(
+    scope="module", params=[one if one in SOONER else pytest.param(one, marks=pytest.mark.slow) for one in CASES]
+)
 def moved(request):
     effects, keys, drive = CASES[request.param]
     return motion(mechanism(*effects, **keys), revolutions=0.5, start_angle=0.4, **drive)

@@ -1,0 +1,109 @@
+"""Contacts as episodes: impulse, peak force and duration in the table of events, and what mode each sample is in."""
+
+import numpy as np
+import pytest
+
+from jointgap.dynamics import simulate
+from jointgap.dynamics.assemble import parameters
+from jointgap.dynamics.episodes import EVENT
+from jointgap.dynamics.equations import FURTHER
+from jointgap.dynamics.parameters import JOINTS
+from jointgap.dynamics.simulate import run_march
+from tests.dynamics.cases import ALL, LUGRE, PINS, mechanism, options, with_numbers
+from tests.dynamics.quadrature import motion
+
+COLUMN = {name: i for i, name in enumerate(EVENT)}
+MASS, HIT = 0.773, 0.3
+
+
+def head_on(**keys):
+    """Separation of a rod that hits a standing crank head-on, its mass centre in the pin: a free impact of `MASS`."""
+    p = with_numbers(
+        parameters(mechanism(**keys), options(speed=1.0)),
+        bodies={"crank_length": 0.0, "rod_centre": 0.0},
+        piston_pin={"clearance": 10.0},
+    )
+    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, HIT, 0.0, HIT]), np.zeros(FURTHER)
+    impact, separation = run_march(p, start, np.array([0.0, 0.005]), 1e-14).events[:2]
+    assert impact[COLUMN["approach_speed"]] == pytest.approx(HIT, rel=1e-12)
+    return p.crank_pin, separation
+
+
+@pytest.mark.parametrize("restitution", (0.1, 0.46, 0.9))
+def test_the_impulse_of_a_free_impact_is_the_change_of_momentum(restitution, worst):
+    _, separation = head_on(law="exact_restitution", restitution=restitution)
+    exact = MASS * HIT * (1 + restitution)
+    worst("impulse of a free impact", abs(separation[COLUMN["impulse"]] / exact - 1), 1e-8)
+    assert separation[COLUMN["maxima"]] == 1
+
+
+def test_the_peak_force_of_an_elastic_impact_is_that_of_its_largest_penetration(worst):
+    joint, separation = head_on(law="exact_restitution", restitution=1 - 1e-9)
+    depth = (2.5 * MASS * HIT**2 / (2 * joint.stiffness)) ** (1 / 2.5)
+    exact = joint.stiffness * depth**1.5
+    worst("peak force of an elastic impact", abs(separation[COLUMN["peak_force"]] / exact - 1), 1e-3)
+
+
+CASES = {
+    "frictionless": {},
+    "friction": {"friction": 0.1, "friction_speed": 0.1},
+    "three loose": {"loose": ALL},
+    "bristles": LUGRE,
+    "penalty": {"law": "penalty", "penalty_damping": 2e3, "penalty_depth": 1e-4},
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_impulse_is_the_integral_of_the_normal_force_and_the_peak_its_largest_value(case, worst):
+    moved = motion(mechanism(**CASES[case]), revolutions=0.25, tolerance=1e-14)
+    events, times, checked = moved.run.events, moved.sampled(moved.run.times), 0
+    for joint, name in enumerate(JOINTS):
+        own = events[events[:, COLUMN["joint"]] == joint]
+        force = np.maximum(moved[f"{name}_normal_force"], 0.0) if getattr(moved.p, name).loose else None
+        for impact, separation in zip(own[::2], own[1::2], strict=False):
+            inside = (times[:, 8] > impact[0]) & (times[:, 8] < separation[0])
+            impulse = moved.steps(force)[inside].sum()
+            worst("impulse over integral of force", abs(separation[COLUMN["impulse"]] / impulse - 1), 1e-5)
+            peak = force[inside].max()
+            worst("peak force over densest sample", abs(separation[COLUMN["peak_force"]] / peak - 1), 1e-2)
+            checked += 1
+    assert checked > 3
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_labels_of_samples_agree_with_the_events(case):
+    run = simulate(mechanism(**CASES[case]), options(samples_per_revolution=36000))
+    for joint, number in (("crank_pin", 2), ("piston_pin", 3)):
+        own = run.events[run.events.joint == joint]
+        label, time = run.samples[f"{joint}_mode"].to_numpy(), run.samples.time.to_numpy()
+        depth = run.samples[f"r{number}"].to_numpy()
+        assert {"flight", "impact"} <= set(label) <= {"flight", "impact", "contact"}
+        begins, ends = own.time[own.event == "impact"].to_numpy(), own.time[own.event == "separation"].to_numpy()
+        touching = np.zeros(time.size, dtype=bool)
+        for begin, end in zip(begins, np.append(ends, np.inf), strict=False):
+            inside = (time > begin + 1e-12) & (time < end - 1e-12)
+            touching |= inside
+            assert len(set(label[inside])) <= 1
+            rise = np.diff(depth[inside])
+            maxima = int(((rise[:-1] > 1e-12) & (rise[1:] < -1e-12)).sum())
+            if maxima > 1 or end == np.inf:
+                assert (label[inside] == "contact").all()
+            if inside.sum() > 20 and maxima <= 1 and np.abs(rise).min() > 1e-11 and end < np.inf:
+                assert (label[inside] == "impact").all()
+        on_the_edge = np.isin(time, own.time)
+        assert ((label == "flight") == ~touching)[~on_the_edge].all()
+        assert (depth[touching] > 1e-3 - 1e-9).all()
+
+
+def test_the_table_of_events_tells_of_every_contact_how_fast_it_began_and_what_it_did():
+    events = simulate(mechanism(), options()).events
+    for joint in PINS:
+        own = events[events.joint == joint]
+        begins, ends = own[own.event == "impact"], own[own.event == "separation"]
+        told = ["impulse", "peak_force", "maxima"]
+        assert begins[told].isna().all(axis=None)
+        assert ends[told].notna().all(axis=None)
+        assert begins.approach_speed.notna().all()
+        assert ends.approach_speed.isna().all()
+        lasted = ends.time.to_numpy() - begins.time.to_numpy()[: len(ends)]
+        assert (ends.impulse <= ends.peak_force * lasted).all()
