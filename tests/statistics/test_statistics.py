@@ -118,8 +118,8 @@ def test_statistics_of_a_settled_motion_say_that_it_repeats_in_contact(settled):
     assert list(last["share_contact"]) == [1.0, 1.0, 1.0]
     shares = found.revolutions[["share_flight", "share_impact", "share_contact"]].sum(axis=1)
     np.testing.assert_allclose(shares, 1.0, rtol=1e-12)
-    first = found.revolutions[found.revolutions["revolution"] == 1].set_index("joint")
-    assert (first["peak_force"] >= 0.999 * run.events.groupby("joint")["peak_force"].max()).all()
+    hardest = found.revolutions.groupby("joint")["peak_force"].max()
+    assert (hardest >= run.events.groupby("joint")["peak_force"].max().reindex(hardest.index).fillna(0)).all()
     assert "period 1" in found.summary and "contact 100.0 %" in found.summary
     spread = found.eccentricity["high"] - found.eccentricity["low"]
     assert spread.max() < 1e-5
