@@ -1,0 +1,121 @@
+"""One mechanism with two loose pins simulated by several codes, each from the same start to a crank angle.
+
+Every code is a function `(end, tolerance) -> (positions, seconds)`: time of the end [s] and the code's own absolute
+tolerance [m]; rod's mass centre x, y and slider's position [m] there, and how long it took. What is done once for a mechanism
+(compilation, building Exudyn's model) does not count.
+
+scipy's integrators and LSODA need the approach speed at the start of each contact too: they run from event to event with
+the modes frozen in between, on the package's own compiled right-hand side.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from benchmarks.compiled_lsoda import compiled_lsoda
+from benchmarks.exudyn_model import SliderCrank
+from benchmarks.right_hand_side import right_hand_side
+from jointgap.config import Mechanism, Simulate
+from jointgap.dynamics.assemble import parameters
+from jointgap.dynamics.ensemble import rod_and_slider
+from jointgap.dynamics.joints import CONTACT, FLIGHT
+from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.simulate import run_march
+from jointgap.dynamics.start import start_state
+
+Code = Callable[[float, float], tuple[np.ndarray, float]]
+
+
+def codes(mechanism: Mechanism, speed: float) -> dict[str, Code | None]:
+    """All codes by name, ours first; None where one is not installed."""
+    p = parameters(mechanism, Simulate(speed=speed))
+    slope, gap = right_hand_side(p)
+    found: dict[str, Code | None] = {"jointgap": ours(p)}
+    try:
+        found["compiled LSODA"] = lsoda(p, compiled_lsoda(slope, gap))
+    except ImportError:
+        found["compiled LSODA"] = None
+    try:
+        SliderCrank(mechanism, speed)
+        found["Exudyn"] = exudyn(mechanism, speed)
+    except ImportError:
+        found["Exudyn"] = None
+    for method in ("DOP853", "LSODA"):
+        found[f"scipy {method}"] = scipy(p, slope, gap, method)
+    return found
+
+
+def positions(p: Parameters, end: float, states) -> np.ndarray:
+    """Rod's mass centre x, y and slider's position [m] at the time `end` [s] for the clearance vectors `states` (4+,)."""
+    crank_angle = np.array([p.drive.start_angle + p.drive.speed * end])
+    angle, slider = rod_and_slider(p, crank_angle, np.reshape(states, (1, -1)), np.zeros((1, 11)))
+    back = p.bodies.rod_length - p.bodies.rod_centre
+    piston = slider[0] + states[2], p.bodies.slider_offset + states[3]
+    return np.array([piston[0] - back * np.cos(angle[0]), piston[1] - back * np.sin(angle[0]), slider[0]])
+
+
+def ours(p: Parameters) -> Code:
+    start = start_state(p)
+
+    def run(end, tolerance):
+        angles = p.drive.start_angle + p.drive.speed * np.array([0.0, end])
+        begin = time.perf_counter()
+        states = run_march(p, start, angles, tolerance).states
+        return positions(p, end, states[-1]), time.perf_counter() - begin
+
+    return run
+
+
+def lsoda(p: Parameters, march) -> Code:
+    def run(end, tolerance):
+        begin = time.perf_counter()
+        z = march(start_state(p)[0], end, tolerance)
+        return positions(p, end, z), time.perf_counter() - begin
+
+    return run
+
+
+def exudyn(mechanism: Mechanism, speed: float) -> Code:
+    """Exudyn's DOPRI5: its ODE23, the other explicit integrator with step size control, takes a thousand times as long."""
+
+    def run(end, tolerance):
+        model = SliderCrank(mechanism, speed)
+        begin = time.perf_counter()
+        found = model.advance(end, tolerance)
+        return found[[0, 1, 3]], time.perf_counter() - begin
+
+    return run
+
+
+def scipy(p: Parameters, slope, gap, method: str) -> Code:
+    """scipy's `solve_ivp`, which ends at each event."""
+    out = np.empty(8)
+
+    def rates(t, z, modes, approaches):
+        slope(t, z, out, (*modes, FLIGHT), (*approaches, np.inf))
+        return out.copy()
+
+    events = [lambda t, z, modes, approaches, joint=joint: gap(z, joint)[0] for joint in range(2)]
+
+    def run(end, tolerance):
+        begin = time.perf_counter()
+        z, t, modes, approaches = start_state(p)[0], 0.0, [FLIGHT, FLIGHT], [np.inf, np.inf]
+        while t < end:
+            for joint, event in enumerate(events):
+                event.terminal, event.direction = True, 1 if modes[joint] == FLIGHT else -1
+            part = solve_ivp(
+                rates, (t, end), z, method, args=(modes, approaches), events=events, rtol=3e-14, atol=tolerance,
+                first_step=min(1e-7, end - t), max_step=1e-3,
+            )  # fmt: skip
+            t, z = part.t[-1], part.y[:, -1]
+            if part.status == 1:
+                joint = 0 if part.t_events[0].size else 1
+                if modes[joint] == FLIGHT:
+                    modes[joint], approaches[joint] = CONTACT, gap(z, joint)[1]
+                else:
+                    modes[joint], approaches[joint] = FLIGHT, np.inf
+        return positions(p, end, z), time.perf_counter() - begin
+
+    return run

@@ -1,0 +1,45 @@
+"""The package's equations of motion as general-purpose integrators call them, for a mechanism whose pins are loose.
+
+State: clearance vectors of crank pin and piston pin and their rates, the latter times `VELOCITY_TIME`, so that one absolute
+tolerance [m] fits all. The parameters are compiled in, for to pass so many numbers at every call costs more than the
+equations do.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from jointgap.dynamics.integrator import instant
+from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.simulate import VELOCITY_TIME
+
+_NO_FURTHER = (0.0,) * 11
+
+
+def right_hand_side(p: Parameters):
+    """Two compiled functions: `slope(t, z, out, modes, approaches)` and `gap(z, joint)`.
+
+    The first writes the rates of the scaled state `z` (8,) into `out`; the second gives the penetration [m] of crank pin
+    (0) or piston pin (1) and its rate [m/s].
+    """
+    small = p._replace(knots=np.zeros(1, [("count", "i8"), ("pieces", "f8", (1, 7))])[0])
+    clearances = (float(p.crank_pin.clearance), float(p.piston_pin.clearance))
+
+    @numba.njit(error_model="numpy")
+    def slope(t, z, out, modes, approaches):
+        state = (
+            z[0], z[1], z[2], z[3],
+            z[4] / VELOCITY_TIME, z[5] / VELOCITY_TIME, z[6] / VELOCITY_TIME, z[7] / VELOCITY_TIME,
+        )  # fmt: skip
+        rates = instant(small, t, state, _NO_FURTHER, modes, approaches).slope
+        for i in range(4):
+            out[i], out[4 + i] = rates[i], VELOCITY_TIME * rates[4 + i]
+
+    @numba.njit(error_model="numpy")
+    def gap(z, joint):
+        x, y = z[2 * joint], z[2 * joint + 1]
+        r = math.sqrt(x * x + y * y)
+        return r - clearances[joint], (x * z[4 + 2 * joint] + y * z[5 + 2 * joint]) / (r * VELOCITY_TIME)
+
+    return slope, gap
