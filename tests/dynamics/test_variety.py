@@ -9,13 +9,23 @@ from jointgap.dynamics.friction import FRICTION_LAWS
 from jointgap.dynamics.parameters import JOINTS
 from jointgap.dynamics.simulate import crank_angles, run_march
 from jointgap.dynamics.start import start_state
-from tests.dynamics.cases import ALL, mechanism, options
+from tests.dynamics.cases import ALL, PINS, effect, mechanism, options
 
 
 def any_case(random):
     """A mechanism, its drive and start, and the tolerance [m]."""
+    loose = [joint for joint in ALL if random.random() < 0.7]
+    effects = [
+        effect("slider_load_friction", coefficient=float(random.uniform(0, 1))),
+        effect("slider_coulomb_friction", force_N=20.0),
+        effect("rod_flexibility", frequency_Hz=float(random.uniform(300, 2000)), damping_ratio=0.02),
+        effect("speed_fluctuation", ratio=0.1, order=int(random.integers(1, 13))),
+        *(effect("pin_friction", pin, coefficient=float(random.uniform(0, 0.6))) for pin in PINS),
+        *(effect("lubricated_joint", pin, viscosity_Pa_s=0.1, length_m=0.01) for pin in PINS if pin in loose),
+    ]
     made = mechanism(
-        loose=[joint for joint in ALL if random.random() < 0.7],
+        *(one for one in effects if random.random() < 0.2),
+        loose=loose,
         friction=float(random.choice([0, 0.01, 0.05, 0.2])),
         friction_speed=float(random.choice([1e-3, 1e-2])),
         friction_law=str(random.choice(["coulomb", "coulomb", *FRICTION_LAWS])),

@@ -38,7 +38,7 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
         numbers = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
         if not np.isfinite(numbers).all():
             row = int(np.flatnonzero(~np.isfinite(numbers))[0])
-            raise InputError(f"{path}, column {column}, row {row + 1}: {table[column][row]!r} is not a finite number")
+            raise InputError(f"{path}, column {column}, row {row + 1}: '{table[column][row]}' is not a finite number")
         values.append(numbers)
     time, angle = values[0], values[1] * unit_factor(drive.angle_unit, "rad")
     if time.size < _LEAST:

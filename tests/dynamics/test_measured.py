@@ -1,0 +1,113 @@
+"""A measured crank angle: what is recovered of a known one, and what is refused."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap.dynamics import simulate
+from jointgap.errors import InputError
+from tests.dynamics.cases import SPEED, mechanism, options
+from tests.dynamics.closed import Closed
+
+RATIO, STEP = 0.02, np.radians(0.1)
+
+
+def known(time):
+    """A crank that swings about a steady rotation: angle, speed, acceleration."""
+    rate = 2 * SPEED
+    angle = 0.2 + SPEED * time + RATIO * np.sin(rate * time)
+    return angle, SPEED + RATIO * rate * np.cos(rate * time), -RATIO * rate**2 * np.sin(rate * time)
+
+
+def measured(folder, angle_of=lambda angle: angle, unit=1.0, count=2001, revolutions=2, **keys):
+    """Options for a run along the table of `known` angles as an instrument shows them."""
+    time = np.linspace(0.0, 0.1 * (revolutions + 0.5), count)
+    path = folder / "angle.csv"
+    pd.DataFrame({"t": time + 7.0, "theta": angle_of(known(time)[0]) * unit}).to_csv(path, index=False)
+    drive = {"kind": "measured", "file": str(path), "time": "t", "angle": "theta", **keys}
+    return options(drive=drive, start_angle=0.5, revolutions=revolutions)
+
+
+def deviations(samples):
+    """Largest deviations of angle [rad], speed and acceleration from the known ones at the samples' times."""
+    fine = np.linspace(0.0, 0.01, 100001)
+    start = np.interp(0.5, known(fine)[0], fine)
+    exact = known(samples.time.to_numpy() + start)
+    seen = samples.crank_angle, samples.crank_speed, samples.crank_acceleration
+    inside = slice(10, -10)
+    off = [np.abs(np.asarray(one) - value)[inside].max() for one, value in zip(seen, exact, strict=True)]
+    return off[0], off[1] / SPEED, off[2] / np.abs(exact[2]).max()
+
+
+def test_a_clean_angle_is_recovered_with_its_derivatives(tmp_path, worst):
+    samples = simulate(mechanism(loose=()), measured(tmp_path)).samples
+    angle, speed, acceleration = deviations(samples)
+    worst("measured angle, clean: angle [rad]", angle, 1e-9)
+    worst("measured angle, clean: speed", speed, 1e-6)
+    worst("measured angle, clean: acceleration", acceleration, 1e-3)
+
+
+def test_an_encoders_angle_is_recovered_within_its_step(tmp_path, worst):
+    def encoded(angle):
+        return np.degrees(STEP * np.round(angle / STEP)) % 360
+
+    chosen = measured(tmp_path, encoded, angle_unit="deg", resolution=STEP)
+    angle, speed, acceleration = deviations(simulate(mechanism(loose=()), chosen).samples)
+    worst("measured angle, 0.1 deg steps: angle [rad]", angle, 0.5 * STEP)
+    worst("measured angle, 0.1 deg steps: speed", speed, 2e-3)
+    worst("measured angle, 0.1 deg steps: acceleration", acceleration, 0.2)
+
+
+def test_noise_of_unknown_size_is_smoothed_away(tmp_path, worst):
+    noise = np.random.default_rng(1).normal(scale=1e-3, size=2001)
+    angle, speed, _ = deviations(simulate(mechanism(loose=()), measured(tmp_path, lambda a: a + noise)).samples)
+    worst("measured angle, 1e-3 rad noise: angle [rad]", angle, 1e-3)
+    worst("measured angle, 1e-3 rad noise: speed", speed, 1e-2)
+
+
+def test_speed_and_acceleration_are_the_angles_own_derivatives(tmp_path, worst):
+    samples = simulate(mechanism(loose=()), measured(tmp_path)).samples
+    middle = samples.crank_speed.rolling(2).mean()[1:].to_numpy()
+    steps = np.diff(samples.crank_angle) / np.diff(samples.time)
+    worst("measured angle: speed is its slope", np.abs(steps / middle - 1).max(), 1e-5)
+    exact = Closed(mechanism(), *(samples[f"crank_{name}"].to_numpy() for name in ("angle", "speed", "acceleration")))
+    off = np.abs(samples.crank_torque - exact.virtual_work_torque()).max() / np.abs(samples.crank_torque).max()
+    worst("measured angle: torque by virtual work", off, 1e-13)
+
+
+def test_a_loose_mechanism_follows_a_measured_angle(tmp_path):
+    run = simulate(mechanism(friction=0.1), measured(tmp_path))
+    assert (run.events.event == "impact").sum() > 5
+    np.testing.assert_allclose(run.samples.crank_angle, 0.5 + np.arange(721) * np.pi / 180, atol=1e-12)
+
+
+def refused(tmp_path, change, says, **keys):
+    chosen = measured(tmp_path, **keys)
+    path = tmp_path / "angle.csv"
+    change(pd.read_csv(path)).to_csv(path, index=False)
+    with pytest.raises(InputError, match=says):
+        simulate(mechanism(loose=()), chosen)
+
+
+def test_tables_that_cannot_drive_a_crank_are_refused_with_file_column_and_row(tmp_path):
+    def with_value(column, row, value):
+        def change(table):
+            table = table.astype(object)
+            table.loc[row, column] = value
+            return table
+
+        return change
+
+    refused(tmp_path, with_value("theta", 4, "open"), "angle.csv, column theta, row 5: 'open' is not a finite number")
+    refused(tmp_path, with_value("t", 4, np.nan), "column t, row 5: 'nan' is not a finite number")
+    refused(tmp_path, with_value("t", 4, 0.0), "column t, row 5: time 0 s does not rise; sort the rows")
+    refused(tmp_path, lambda table: table.rename(columns={"theta": "thetas"}), "no column 'theta'.*thetas")
+    refused(tmp_path, lambda table: table[:5], "5 samples are too few")
+    refused(tmp_path, lambda table: table.assign(theta=-table.theta), "stands still or turns back")
+    refused(tmp_path, lambda table: table[:1000], "holds 1 whole revolutions, simulate.revolutions asks for 2")
+
+
+def test_a_missing_table_is_named(tmp_path):
+    drive = {"kind": "measured", "file": str(tmp_path / "none.csv")}
+    with pytest.raises(InputError, match=r"none\.csv: cannot be read as a table"):
+        simulate(mechanism(), options(drive=drive))
