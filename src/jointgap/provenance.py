@@ -19,8 +19,8 @@ CODE = {
     "figures": ("figures", "results.py", "surrogate", "mechanism", "paper.py", "tables/figures.py"),
     "compare": ("compare", "paper.py", "tables/compare.py"),
     "study": (
-        *("study", "dynamics", "ensemble", "statistics", "mechanism"),
-        *(*_MECHANISM, "tables/study.py", "figures/sheet.py", "figures/style.py"),
+        *("study", "dynamics", "ensemble", "statistics", "mechanism", *_MECHANISM, "tables/study.py"),
+        *("figures", "results.py", "surrogate", "paper.py", "tables/figures.py"),
     ),
     "track": ("track",),
 }

@@ -9,19 +9,11 @@ from jointgap.config import Scenario
 from jointgap.figures import style
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.sheet import Panel, Quantity, Sheet
-from jointgap.tables.study import NOISE_ORDER, ORDERS
+from jointgap.study import SHOWN
+from jointgap.tables.study import ORDERS
 
 CLEARANCE = Quantity("radial clearance", "mm", "$r_c$")
 SPEED = Quantity("crank speed", "rpm")
-
-MAPS = {
-    "peak_force": (Quantity("peak force in the joints", "N"), 1.0, True),
-    "angle_error_rms": (Quantity("RMS error of the transmission angle", "mdeg"), 180e3 / np.pi, True),
-    "contact_share": (Quantity("time in contact", "%"), 100.0, False),
-    "noise_share": (Quantity(f"share of the slider's acceleration above order {NOISE_ORDER}", "%"), 100.0, False),
-    "jerk_rms": (Quantity("RMS of the slider's jerk", "m/s³"), 1.0, True),
-}
-"""What is drawn as a map: quantity, factor from SI, whether colours go by the logarithm."""
 
 _MOST_WRITTEN = 8  # cells in a row whose numbers can be read
 _COLOURS = ("first", "simulation", "second surrogate", "paper", "network", "spline", "limit")
@@ -37,13 +29,14 @@ def draw(points: pd.DataFrame, scenario: Scenario) -> dict[str, Drawing]:
     scenario : Scenario
     """
     with style.look():
-        maps = {f"study_{measure}": study_map(points, measure) for measure in MAPS}
+        maps = {f"study_{measure}": study_map(points, measure) for measure in SHOWN}
         return maps | {"study_orders": order_lines(points, scenario)}
 
 
 def study_map(points: pd.DataFrame, measure: str) -> Drawing:
     """One measure over clearance and speed, a panel for each friction; points that only statistics describe are underlined."""
-    quantity, factor, logarithmic = MAPS[measure]
+    shown = SHOWN[measure]
+    quantity, factor = Quantity(shown.quantity, shown.unit), shown.factor
     frictions = sorted(points["friction"].unique())
     columns = min(2, len(frictions))
     rows = -(-len(frictions) // columns)
@@ -51,7 +44,11 @@ def study_map(points: pd.DataFrame, measure: str) -> Drawing:
     sheet = Sheet(1.0 + rows * (0.9 + 0.27 * len(speeds)), rows, columns)
     values = factor * points[measure].to_numpy(dtype=float)
     low, high = np.nanmin(values), np.nanmax(values)
-    norm = LogNorm(low, high) if logarithmic and 0 < low < high else Normalize(low, high if high > low else low + 1.0)
+    norm = (
+        LogNorm(low, high)
+        if shown.logarithmic and 0 < low < high
+        else Normalize(low, high if high > low else low + 1.0)
+    )
     drawn = None
     for place, friction in enumerate(frictions):
         panel = sheet.panel(divmod(place, columns), f"friction {friction:g}", CLEARANCE, SPEED)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.study.figures import MAPS
+from jointgap.study import SHOWN
 
 _AXES = {
     "clearance": ("clearance", lambda value: f"{1e3 * value:.3g} mm"),
@@ -54,9 +54,9 @@ def _effects(points: pd.DataFrame) -> list[str]:
         "| over the settled revolutions | smallest | largest | " + " | ".join(heads) + " |",
         "| --- " * (3 + len(axes)) + "|",
     ]
-    for measure, (quantity, factor, _) in MAPS.items():
-        values = factor * points[measure]
-        cells = [f"{quantity.name} [{quantity.unit}]", f"{values.min():.3g}", f"{values.max():.3g}"]
+    for measure, shown in SHOWN.items():
+        values = shown.factor * points[measure]
+        cells = [f"{shown.quantity} [{shown.unit}]", f"{values.min():.3g}", f"{values.max():.3g}"]
         lines.append("| " + " | ".join(cells + [_ratio(points, measure, axis) for axis in axes]) + " |")
     return lines
 
