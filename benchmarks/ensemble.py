@@ -1,0 +1,104 @@
+"""Many revolutions to disk: 1000 revolutions with 361 samples each as one ensemble, states and events in Parquet.
+
+Each measurement runs in a process of its own, for memory only ever grows in one.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+from benchmarks.project import ROOT
+
+REACH_S = 3.0
+CORES = 2
+REVOLUTIONS = (1, 10, 100)
+RUNS = (100, 1000, 4000)
+PERTURBATION = 1e-7  # m
+
+
+def ensemble(runs: int) -> dict[str, float]:
+    """Seconds and peak memory [MiB] of `runs` revolutions from slightly different starts."""
+    from benchmarks.simulate import SPEED, case
+    from jointgap.config import Simulate
+    from jointgap.ensemble import Run, write_ensemble
+
+    mechanism = case()
+    options = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=360, tolerance=1e-9)
+    starts = np.random.default_rng(0).normal(0.0, PERTURBATION, (runs, 4))
+    with tempfile.TemporaryDirectory() as folder:
+        write_ensemble([Run(mechanism, options, starts[0])], folder, CORES)  # loads the compiled code
+        begin = time.perf_counter()
+        write_ensemble((Run(mechanism, options, start) for start in starts), folder, CORES)
+        return {"seconds": time.perf_counter() - begin, "mebibytes": peak_memory()}
+
+
+def revolutions(number: int) -> dict[str, float]:
+    """Seconds of one run over `number` revolutions without output."""
+    from benchmarks.simulate import SPEED, case
+    from jointgap.config import Simulate
+    from jointgap.dynamics.assemble import parameters
+    from jointgap.dynamics.simulate import run_march
+    from jointgap.dynamics.start import start_state
+
+    p = parameters(case(), Simulate(speed=SPEED))
+    taken = []
+    for turns in (1, *[number] * 5):
+        begin = time.perf_counter()
+        run_march(p, start_state(p), np.array([0.0, 2 * np.pi * turns]), 1e-9)
+        taken.append(time.perf_counter() - begin)
+    return {"seconds": float(np.median(taken[1:]))}
+
+
+def peak_memory() -> float:
+    """Most memory [MiB] that this process has had."""
+    import resource
+
+    unit = 1024**2 if sys.platform == "darwin" else 1024  # bytes there, kibibytes elsewhere
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+def apart(function: str, argument: int) -> dict[str, float]:
+    """Result of one of the functions above in a new process."""
+    code = f"import json; from benchmarks.ensemble import {function}; print(json.dumps({function}({argument})))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=os.environ, stdout=subprocess.PIPE, text=True, check=True
+    )
+    return json.loads(done.stdout)
+
+
+def exponent(numbers, seconds) -> float:
+    """Power of the number that the seconds grow with: 1 is linear."""
+    return float(np.polyfit(np.log(numbers), np.log(seconds), 1)[0])
+
+
+def measure() -> list[dict]:
+    """Rows of what, reach, measured, unit and peers."""
+
+    def row(what, reach, measured, unit, **peers):
+        return {"what": f"ensemble: {what}", "reach": reach, "measured": measured, "unit": unit, "peers": peers}
+
+    written = {runs: apart("ensemble", runs) for runs in RUNS}
+    turned = {number: apart("revolutions", number)["seconds"] for number in REVOLUTIONS}
+    seconds = {runs: found["seconds"] for runs, found in written.items()}
+    memory = {runs: found["mebibytes"] for runs, found in written.items()}
+    rows = [row(f"1000 revolutions to Parquet, {CORES} cores", REACH_S, seconds[1000], "s")]
+    for what, numbers, costs in (("revolutions", REVOLUTIONS, turned), ("runs", RUNS, seconds)):
+        peers = {f"{number} {what} [s]": costs[number] for number in numbers}
+        grows = exponent(numbers, [costs[number] for number in numbers])
+        rows.append(row(f"power of the number of {what} that time grows with", 1.1, grows, "1", **peers))
+    peers = {f"{runs} runs [MiB]": memory[runs] for runs in RUNS}
+    rows.append(
+        row(
+            f"peak memory of {RUNS[-1]} runs over that of {RUNS[0]}",
+            1.2,
+            memory[RUNS[-1]] / memory[RUNS[0]],
+            "1",
+            **peers,
+        )
+    )
+    return rows
