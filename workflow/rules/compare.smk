@@ -41,7 +41,7 @@ rule overview:
         page=report(
             "results/overview.html",
             caption="../report/overview.rst",
-            category="All scenarios",
+            category="0. All scenarios",
             labels={"figure": "The scenarios side by side"},
         ),
     log:

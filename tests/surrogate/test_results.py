@@ -1,0 +1,77 @@
+"""A scenario's folder gives its surrogates back, also where the crank's speed changes."""
+
+import numpy as np
+import pytest
+
+from jointgap import tables
+from jointgap.config import Scenario, Surrogate, read_yaml
+from jointgap.dynamics import simulate
+from jointgap.errors import InputError
+from jointgap.results import PLACES, Results, outputs_of, read_trajectory
+from jointgap.surrogate.train import train
+from jointgap.surrogate.train_clearance import train_clearance
+
+MOTOR = {"kind": "motor", "stall_torque": 40.0, "no_load_speed": "660 rpm", "inertia": 0.05}
+QUICK = {"hidden": (2,), "training_points": 121, "iterations": 2, "seeds": (0,)}
+
+
+def scenario(loose=("crank_pin", "piston_pin"), effects=(), **simulated):
+    mechanism = read_yaml("config/mechanisms/erkaya2009.yaml") | {"effects": list(effects)}
+    for name, joint in mechanism["joints"].items():
+        joint["loose"] = name in loose
+    options = {"revolutions": 1, "samples_per_revolution": 1800} | simulated
+    return Scenario.model_validate({"mechanism": mechanism, "simulate": options, "surrogate": QUICK})
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Results of a motor-driven mechanism with a loose crank pivot, networks hardly trained."""
+    place, motor = tmp_path_factory.mktemp("results"), scenario(("crank_pivot",), speed="500 rpm", drive=MOTOR)
+    coarse = simulate(motor.mechanism, motor.simulate).samples
+    finer = motor.simulate.model_copy(update={"samples_per_revolution": 36000})
+    results = Results(place, motor)
+    results.write(tables.TRAJECTORY, coarse)
+    fit = train_clearance(coarse, simulate(motor.mechanism, finer).samples, motor.surrogate, motor.mechanism.loose)
+    results.write(tables.CLEARANCE_FIT, fit.weights())
+    for output in outputs_of(motor.mechanism):
+        network = train(coarse, output, Surrogate(**QUICK))
+        tables.write(tables.FIT, network.weights(), place / PLACES["fit"].format(output=output))
+    return results, coarse
+
+
+def test_rates_of_the_second_surrogate_follow_the_speed_of_a_motor(folder):
+    results, coarse = folder
+    assert np.ptp(coarse["crank_speed"]) > 5.0
+    found = results.surrogates()
+    assert set(found["networks"]) == set(found["clearance"]) == {"r1", "gamma1", "gamma1_dot", "gamma1_ddot"}
+    held_out = coarse.iloc[100::7]
+    for output, fit in found["clearance"].items():
+        error = fit(held_out["crank_angle"].to_numpy())[0] - held_out[output].to_numpy()
+        assert np.sqrt(np.mean(error**2)) < 1e-3 * np.ptp(held_out[output]), output
+
+
+@pytest.mark.parametrize(
+    ("given", "other"),
+    [
+        (scenario(), scenario(speed=30.0)),
+        (scenario(), scenario(start_angle=1.0)),
+        (scenario(), scenario(revolutions=2)),
+        (scenario(drive=MOTOR), scenario(drive=MOTOR, speed=30.0)),
+        (
+            scenario(effects=[{"name": "speed_fluctuation", "parameters": {"ratio": 0.1, "order": 2}}]),
+            scenario(effects=[{"name": "speed_fluctuation", "parameters": {"ratio": 0.2, "order": 2}}]),
+        ),
+    ],
+    ids=["speed", "start", "revolutions", "motor", "fluctuation"],
+)
+def test_a_trajectory_is_taken_for_its_own_scenario_alone(given, other, tmp_path):
+    file = tmp_path / "trajectory.parquet"
+    tables.write(tables.TRAJECTORY, simulate(given.mechanism, given.simulate).samples, file)
+    assert len(read_trajectory(file, given)) == 1801
+    with pytest.raises(InputError, match="give the options it was simulated with"):
+        read_trajectory(file, other)
+
+
+def test_a_mechanism_whose_joints_are_all_ideal_has_no_outputs():
+    with pytest.raises(InputError, match="all joints are ideal"):
+        outputs_of(scenario(()).mechanism)
