@@ -20,6 +20,7 @@ USEFUL = 1e-3
 
 _FINER = 1000.0  # times that the local error of a step is to be smaller than the change
 _NOISE = 50.0  # local errors of a step that the error of a position comes to, before chaos
+_SHORTEST = 0.1  # revolutions that an exponent needs at least
 _SATURATED = 0.01  # share of the smallest clearance from which on growth ends because motions cannot differ by more
 _PLACES = {"crank_pin": 0, "piston_pin": 2, "crank_pivot": 4}
 
@@ -67,14 +68,14 @@ class Growth:
         """Natural logarithm of the median growth per revolution; NaN where it can't be told.
 
         Slope of the line fitted to all samples at which the distance is above the error of the integration and
-        has not yet grown so large that it can grow no more; NaN where these are less than half a revolution's.
+        has not yet grown so large that it can grow no more; NaN where these span less than a tenth of a revolution.
         """
         distance, turned = self.median * self.change, (self.crank_angle - self.crank_angle[0]) / (2 * math.pi)
         beyond = np.flatnonzero(distance > self.saturated)
         chosen = (distance > _NOISE * self.tolerance) & (
             np.arange(turned.size) < (beyond[0] if len(beyond) else turned.size)
         )
-        if not chosen.any() or np.ptp(turned[chosen]) < 0.5:
+        if not chosen.any() or np.ptp(turned[chosen]) < _SHORTEST:
             return math.nan
         return float(np.polyfit(turned[chosen], np.log(self.median[chosen]), 1)[0])
 
