@@ -31,7 +31,7 @@ def test_samples_can_be_compared_until_the_change_is_as_large_as_is_useful():
 
 
 def test_an_exponent_that_cannot_be_told_is_not_told():
-    assert math.isnan(grown(200.0).exponent)
+    assert math.isnan(grown(150.0).exponent)
 
 
 def test_a_change_is_forgotten_with_friction_and_grows_without():
