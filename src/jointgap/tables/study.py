@@ -9,7 +9,7 @@ NOISE_ORDER = 10
 """Order from which on the slider's acceleration counts as noise: the ideal mechanism's has died away far below it."""
 
 MEASURES = {
-    "peak_force": ("N", "largest normal force in any joint"),
+    "peak_force": ("N", "largest normal force in any loose joint"),
     "angle_error_rms": ("rad", "RMS of the ideal transmission angle less the simulated one"),
     "contact_share": ("1", "share of the time in which a journal touches its bearing, mean over the loose joints"),
     "acceleration_rms": ("m/s^2", "RMS of the slider's acceleration"),
