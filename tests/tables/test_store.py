@@ -62,7 +62,7 @@ def test_every_shipped_column_has_a_description_and_every_number_a_unit(table):
     assert len({column.name for column in table.columns}) == len(table.columns)
     for column in table.columns:
         assert column.description, column.name
-        assert column.unit or column.kind in ("text", "bool"), column.name
+        assert column.unit or column.kind in ("text", "category", "bool"), column.name
 
 
 def test_the_same_frame_gives_the_same_bytes(tmp_path, frame):
