@@ -20,7 +20,7 @@ WHERE = r"time \S+ s, crank angle \S+ deg \(state in SI: crank.speed"
 
 def test_a_contact_stiff_beyond_reason_ends_in_an_error():
     p = parameters(mechanism(), options())
-    for stiffness in (1e30, 1e200, 1e308):
+    for stiffness in (1e30, 1e308):
         stiff = with_numbers(p, crank_pin={"stiffness": stiffness}, piston_pin={"stiffness": stiffness})
         with pytest.raises(SimulationError, match=WHERE):
             run_march(stiff, start_state(stiff), TURN, 1e-12)
