@@ -131,7 +131,8 @@ def measure() -> list[dict]:
     for target, reach in TARGETS.items():
         costs = {name: cost(table, name, target) for name in SCANS if name not in absent}
         measured = costs.pop("jointgap")
-        peers = costs | {f"{name} (not installed)": None for name in absent}
+        peers = {name if value else f"{name} (never)": value for name, value in costs.items()}
+        peers |= {f"{name} (not installed)": None for name in absent}
         what = f"simulate: one revolution, error at most {target:g} m at 90 deg"
         rows.append({"what": what, "reach": reach, "measured": measured, "unit": "ms", "peers": peers})
         for peer, bound in (("Exudyn", EXUDYN), ("scipy", SCIPY)):
