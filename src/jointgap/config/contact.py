@@ -67,6 +67,10 @@ class Contact(Section):
     restitution: quantity("", ge=1e-3, lt=1) | None = Field(
         None, description="coefficient of restitution asked for; needed unless the law is penalty, which has none"
     )
+    least_approach_speed: PositiveSpeed = Field(
+        0.001,
+        description="a slower impact is damped as one at this speed, for the laws' damping has no bound as the speed goes to zero",
+    )
     penalty_damping: quantity("N*s/m", ge=0, le=1e9) | None = Field(
         None,
         description="law penalty: largest damping c_max, reached at penalty_depth; 1e9 N s/m stop 1 kg within 1 ns",

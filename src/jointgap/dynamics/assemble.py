@@ -53,6 +53,7 @@ def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
         stiffness=hertz_stiffness(joint) if contact.stiffness is None else contact.stiffness,
         exponent=contact.exponent,
         damping=0.0 if penalty else LAWS[contact.law](contact.restitution),
+        least_approach=contact.least_approach_speed,
         penalty_damping=contact.penalty_damping if penalty else 0.0,
         penalty_depth=contact.penalty_depth if penalty else 0.0,
         friction_law=FRICTION_LAWS[contact.friction_law],

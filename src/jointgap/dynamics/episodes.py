@@ -7,11 +7,13 @@ from jointgap.dynamics.integrator import NORMAL, pace
 from jointgap.dynamics.joints import FLIGHT
 from jointgap.dynamics.tableau import COUNT, NODES, STAGES
 
-EPISODE = 3
-"""Numbers kept of each joint's present contact: impulse [N s], largest normal force [N], maxima of the penetration."""
+EPISODE = 4
+"""Numbers kept of each joint's contact: impulse [N s], largest normal force [N], maxima of the penetration, begin [s]."""
 
-EVENT = ("time", "joint", "begins", "approach_speed", "impulse", "peak_force", "maxima", "crank_angle")
-"""What a row of the events holds; the three numbers of the episode belong to its end."""
+EVENT = ("time", "joint", "begins", "approach_speed", "impulse", "peak_force", "maxima", "crank_angle", "duration")
+"""What a row of the events holds; the numbers of the episode belong to its end."""
+
+EVENT_WIDTH = len(EVENT)
 
 
 @inlined
@@ -20,7 +22,7 @@ def follow_episodes(episodes, here, there, motion, there_motion, run, begin, ds,
 
     Parameters
     ----------
-    episodes : (3, 3) array
+    episodes : (3, 4) array
         By joint, changed in place.
     here, there : Instant
         Both ends of the step.
@@ -46,10 +48,11 @@ def follow_episodes(episodes, here, there, motion, there_motion, run, begin, ds,
 
 
 @compiled
-def begin_episode(episodes, joint):
-    """A contact begins."""
-    for i in range(EPISODE):
+def begin_episode(episodes, joint, time):
+    """A contact begins at `time` [s]."""
+    for i in range(3):
         episodes[joint, i] = 0.0
+    episodes[joint, 3] = time
 
 
 @compiled
@@ -57,5 +60,6 @@ def note_event(event, episodes, there, joint, begins, approach):
     """Write a row of events: see `EVENT`."""
     event[0], event[1], event[2], event[7] = there.time, joint, 1.0 if begins else 0.0, there.crank_angle
     event[3] = approach if begins else math.nan
-    for i in range(EPISODE):
+    for i in range(3):
         event[4 + i] = math.nan if begins else episodes[joint, i]
+    event[8] = math.nan if begins else there.time - episodes[joint, 3]

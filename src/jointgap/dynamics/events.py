@@ -28,9 +28,6 @@ DISTANCE, FORCE = (np.int64(kind) for kind in (0, 1))
 
 _PIECES = 16
 
-LEAST_APPROACH = 1e-6
-"""Approach speed [m/s] that a slower impact is given: with d'_0 -> 0 the damping chi d'/d'_0 would have no bound."""
-
 
 @inlined
 def conditions(joint, mode, approach, relative):
@@ -167,10 +164,13 @@ def next_event(before, after, duration, margin):
 
 
 @compiled
-def switched(mode, approach, kind, speed):
-    """Mode and approach speed of a joint after its condition `kind` has ended with the surfaces closing at `speed`."""
+def switched(mode, approach, kind, speed, least):
+    """Mode and approach speed of a joint after its condition `kind` has ended with the surfaces closing at `speed`.
+
+    A slower impact is damped as one at the speed `least`: with d'_0 -> 0 the damping chi d'/d'_0 would have no bound.
+    """
     if mode == FLIGHT:
-        return CONTACT, max(speed, LEAST_APPROACH)
+        return CONTACT, max(speed, least)
     if kind == DISTANCE:
         return FLIGHT, approach
     return (CLAMPED if mode == CONTACT else CONTACT), approach

@@ -10,7 +10,7 @@ import numpy as np
 
 from jointgap.dynamics.advance import advance
 from jointgap.dynamics.compiled import compiled
-from jointgap.dynamics.episodes import EPISODE, begin_episode, follow_episodes, note_event
+from jointgap.dynamics.episodes import EPISODE, EVENT_WIDTH, begin_episode, follow_episodes, note_event
 from jointgap.dynamics.equations import FURTHER, STATES
 from jointgap.dynamics.events import all_conditions, switched
 from jointgap.dynamics.integrator import AFTER, BEFORE, COLUMNS, COUNT, LINEAR, elapsed, instant, step, stretch
@@ -39,6 +39,14 @@ def contact_begins(p, joint, approach):
     if joint == 0:
         return contact_duration(p.crank_pin, mass, approach)
     return contact_duration(p.piston_pin if joint == 1 else p.crank_pivot, mass, approach)
+
+
+@compiled
+def least_approach(p, joint):
+    """Approach speed [m/s] of a joint as which a slower one is damped."""
+    if joint == 0:
+        return p.crank_pin.least_approach
+    return p.piston_pin.least_approach if joint == 1 else p.crank_pivot.least_approach
 
 
 @compiled
@@ -109,10 +117,10 @@ def march(
     Returns
     -------
     tuple
-        Status, instant at the end, events as an (m, 8) array (see `jointgap.dynamics.episodes`), number of steps.
+        Status, instant at the end, events as an (m, 9) array (see `jointgap.dynamics.episodes`), number of steps.
     """
     k = np.zeros((COUNT, COLUMNS))
-    events, event_count, steps, sample = np.empty((64, 8)), 0, 0, 0
+    events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
     episodes = np.zeros((3, EPISODE))
     motor, longest = p.drive.kind == MOTOR, _LONGEST_TURN / abs(p.drive.speed)
     proposal, course, s = 0.1 * longest, LINEAR, 0.0
@@ -186,15 +194,16 @@ def march(
 
         # The event: the joint's mode changes.
         before, modes, approaches, x_after = here.modes[joint], here.modes, here.approaches, there.x
-        mode, approach = switched(before, approaches[joint], kind, -there_holding[joint][1])
+        closing = -there_holding[joint][1]
+        mode, approach = switched(before, approaches[joint], kind, closing, least_approach(p, joint))
         modes, approaches = replaced(modes, joint, mode), replaced(approaches, joint, approach)
         if before == FLIGHT or mode == FLIGHT:
             if event_count == events.shape[0]:
                 events = np.concatenate((events, np.empty_like(events)))
-            note_event(events[event_count], episodes, there, joint, before == FLIGHT, approach)
+            note_event(events[event_count], episodes, there, joint, before == FLIGHT, closing)
             event_count += 1
         if before == FLIGHT:
-            begin_episode(episodes, joint)
+            begin_episode(episodes, joint, there.time)
             course, s = AFTER, 0.0
             proposal = min(proposal, 0.1 * contact_begins(p, joint, approach))
         elif mode == FLIGHT:

@@ -24,7 +24,7 @@ def mode_numbers(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np
     p : Parameters
     times, modes : (n,), (n, 3) arrays
         Samples [s] and modes of a march.
-    events : (m, 8) array
+    events : (m, 9) array
         Its events. A contact that lasts to the end of the march counts as contact.
     """
     found = np.zeros((times.size, 3), np.int8)

@@ -34,6 +34,8 @@ class JointParameters(NamedTuple):
         -1 where the body carries the bearing, +1 where it carries the journal.
     stiffness, exponent, damping : float
         K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form.
+    least_approach : float
+        Approach speed [m/s] as which a slower one is damped.
     penalty_damping, penalty_depth : float
         c_max [N s/m], 0 unless the penalty form, and d_max [m].
     friction_law : int
@@ -52,6 +54,7 @@ class JointParameters(NamedTuple):
     stiffness: float = 0.0
     exponent: float = 1.5
     damping: float = 0.0
+    least_approach: float = 1e-3
     penalty_damping: float = 0.0
     penalty_depth: float = 0.0
     friction_law: int = 0

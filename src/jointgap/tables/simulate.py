@@ -88,6 +88,7 @@ EVENTS = Table(
             "impulse", "N*s", "impulse of the normal force over the contact that ends; null at an impact", nullable=True
         ),
         Column("peak_force", "N", "largest normal force of the contact that ends; null at an impact", nullable=True),
+        Column("duration", "s", "time that the contact lasted which ends; null at an impact", nullable=True),
         Column("maxima", "1", "maxima of the penetration in the contact that ends; null at an impact", nullable=True),
     ),
 )
