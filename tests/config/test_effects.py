@@ -113,7 +113,6 @@ def test_parameters_take_text_with_units():
             ["pin_friction at crank_pin is listed more than once"],
         ),
         ([effect("discovered_slider_force", formula="a*v")], ["formula 'a*v'", "unknown name 'a'"]),
-        ([effect("crank_pivot_clearance", clearance_m=1e-4)], ["crank_pivot_clearance needs the data of crank_pivot"]),
         ([effect("added_slider_mass", mass_kg=-1)], ["effects added_slider_mass", "slider.mass", "greater than 0"]),
         ([effect("slider_offset", offset_m=0.5)], ["effects slider_offset", "cannot turn"]),
         ([effect("link_length_error", rod_m=-0.42)], ["effects link_length_error", "cannot turn"]),
@@ -136,6 +135,11 @@ def test_an_effect_that_makes_no_sense_is_refused(effects, words):
         mechanism(*effects)
     for word in words:
         assert word in str(caught.value)
+
+
+def test_a_clearance_needs_the_data_of_its_joint():
+    with pytest.raises(InputError, match="crank_pivot_clearance needs the data of crank_pivot"):
+        mechanism(effect("crank_pivot_clearance", clearance_m=1e-4), joints={"crank_pivot": "ideal"})
 
 
 def test_one_effect_may_act_in_both_pins():
