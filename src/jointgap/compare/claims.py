@@ -101,7 +101,7 @@ def _deviations(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFrame) ->
         piston * MM,
         "mm",
         piston <= ABOUT * PISTON_DEVIATION_M,
-        f"Largest deviation {piston * MM:.3f} mm; up to 20 % more counts. The two clearances and the rod's tilt allow little else.",
+        f"Largest deviation {piston * MM:.3f} mm; up to 20 % more counts. The clearances and the rod's tilt allow little else.",
     )
     for quantity, unit in (("velocity", "m/s"), ("acceleration", "m/s^2")):
         sizes = {axis: _rms(first, ideal, f"rod_{quantity}_{axis}") for axis in "xy"}

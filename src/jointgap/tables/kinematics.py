@@ -61,7 +61,7 @@ KINEMATICS_CONTRADICTIONS = Table(
     "kinematics_contradictions",
     "How far independently learned outputs contradict each other, and what that does to the slider",
     (
-        Column("surrogate", "", "which eight fits", "text"),
+        Column("surrogate", "", "which fits", "text"),
         Column("quantity", "", "quantity on which the two ways differ", "text"),
         Column("unit", "", "unit of rms, peak and range", "text"),
         Column("one_way", "", "first way to get it", "text"),
