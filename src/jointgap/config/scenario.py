@@ -118,8 +118,8 @@ class Optimise(Section):
     )
     boxes: Annotated[dict[str, Box], Field(min_length=1)] = Field(
         {
-            "paper": {"crank_length": ("147 mm", "153 mm"), "rod_length": ("555 mm", "564 mm")},
-            "wide": {"crank_length": ("147 mm", "153 mm"), "rod_length": ("552.72 mm", "575.28 mm")},
+            "paper": {"crank_length": (0.147, 0.153), "rod_length": (0.555, 0.564)},
+            "wide": {"crank_length": (0.147, 0.153), "rod_length": (0.55272, 0.57528)},
         },
         description="bounds by name; the first box is the main one",
     )

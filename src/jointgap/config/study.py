@@ -1,5 +1,6 @@
 """Sections of what simulates many motions: ensembles and the study of clearance, speed and friction."""
 
+import math
 import re
 from typing import Annotated, Any
 
@@ -71,10 +72,10 @@ class Study(Section):
     """The map clearance x speed x friction."""
 
     clearance: _list_of(PositiveLength) = Field(
-        ("0.05 mm", "0.1 mm", "0.2 mm", "0.5 mm", "1 mm"), description="radial clearances of every loose joint"
+        (5e-5, 1e-4, 2e-4, 5e-4, 1e-3), description="radial clearances of every loose joint"
     )
     speed: _list_of(PositiveAngularSpeed) = Field(
-        ("200 rpm", "400 rpm", "600 rpm", "800 rpm", "1000 rpm", "1200 rpm"), description="crank speeds"
+        tuple(rpm * math.tau / 60 for rpm in (200, 400, 600, 800, 1000, 1200)), description="crank speeds"
     )
     friction: _list_of(FrictionCoefficient) = Field(
         (0.0, 0.05, 0.1, 0.2), description="friction coefficients of every loose joint"
