@@ -4,7 +4,7 @@ import math
 
 from jointgap.dynamics.compiled import compiled, inlined
 from jointgap.dynamics.events import DISTANCE, JOINTS, NOWHERE, all_conditions, locate, next_event
-from jointgap.dynamics.integrator import elapsed, instant, step, stretch
+from jointgap.dynamics.integrator import elapsed, instant_in_place, step, stretch
 from jointgap.dynamics.joints import CONTACT
 from jointgap.dynamics.motion import relative_motion
 
@@ -77,7 +77,7 @@ def advance(p, here, motion, holding, course, s, duration, tolerance, velocity_t
     steps += 1
     if not error <= _HOPELESS * tolerance:
         return False, 0, DISTANCE, here, motion, holding, course, s, ds, error, steps
-    there = instant(p, here.time + duration, y, x, here.modes, here.approaches)
+    there = instant_in_place(p, here.time + duration, y, x, here.modes, here.approaches)
     there_motion = relative_motion(there)
     there_holding = all_conditions(p, there, there_motion)
     fraction, joint, kind = next_event(holding, there_holding, duration, _MARGIN * tolerance)

@@ -121,7 +121,7 @@ def further_rates(x, found, bristles):
     return (x[4], x[5], x[6], x[7], found[4], found[5], found[6], found[7], bristles[0], bristles[1], bristles[2])
 
 
-@inlined
+@compiled
 def instant(p, time, y, x, modes, approaches):
     """The instant of a state."""
     angle, crank = crank_at(p, time, x)
@@ -130,6 +130,10 @@ def instant(p, time, y, x, modes, approaches):
     slope = (y[4], y[5], y[6], y[7], a[0], a[1], a[2], a[3])
     normals = (pin[0], piston[0], pivot[0])
     return Instant(time, y, x, slope, further_rates(x, a, bristles), angle, crank, modes, approaches, normals)
+
+
+instant_in_place = inlined(instant.py_func)
+"""`instant`, put in where it is called: for the one place that a march passes at every step."""
 
 
 @compiled
