@@ -108,7 +108,9 @@ def events(options: Scenario) -> pd.DataFrame:
     rows = []
     for joint in options.mechanism.loose:
         for place, (angle, event) in enumerate(((0.5, "impact"), (0.6, "separation")) * 2 + ((2.0, "impact"),)):
-            ends = {"impulse": 0.1, "peak_force": 900.0, "maxima": 1.0, "duration": 1e-3} if event == "separation" else {}
+            ends = (
+                {"impulse": 0.1, "peak_force": 900.0, "maxima": 1.0, "duration": 1e-3} if event == "separation" else {}
+            )
             ends |= {"approach_speed": 0.3 / (1 + place)} if event == "impact" else {}
             angle += options.simulate.start_angle + place / 4
             rows.append({"time": angle / 60.0, "crank_angle": angle, "joint": joint, "event": event} | ends)
