@@ -97,5 +97,8 @@ def advance(p, here, motion, holding, course, s, duration, tolerance, velocity_t
         if not event_error <= tolerance:
             return False, 0, DISTANCE, here, motion, holding, run, begin, event_ds, event_error, steps
         if not holds(there_holding):  # a near miss, and an event behind it: go to the near miss first
-            error = math.inf
+            error = _HOPELESS * tolerance
+        else:  # for `k` to hold the stages of the step that is kept
+            step(p, here, course, s, ds, velocity_time, k)
+            steps += 1
     return False, 0, DISTANCE, there, there_motion, there_holding, course, s, ds, error, steps

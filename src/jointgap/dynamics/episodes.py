@@ -32,7 +32,8 @@ def follow_episodes(episodes, here, there, motion, there_motion, run, begin, ds,
         Course and extent of the step.
     k : (12, 22) array
     """
-    if here.modes[0] == FLIGHT and here.modes[1] == FLIGHT and here.modes[2] == FLIGHT:
+    flying = here.modes[0] == FLIGHT and here.modes[1] == FLIGHT and here.modes[2] == FLIGHT
+    if flying or ds == 0.0:
         return
     for stage in range(COUNT):
         duration = ds * STAGES[COUNT, stage] * pace(run, begin + NODES[stage] * ds)

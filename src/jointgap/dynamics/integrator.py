@@ -132,7 +132,7 @@ def instant(p, time, y, x, modes, approaches):
     return Instant(time, y, x, slope, further_rates(x, a, bristles), angle, crank, modes, approaches, normals)
 
 
-instant_in_place = inlined(instant.py_func)
+instant_in_place = inlined(getattr(instant, "py_func", instant))
 """`instant`, put in where it is called: for the one place that a march passes at every step."""
 
 

@@ -18,6 +18,14 @@ _LUGRE = FRICTION_LAWS["lugre"]
 
 
 @inlined
+def arms_and_sliding(joint, penetration, swing, body_rate, partner_rate):
+    """Levers [m] of the contact point about both centres, sliding speed [m/s] there; `swing` is that of the centres."""
+    body_arm = joint.side * joint.body_radius - 0.5 * penetration
+    partner_arm = joint.side * joint.partner_radius + 0.5 * penetration
+    return body_arm, partner_arm, swing + body_arm * body_rate - partner_arm * partner_rate
+
+
+@inlined
 def joint_force(joint, mode, drag, ex, ey, vx, vy, body_rate, partner_rate, bristle):
     """Force of the partner on the body in a loose joint.
 
@@ -50,9 +58,9 @@ def joint_force(joint, mode, drag, ex, ey, vx, vy, body_rate, partner_rate, bris
         inverse = 1.0 / r
         nx, ny = ex * inverse, ey * inverse
         normal = normal_force(joint, penetration, vx * nx + vy * ny, drag)
-        body_arm = joint.side * joint.body_radius - 0.5 * penetration
-        partner_arm = joint.side * joint.partner_radius + 0.5 * penetration
-        sliding = vy * nx - vx * ny + body_arm * body_rate - partner_arm * partner_rate
+        body_arm, partner_arm, sliding = arms_and_sliding(
+            joint, penetration, vy * nx - vx * ny, body_rate, partner_rate
+        )
         tangential = -normal * friction_coefficient(joint, sliding, bristle)
         fx = -normal * nx - tangential * ny
         fy = -normal * ny + tangential * nx
@@ -72,9 +80,7 @@ def bristle_motion(joint, mode, ex, ey, vx, vy, body_rate, partner_rate, bristle
         return 0.0
     r = math.sqrt(ex * ex + ey * ey)
     penetration = r - joint.clearance
-    sliding = (vy * ex - vx * ey) / r
-    sliding += (joint.side * joint.body_radius - 0.5 * penetration) * body_rate
-    sliding -= (joint.side * joint.partner_radius + 0.5 * penetration) * partner_rate
+    _, _, sliding = arms_and_sliding(joint, penetration, (vy * ex - vx * ey) / r, body_rate, partner_rate)
     return bristle_rate(joint, sliding, bristle)
 
 

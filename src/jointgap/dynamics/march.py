@@ -122,7 +122,8 @@ def march(
     k = np.zeros((COUNT, COLUMNS))
     events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
     episodes = np.zeros((3, EPISODE))
-    motor, longest = p.drive.kind == MOTOR, _LONGEST_TURN / abs(p.drive.speed)
+    motor = p.drive.kind == MOTOR
+    longest = _LONGEST_TURN / (max(p.drive.speed, p.drive.no_load_speed) if motor else p.drive.speed)
     proposal, course, s = 0.1 * longest, LINEAR, 0.0
 
     y_start = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
@@ -194,7 +195,7 @@ def march(
 
         # The event: the joint's mode changes.
         before, modes, approaches, x_after = here.modes[joint], here.modes, here.approaches, there.x
-        closing = -there_holding[joint][1]
+        closing = max(-there_holding[joint][1], 0.0)
         mode, approach = switched(before, approaches[joint], kind, closing, least_approach(p, joint))
         modes, approaches = replaced(modes, joint, mode), replaced(approaches, joint, approach)
         if before == FLIGHT or mode == FLIGHT:

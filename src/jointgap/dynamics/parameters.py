@@ -156,7 +156,6 @@ class EffectParameters(NamedTuple):
     harmonic_pulsation: float = 0.0
     harmonic_phase: float = 0.0
     slider_sign_speed: float = 1.0
-    on_crank: bool = False
     crank_coulomb: float = 0.0
     crank_viscous: float = 0.0
     crank_sign_speed: float = 1.0

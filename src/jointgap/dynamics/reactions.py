@@ -14,7 +14,7 @@ from jointgap.dynamics.effects import slider_force
 from jointgap.dynamics.joints import pin_friction, reaction
 
 _PROBE = 1e8  # N: a force beside which inertia and weight are small, so that little is lost in the difference
-_ROUNDS, _SETTLED = 200, 1e-14
+_ROUNDS, _SETTLED = 200, 1e-13  # relative to the reactions and to the inertia forces of which they are the rest
 
 
 @compiled
@@ -45,6 +45,8 @@ def constrained(p, time, crank_angle, crank, here, x, torque, pin, piston, pivot
     forces, weight = np.zeros(4), p.bodies.slider_mass * p.bodies.gravity_y
     force = pin_moment = piston_moment = 0.0
     width, share, before = p.effects.crank_sign_speed, 1.0, math.inf
+    inertia = p.bodies.crank_length * crank.speed**2 + p.bodies.rod_length * here.rod_speed**2
+    inertia *= p.bodies.rod_mass + p.bodies.slider_mass
     for _ in range(_ROUNDS):
         if p.effects.on_slider:
             guide = (piston[3] if p.piston_pin.loose else forces[3]) - weight
@@ -60,7 +62,7 @@ def constrained(p, time, crank_angle, crank, here, x, torque, pin, piston, pivot
             forces[row] = solved[row] if share == 1.0 else forces[row] + share * (solved[row] - forces[row])
         pin_moment = pin_friction(p.crank_pin, forces[0], forces[1], here.rod_speed - crank.speed, width)
         piston_moment = pin_friction(p.piston_pin, forces[2], forces[3], here.rod_speed, width)
-        if not change > _SETTLED * size:
+        if not change > _SETTLED * (size + inertia):
             break
         before, overshot = change, change > before
         if overshot:  # steep friction against the load: again from its beginning, more slowly

@@ -33,7 +33,8 @@ _FAILURES = {
 }
 _ADVICE = {
     marching.STALLED: "give the motor more torque or inertia, or less load",
-    marching.NOT_FINITE: "check the effects and formulas: a root of a negative number, friction that holds itself",
+    marching.NOT_FINITE: "check the effects and formulas (a root of a negative number, friction that holds itself) and "
+    "whether a contact is so soft that the rod leaves the slide",
 }
 
 
@@ -147,7 +148,10 @@ def run_march(p: Parameters, start: tuple[np.ndarray, np.ndarray], angles: np.nd
         samples.approaches, samples.directions,
     )  # fmt: skip
     if status != marching.DONE:
-        advice = f"ask for a larger tolerance than {tolerance:g} m, or check stiffness, restitution and friction of the contacts"
+        advice = (
+            f"ask for a larger tolerance than {tolerance:g} m, or check what makes the motion so stiff: stiffness, restitution, "
+            "friction_speed or bristle_stiffness of the contacts, a small mass, an effect or its formula"
+        )
         raise SimulationError(
             f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.time:.9g} s, crank angle "
             f"{math.degrees(end.crank_angle):.6g} deg ({_state_in_words(p, end)}); {_ADVICE.get(status, advice)}"
