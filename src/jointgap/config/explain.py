@@ -8,6 +8,7 @@ from pydantic import BaseModel, ValidationError
 from jointgap.errors import did_you_mean
 
 _UNION_ERRORS = {"union_tag_invalid", "union_tag_not_found"}
+_LONGEST = 200  # characters of a value that are shown
 _KINDS = {"name": "effect", "kind": "kind"}  # keys by which sections in one place are told apart, and what they tell
 
 
@@ -41,8 +42,12 @@ def _complaint(item: dict, model: type[BaseModel]) -> str:
         return _wrong_kind(key, item)
     message = item["msg"].removeprefix("Value error, ")
     value = item["input"]
-    shown = "" if isinstance(value, dict | BaseModel) else f" = {value!r}"
+    shown = "" if isinstance(value, dict | BaseModel) else f" = {_shortened(repr(value))}"
     return f"{key}{shown}: {message[0].lower() + message[1:]}" if key else message
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def _wrong_kind(key: str, item: dict) -> str:

@@ -36,18 +36,31 @@ def to_si(value: Any, unit: str) -> float:
     Raises
     ------
     ValueError
-        Not a number, not finite, or a unit of another dimension.
+        Not a number, not finite, with a decimal comma, or a unit of another dimension.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(f"must be a number{f' in {unit}' if unit else ''} or text like '1.5 {unit}'")
-    if isinstance(value, str):
-        try:
-            value = float(value)
-        except ValueError:
-            value = _convert(value, unit)
-    if not math.isfinite(value):
+    try:
+        number = _read(value, unit) if isinstance(value, str) else float(value)
+    except OverflowError as error:
+        raise ValueError("is too large for a number; 1.8e308 is the largest") from error
+    if not math.isfinite(number):
         raise ValueError("must be finite")
-    return float(value)
+    return number
+
+
+def _read(text: str, unit: str) -> float:
+    refuse_comma(text)
+    try:
+        return float(text)
+    except ValueError:
+        return _convert(text, unit)
+
+
+def refuse_comma(text: str) -> None:
+    """ValueError where `text` has a comma: pint drops it, and 7,5 mm would be 75 mm."""
+    if "," in text:
+        raise ValueError(f"has a comma; write {text.replace(',', '.')}, and thousands without any mark")
 
 
 def _convert(text: str, unit: str) -> float:
@@ -55,12 +68,21 @@ def _convert(text: str, unit: str) -> float:
 
     try:
         quantity = _registry().Quantity(text)
+    except OverflowError:
+        raise
     except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them
         raise ValueError(f"is not a number with a unit (a unit of '{unit or 'no dimension'}' is needed)") from error
     try:
-        return float(quantity.to(unit or "dimensionless").magnitude)
+        converted = quantity.to(unit or "dimensionless")
     except pint.DimensionalityError as error:
         raise ValueError(f"has the unit '{quantity.units}', which is not a '{unit or 'pure number'}'") from error
+    if unit in _RATES and quantity.to_root_units().units != converted.to_root_units().units:
+        raise ValueError(f"has the unit '{quantity.units}', which may or may not mean turns; write {_RATES[unit]}")
+    return float(converted.magnitude)
+
+
+_RATES = {"rad/s": "rpm, turn/s or rad/s", "Hz": "Hz or 1/s"}
+"""Rates with an angle and without one: pint takes a radian for 1, and 10 Hz for 10 rad/s."""
 
 
 def unit_factor(unit: str, base: str) -> float:
