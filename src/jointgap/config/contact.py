@@ -81,7 +81,9 @@ class Contact(Section):
     stiffness: PositiveNumber | None = Field(
         None, description="contact stiffness in N/m^exponent; null: Hertz, from material and radii"
     )
-    exponent: quantity("", ge=1) = Field(1.5, description="exponent of the penetration; 3/2 for Hertz")
+    exponent: quantity("", ge=1, le=10) = Field(
+        1.5, description="exponent of the penetration; 3/2 for Hertz, another needs a stiffness"
+    )
     friction_law: FrictionLaw = Field("coulomb", description="how friction depends on the sliding speed")
     friction: FrictionCoefficient = Field(
         0.0, description="coefficient of kinetic friction; 0: no friction, whatever the law"
@@ -141,6 +143,15 @@ class Contact(Section):
         if self.dead_band_speed is not None and self.dead_band_speed >= self.friction_speed:
             raise ValueError(
                 f"dead_band_speed {self.dead_band_speed:g} m/s is not below friction_speed {self.friction_speed:g} m/s; lower it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _hertz_has_one_exponent(self):
+        if self.stiffness is None and self.exponent != 1.5:
+            raise ValueError(
+                f"exponent {self.exponent:g} needs stiffness in N/m^{self.exponent:g}; Hertz's, which is taken where stiffness is "
+                "null, holds for exponent 1.5 alone"
             )
         return self
 

@@ -12,15 +12,12 @@ depth d_max from zero to c_max as a cubic step. What it rebounds with depends on
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from jointgap.config.joints import hertz_stiffness as hertz_stiffness
 from jointgap.dynamics.compiled import compiled
-
-if TYPE_CHECKING:
-    from jointgap.config import Joint
 
 PULL_FAR_OFF = 1e3
 """Parting speed [m/s] before a contact pulls, from which on it is not followed any further: no mechanism is that fast."""
@@ -181,12 +178,6 @@ def penalty_restitution(
     high = min(depth, step_depth * 3 * (2 - exponent) / (6 - 2 * exponent))
     back = brentq(force, low, high, args=(rate,), xtol=1e-15)
     return float(-pushed((back, rate), surface).y[1, -1])
-
-
-def hertz_stiffness(joint: "Joint") -> float:
-    """K [N/m^1.5] of a journal in a bearing of the same material; conforming contact of Hertz."""
-    material = (1 - joint.contact.poisson_ratio**2) / joint.contact.youngs_modulus
-    return 4 / (3 * 2 * material) * math.sqrt(joint.bearing_radius * joint.journal_radius / joint.clearance)
 
 
 @compiled
