@@ -1,5 +1,8 @@
 """Effects are off unless listed, bounded, told apart, and folded into a mechanism's data where they are nothing else."""
 
+import math
+
+import numpy as np
 import pytest
 
 from jointgap.config import EFFECTS, Scenario, parse_options, validate
@@ -64,7 +67,7 @@ def test_every_effect_has_a_law_a_reference_and_explained_parameters(name):
         ("crank_unbalance", "unbalance_kg_m", (0,), (-1,)),
         ("speed_fluctuation", "ratio", (0, 0.3), (-0.1, 0.31)),
         ("speed_fluctuation", "order", (1, 12), (0, 13, 1.5)),
-        ("piston_pin_clearance", "clearance_m", (0, 1e-4), (-1e-4,)),
+        ("piston_pin_clearance", "clearance_m", (0, 1e-9, 1e-4), (-1e-4, 1e-20, 0.9e-9)),
         ("rod_flexibility", "frequency_Hz", (1,), (0,)),
         ("rod_flexibility", "damping_ratio", (0, 0.5), (-0.1, 1)),
         ("lubricated_joint", "viscosity_Pa_s", (1e-3,), (0,)),
@@ -140,6 +143,28 @@ def test_an_effect_that_makes_no_sense_is_refused(effects, words):
 def test_a_clearance_needs_the_data_of_its_joint():
     with pytest.raises(InputError, match="crank_pivot_clearance needs the data of crank_pivot"):
         mechanism(effect("crank_pivot_clearance", clearance_m=1e-4), joints={"crank_pivot": "ideal"})
+
+
+def bending(**rod):
+    return mechanism(effect("rod_flexibility", frequency_Hz=250, damping_ratio=0.01), rod=rod)
+
+
+def test_a_rod_bends_as_a_uniform_beam_only_where_its_mass_centre_is_near_the_middle():
+    rod = paper().rod
+    # of a rod that turns, a_n = alpha (s - centre), the mode takes the projection of this on sin(pi s / l), which moves the
+    # mass centre in turn: in numbers, the inertia that is left with the modal coordinate free
+    s = (np.arange(20_000) + 0.5) / 20_000 * rod.length
+    dm, mode = rod.mass / len(s), np.sin(np.pi * s / rod.length)
+    off = 0.02
+    shift = np.array([[rod.mass, dm * mode.sum()], [dm * mode.sum(), dm * (mode**2).sum()]])
+    coupling = np.array([0.0, dm * (mode * (s - rod.length / 2 + off)).sum()])
+    taken = coupling @ np.linalg.solve(shift, coupling)
+    farthest = off * math.sqrt(0.5 * rod.inertia / taken)
+    for side in (-1, 1):
+        assert bending(mass_centre=rod.length / 2 + side * 0.999 * farthest)
+        with pytest.raises(InputError, match=r"rod_flexibility .*uniform beam.*rod\.mass_centre .*rod\.inertia"):
+            bending(mass_centre=rod.length / 2 + side * 1.001 * farthest)
+    assert mechanism(rod={"mass_centre": 0.1}).rod.mass_centre == 0.1  # a rigid one may have it anywhere
 
 
 def test_one_effect_may_act_in_both_pins():

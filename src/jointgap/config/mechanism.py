@@ -18,6 +18,13 @@ from jointgap.errors import InputError, did_you_mean
 LEAST_FILM_SHARE = 0.5
 """Largest share of the clearance at which asperities may touch; beyond it there is no bearing to speak of."""
 
+BENDING_COUPLING = 8 / (math.pi**2 - 8)
+"""The mode sin(pi s / l) of a uniform beam of mass m takes the moment of inertia m b^2 times this from a rod that turns about
+its mass centre at the distance b from midspan: 2 k^2 / (1 - 2 k^2) with the mode's mean k = 2 / pi."""
+
+LEAST_INERTIA_SHARE = 0.5
+"""Share of rod.inertia that bending has to leave: a rod whose mass centre is farther off is no uniform beam."""
+
 
 class Link(Section):
     """A rigid link that turns in the plane."""
@@ -101,7 +108,21 @@ class Mechanism(Section):
             return self
         for effect in self.effects:
             self._check_pin(effect)
+        if self.effect("rod_flexibility"):
+            self._check_rod()
         return self
+
+    def _check_rod(self) -> None:
+        """Whether the rod is near enough to the uniform beam as which it bends."""
+        rod = self.rod
+        lost = BENDING_COUPLING * rod.mass * (rod.mass_centre - rod.length / 2) ** 2
+        if lost > (1 - LEAST_INERTIA_SHARE) * rod.inertia:
+            farthest = math.sqrt((1 - LEAST_INERTIA_SHARE) * rod.inertia / (BENDING_COUPLING * rod.mass))
+            raise ValueError(
+                f"effects: rod_flexibility is the law of a uniform beam, of which rod.mass_centre {rod.mass_centre:g} m is too far from "
+                f"the middle: bending leaves {rod.inertia - lost:.3g} of rod.inertia {rod.inertia:g} kg m^2, less than "
+                f"{LEAST_INERTIA_SHARE:g} of it; put the mass centre within {farthest:.3g} m of {rod.length / 2:g} m, or leave the effect out"
+            )
 
     def _check_pin(self, effect: Effect) -> None:
         """Whether the pin at which `effect` acts has what it needs."""

@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from jointgap.config.effects.base import CRANK_SIGN, Effect
 from jointgap.config.quantities import quantity
@@ -10,6 +10,7 @@ from jointgap.config.section import Section
 
 Pin = Literal["crank_pin", "piston_pin"]
 CLEARANCE_LAW = "{joint} loose with the radial clearance c; c = 0: ideal"
+LEAST_CLEARANCE = 1e-9  # [m] far less is lost in the rounding of the radii too
 CLEARANCE_REFERENCE = "Erkaya and Uzmay (2009), equation 1"
 
 
@@ -54,8 +55,17 @@ class ClearanceParameters(Section):
     """Parameters of the effects ``crank_pivot_clearance``, ``crank_pin_clearance`` and ``piston_pin_clearance``."""
 
     clearance_m: quantity("m", ge=0) = Field(
-        description="c, whole radial clearance, not beyond nominal", examples=[0.0002]
+        description="c, whole radial clearance, not beyond nominal; 0 or 1e-9 m and more", examples=[0.0002]
     )
+
+    @field_validator("clearance_m")
+    @classmethod
+    def _is_none_or_more_than_atoms(cls, clearance: float) -> float:
+        if 0 < clearance < LEAST_CLEARANCE:
+            raise ValueError(
+                f"is less than {LEAST_CLEARANCE:g} m, a few atoms; give 0 for an ideal joint, or {LEAST_CLEARANCE:g} m or more"
+            )
+        return clearance
 
 
 class CrankPivotClearance(Effect):
@@ -147,7 +157,7 @@ class RodFlexibilityParameters(Section):
 
 
 class RodFlexibility(Effect):
-    """The rod bends across its axis; excited by the inertia of its own mass."""
+    """The rod bends across its axis; excited by the inertia of its own mass. Its mass centre is near the middle."""
 
     SITE: ClassVar = "rod"
     LAW: ClassVar = (
