@@ -1,10 +1,11 @@
 """Each joint is ideal or loose over the same data, with contacts and friction laws that say what they need."""
 
 import math
+import re
 
 import pytest
 
-from jointgap.config import Scenario, parse_options, validate
+from jointgap.config import Scenario, hertz_stiffness, parse_options, validate
 from jointgap.errors import InputError
 from tests.config.mechanisms import PIVOT, mechanism, paper, with_contact
 
@@ -86,6 +87,9 @@ def test_clearances_count_when_it_is_asked_whether_the_crank_can_turn():
         ({"stiffness": 2e12, "exponent": 1}, ["infinitely stiff", "1e+12 N/m^1 at most"]),
         ({"youngs_modulus": "1e6 GPa"}, ["youngs_modulus", "10000000000000"]),
         ({"exponent": 0.5}, ["exponent = 0.5", "greater than or equal to 1"]),
+        ({"exponent": 36, "stiffness": 1e10}, ["exponent = 36", "less than or equal to 10"]),
+        ({"exponent": 3}, ["exponent 3 needs stiffness in N/m^3", "Hertz", "1.5 alone"]),
+        ({"exponent": 1, "stiffness": None}, ["exponent 1 needs stiffness in N/m^1"]),
         ({"restitution": 1e-9}, ["restitution = 1e-09", "0.001"]),
         ({"friction_law": "columb"}, ["friction_law = 'columb'", "'coulomb'"]),
         ({"stribeck_speed": 0.1}, ["stribeck_speed is read by friction_law bengisu_akay and lugre", "not by coulomb"]),
@@ -108,6 +112,25 @@ def test_a_contact_is_as_stiff_as_it_may_be_where_a_kilonewton_presses_a_nanomet
         assert with_contact(stiffness=0.999 * stiffest, exponent=exponent)
         with pytest.raises(InputError, match="infinitely stiff"):
             with_contact(stiffness=1.001 * stiffest, exponent=exponent)
+
+
+def test_a_contact_softer_than_the_geometry_is_refused_in_its_joint_with_the_least_value():
+    radius = paper().joint("crank_pin").journal_radius
+    for exponent in (1.0, 1.5, 10.0):
+        softest = 1e3 / (radius / 2) ** exponent
+        assert with_contact(stiffness=1.001 * softest, exponent=exponent)
+        with pytest.raises(InputError, match=r"joints\.crank_pin: contact\.stiffness .* too soft.*journal_radius"):
+            with_contact(stiffness=0.999 * softest, exponent=exponent)
+    with pytest.raises(InputError, match=r"joints\.crank_pin: contact\.youngs_modulus 10000 Pa is too soft") as caught:
+        with_contact(youngs_modulus="10 kPa")
+    least = float(re.search(r"joints\.crank_pin.*give (\S+) Pa at least", str(caught.value)).group(1))
+    joint = with_contact(youngs_modulus=1.01 * least).joint("crank_pin")
+    assert hertz_stiffness(joint) * (radius / 2) ** 1.5 == pytest.approx(1e3, rel=0.02)
+
+
+def test_an_ideal_joint_may_have_data_of_a_soft_contact():
+    joints = {name: {"loose": False} for name in ("crank_pin", "piston_pin")}
+    assert mechanism(contacts={"steel": {"stiffness": 1.0}}, joints=joints).loose == ()
 
 
 def test_the_penalty_form_needs_no_restitution():

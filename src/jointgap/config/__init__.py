@@ -1,9 +1,10 @@
 """Typed, frozen, validated configuration; SI inside."""
 
+from jointgap.config.checks import check_drive, check_tolerance
 from jointgap.config.contact import Contact
 from jointgap.config.drive import ConstantDrive, MeasuredDrive, MotorDrive
 from jointgap.config.effects import CRANK_SIGN_SPEED, EFFECTS, SLIDER_SIGN_SPEED, Effect
-from jointgap.config.joints import Joint, Joints
+from jointgap.config.joints import Joint, Joints, hertz_stiffness
 from jointgap.config.load import json_schema, load_mechanism, options_for, parse_options, read_yaml, resolve, validate
 from jointgap.config.mechanism import Link, Mechanism, Slider
 from jointgap.config.scenario import Box, Ensemble, Figures, Genetic, Optimise, Scenario, Simulate, Surrogate
@@ -33,6 +34,9 @@ __all__ = [
     "Slider",
     "Study",
     "Surrogate",
+    "check_drive",
+    "check_tolerance",
+    "hertz_stiffness",
     "json_schema",
     "load_mechanism",
     "options_for",

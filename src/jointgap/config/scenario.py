@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
 
+from jointgap.config.checks import check_drive, check_tolerance
 from jointgap.config.drive import ConstantDrive, Drive
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.quantities import (
@@ -13,11 +14,17 @@ from jointgap.config.quantities import (
     PositiveAngularSpeed,
     PositiveLength,
     PositiveNumber,
+    quantity,
 )
 from jointgap.config.section import Section
 from jointgap.config.study import Runs, Study
 
 Interval = tuple[PositiveLength, PositiveLength]
+MOST_SAMPLES = 20_000_000
+"""Samples of a run: with all columns they take some 10 GB."""
+
+SampleCount = Annotated[int, Field(ge=1, le=MOST_SAMPLES)]
+
 ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are one length
 
 
@@ -31,12 +38,27 @@ class Simulate(Section):
 
     speed: PositiveAngularSpeed = Field(20 * math.pi, description="speed of the crank; a motor starts with it")
     drive: Drive = Field(ConstantDrive(), description="what turns the crank: constant speed, measured angle or a motor")
-    start_angle: Angle = Field(0.0, description="crank angle at the start; 0 = crank along +x")
-    revolutions: PositiveInt = Field(
+    start_angle: quantity("rad", ge=-1e4, le=1e4) = Field(
+        0.0, description="crank angle at the start; 0 = crank along +x"
+    )
+    revolutions: SampleCount = Field(
         4, description="revolutions simulated; the first starts with coincident joint centres"
     )
-    samples_per_revolution: PositiveInt = Field(3600, description="samples, uniform in crank angle")
-    tolerance: PositiveLength = Field(1e-12, description="local error of positions that an integration step may make")
+    samples_per_revolution: SampleCount = Field(3600, description="samples, uniform in crank angle")
+    tolerance: quantity("m", gt=0, le=1e-7) = Field(
+        1e-12,
+        description="local error of positions that an integration step may make; 1e-4 of the smallest clearance at most",
+    )
+
+    @model_validator(mode="after")
+    def _samples_can_be_held(self):
+        samples = self.revolutions * self.samples_per_revolution
+        if samples > MOST_SAMPLES:
+            raise ValueError(
+                f"revolutions {self.revolutions} times samples_per_revolution {self.samples_per_revolution} is more than "
+                f"{MOST_SAMPLES:g} samples, which memory does not hold; lower one of them"
+            )
+        return self
 
 
 class Surrogate(Section):
@@ -166,14 +188,10 @@ class Scenario(Section):
     study: Study = Study()
 
     @model_validator(mode="after")
-    def _speed_fluctuates_about_a_constant(self):
-        if not {"mechanism", "simulate"} <= self.model_fields_set:
-            return self
-        if self.mechanism.effect("speed_fluctuation") and self.simulate.drive.kind != "constant":
-            raise ValueError(
-                f"mechanism.effects: speed_fluctuation goes with simulate.drive.kind constant alone, not with "
-                f"{self.simulate.drive.kind}, whose speed is not prescribed so; leave out one of them"
-            )
+    def _the_mechanism_can_be_simulated_so(self):
+        if {"mechanism", "simulate"} <= self.model_fields_set:
+            check_drive(self.mechanism, self.simulate)
+            check_tolerance(self.mechanism.applied(), self.simulate)
         return self
 
     @model_validator(mode="after")

@@ -7,7 +7,15 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, WithJsonSchema, model_validator
 
-from jointgap.config.quantities import FrictionCoefficient, OpenFraction, PositiveAngularSpeed, PositiveLength
+from jointgap.config.checks import TOLERANCE_SHARE
+from jointgap.config.quantities import (
+    FrictionCoefficient,
+    OpenFraction,
+    PositiveAngularSpeed,
+    PositiveLength,
+    quantity,
+    refuse_comma,
+)
 from jointgap.config.section import Section
 
 _NUMBER = re.compile(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*$")
@@ -30,12 +38,14 @@ def spread(values: Any) -> Any:
     Raises
     ------
     ValueError
-        Neither of both, an empty list, ends of different units.
+        Neither of both, an empty list, ends of different units or with a comma.
     """
     if isinstance(values, list | tuple) and values:
         return values
     if not isinstance(values, dict) or set(values) != _SPAN:
         raise ValueError("must be a list of values, or {from: ..., to: ..., number: ...} for values evenly apart")
+    for key in ("from", "to"):
+        refuse_comma(str(values[key]))
     ends = [_NUMBER.match(str(values[key])) for key in ("from", "to")]
     number = values["number"]
     if not all(ends) or not isinstance(number, int) or number < 2:
@@ -87,7 +97,7 @@ class Study(Section):
         1e-4, description="length of the change in the perturbed starting positions, as a share of the clearance"
     )
     seed: NonNegativeInt = Field(0, description="seed of the perturbations")
-    tolerance: OpenFraction = Field(
+    tolerance: quantity("", gt=0, le=TOLERANCE_SHARE) = Field(
         1e-6, description="local error of positions that an integration step may make, as a share of the clearance"
     )
 
