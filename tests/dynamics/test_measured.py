@@ -5,6 +5,10 @@ import pandas as pd
 import pytest
 
 from jointgap.dynamics import simulate
+from jointgap.dynamics.assemble import parameters
+from jointgap.dynamics.measured import running_on, smooth_angle
+from jointgap.dynamics.simulate import run_march
+from jointgap.dynamics.start import start_state
 from jointgap.errors import InputError
 from tests.dynamics.cases import SPEED, mechanism, options
 from tests.dynamics.closed import Closed
@@ -81,6 +85,59 @@ def test_a_loose_mechanism_follows_a_measured_angle(tmp_path):
     np.testing.assert_allclose(run.samples.crank_angle, 0.5 + np.arange(721) * np.pi / 180, atol=1e-12)
 
 
+def steady(folder, angle, **keys):
+    """Options for four revolutions along `angle` (n,), sampled over ten seconds."""
+    pd.DataFrame({"time": np.linspace(0.0, 10.0, angle.size), "crank_angle": angle}).to_csv(
+        folder / "a.csv", index=False
+    )
+    drive = {"kind": "measured", "file": str(folder / "a.csv"), **keys}
+    return options(drive=drive, revolutions=4, samples_per_revolution=36)
+
+
+def test_a_steady_record_is_as_long_as_its_turns_take(tmp_path):
+    samples = simulate(mechanism(loose=()), steady(tmp_path, np.pi * np.linspace(0, 10, 4001), resolution=STEP)).samples
+    np.testing.assert_allclose(samples.time, np.arange(145) * 2 / 36, atol=1e-8)
+    np.testing.assert_allclose(samples.crank_speed, np.pi, rtol=1e-9)
+
+
+def test_samples_beyond_a_record_are_refused(tmp_path):
+    p = parameters(mechanism(loose=()), steady(tmp_path, np.pi * np.linspace(0, 10, 4001), resolution=STEP))
+    with pytest.raises(InputError, match=r"as far as 1800.1 deg at 10.0005\d* s, the samples to 1980 deg"):
+        run_march(p, start_state(p), np.linspace(0.0, 11 * np.pi, 100), 1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_at_the_ends_costs_no_revolution(tmp_path, seed):
+    """The record holds four turns, from the start angle to the start angle."""
+    exact = np.linspace(0.0, 8 * np.pi, 2001)
+    noise = np.random.default_rng(seed).normal(scale=1e-3, size=exact.size)
+    seen = {"normal": (exact + noise, None), "rounded": (STEP * np.round(exact / STEP + 0.3), STEP)}
+    for angle, resolution in [*seen.values(), (STEP * np.floor(exact / STEP), STEP)]:
+        samples = simulate(mechanism(loose=()), steady(tmp_path, angle, resolution=resolution)).samples
+        assert samples.time.iloc[-1] == pytest.approx(10.0, abs=4e-3)
+
+
+def test_a_large_record_of_an_encoder_is_smoothed_at_once():
+    """Knots follow the motion, not the ties: a few a turn, however many samples."""
+    time = np.linspace(0.0, 2.0, 20001)
+    angle, _, bend = known(time)
+    smooth = smooth_angle(time, STEP * np.round(angle / STEP), STEP)
+    assert len(smooth.x) < 20 * 20
+    inside = slice(1000, -1000)
+    assert np.abs(smooth(time) - angle)[inside].max() < 0.5 * STEP
+    assert np.abs(smooth(time, 2) - bend)[inside].max() < 0.2 * np.abs(bend).max()
+
+
+def test_angles_run_on_over_turns_wherever_they_fall_back():
+    exact = np.linspace(0.1, 30.0, 301)
+    for turns in (1, 2):
+        np.testing.assert_allclose(running_on(exact % (2 * np.pi * turns)), exact, atol=1e-12)
+    np.testing.assert_allclose(running_on((exact + np.pi) % (2 * np.pi) - np.pi), exact, atol=1e-12)
+    np.testing.assert_array_equal(running_on(exact[::60]), exact[::60])
+    to_and_fro = np.array([6.2, 6.3, 6.27, 6.29, 6.4])
+    np.testing.assert_allclose(running_on(to_and_fro % (2 * np.pi)), to_and_fro, atol=1e-12)
+
+
 def refused(tmp_path, change, says, **keys):
     chosen = measured(tmp_path, **keys)
     path = tmp_path / "angle.csv"
@@ -103,8 +160,18 @@ def test_tables_that_cannot_drive_a_crank_are_refused_with_file_column_and_row(t
     refused(tmp_path, with_value("t", 4, 0.0), "column t, row 5: time 0 s does not rise; sort the rows")
     refused(tmp_path, lambda table: table.rename(columns={"theta": "thetas"}), "no column 'theta'.*thetas")
     refused(tmp_path, lambda table: table[:5], "5 samples are too few")
-    refused(tmp_path, lambda table: table.assign(theta=-table.theta), "stands still or turns back")
-    refused(tmp_path, lambda table: table[:1000], "holds 1 whole revolutions, simulate.revolutions asks for 2")
+    refused(tmp_path, lambda table: table.assign(theta=-table.theta), "the crank turns clockwise; change the sign")
+    refused(tmp_path, lambda table: table.assign(theta=-table.theta % (2 * np.pi)), "the crank turns clockwise")
+    refused(
+        tmp_path, lambda table: table.assign(theta=table.theta.mask(table.index < 99, 0.2)), "stands still or turns"
+    )
+    refused(tmp_path, lambda table: table[:1000], "11.*to.*deg; .*holds 1 whole revolutions, .*asks for 2")
+    refused(
+        tmp_path, lambda table: table[::50].iloc[:41].assign(theta=table.theta * 10), "steps by .* than half a turn"
+    )
+    refused(tmp_path, lambda table: table, "time and angle both name column 't'", angle="t")
+    refused(tmp_path, lambda table: table, "resolution: 180 deg is more than a quarter turn", resolution=np.pi)
+    refused(tmp_path, lambda table: table, "16999 pieces, more than 16384", count=17000, revolutions=2)
 
 
 def test_a_missing_table_is_named(tmp_path):

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from jointgap.config import Mechanism, Simulate
+from jointgap.config import Mechanism, Simulate, check_drive, check_tolerance, hertz_stiffness
 from jointgap.config.drive import MeasuredDrive, MotorDrive
 from jointgap.config.effects import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED
-from jointgap.dynamics.contact import LAWS, hertz_stiffness
+from jointgap.dynamics.contact import LAWS
 from jointgap.dynamics.friction import FRICTION_LAWS
 from jointgap.dynamics.measured import angle_pieces
 from jointgap.dynamics.parameters import (
@@ -155,11 +155,13 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
     Raises
     ------
     InputError
-        Effects that make it impossible, a measured crank angle that cannot be used.
+        Effects that make it impossible, a measured crank angle that cannot be used, a tolerance too coarse for a clearance.
     """
     made = mechanism.applied()
+    check_drive(made, options)
+    check_tolerance(made, options)
     measured = isinstance(options.drive, MeasuredDrive)
-    pieces = angle_pieces(options) if measured else None
+    pieces, end = angle_pieces(options) if measured else (None, 0.0)
     joints = {name: joint_parameters(made, name) for name in ("crank_pin", "piston_pin", "crank_pivot")}
     bodies = body_parameters(made)
     motor = isinstance(options.drive, MotorDrive)
@@ -181,7 +183,7 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
         ),
         slider_formula=_program(slider_formula),
         crank_formula=_program(crank_formula),
-        knots=NO_KNOTS if pieces is None else knots_record(pieces),
+        knots=NO_KNOTS if pieces is None else knots_record(pieces, end),
     )
 
 

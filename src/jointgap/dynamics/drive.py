@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from jointgap.dynamics.compiled import compiled
-from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR
+from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MEASURED, MOTOR
 
 
 @compiled
@@ -21,7 +21,10 @@ def fluctuation(ratio, anomaly):
 
 @compiled
 def crank_motion(p, time):
-    """Angle [rad], speed [rad/s] and acceleration [rad/s^2] of a prescribed crank at `time` [s]."""
+    """Angle [rad], speed [rad/s] and acceleration [rad/s^2] of a prescribed crank at `time` [s].
+
+    Beyond the ends of a measured angle its first and last pieces go on.
+    """
     d = p.drive
     if d.kind == CONSTANT:
         return d.start_angle + d.speed * time, d.speed, 0.0
@@ -48,11 +51,11 @@ def crank_motion(p, time):
 
 
 @compiled
-def crank_times(p, angles, longest):
+def crank_times(p, angles):
     """Times [s] at which a prescribed crank passes `angles` (n,) [rad], growing, the first at the start.
 
-    `longest` [s] is the time of the end of a measured angle; NaN where it is not reached. When a motor's crank passes them
-    only the march can tell: zeros.
+    The end of a measured angle, `p.knots.end`, for those that it does not reach. When a motor's crank passes them only the
+    march can tell: zeros.
     """
     times = np.zeros(angles.size)
     if p.drive.kind == MOTOR:
@@ -61,7 +64,7 @@ def crank_times(p, angles, longest):
         for i in range(angles.size):
             times[i] = (angles[i] - p.drive.start_angle) / p.drive.speed
         return times
-    time = 0.0
+    time, longest = 0.0, p.knots.end if p.drive.kind == MEASURED else math.inf
     for i in range(angles.size):
         low, high = time, longest
         for _ in range(200):

@@ -3,6 +3,7 @@
 Each group is a structured record, which compiled code receives as one pointer. What is off is zero.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -222,7 +223,7 @@ def record(numbers: NamedTuple) -> np.record:
 _PROGRAM = np.dtype(
     (np.record, [("length", "i8"), ("codes", "i8", (LONGEST_PROGRAM, 2)), ("numbers", "f8", (LONGEST_PROGRAM,))])
 )
-_KNOTS = np.dtype((np.record, [("count", "i8"), ("pieces", "f8", (MOST_KNOTS, 7))]))
+_KNOTS = np.dtype((np.record, [("count", "i8"), ("end", "f8"), ("pieces", "f8", (MOST_KNOTS, 7))]))
 
 
 def program_record(program: Program) -> np.record:
@@ -236,10 +237,13 @@ def program_record(program: Program) -> np.record:
     return found
 
 
-def knots_record(pieces: np.ndarray) -> np.record:
-    """A measured crank angle as pieces (k, 7): begin [s] and quintic polynomial of the time since, highest power first."""
+def knots_record(pieces: np.ndarray, end: float = math.inf) -> np.record:
+    """A measured crank angle as pieces (k, 7): begin [s] and quintic polynomial of the time since, highest power first.
+
+    `end` [s] is where the last piece ends.
+    """
     found = np.zeros(1, _KNOTS)[0]
-    found.count = len(pieces)
+    found.count, found.end = len(pieces), end
     found.pieces[: len(pieces)] = pieces
     return found
 

@@ -9,14 +9,14 @@ import pandas as pd
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics import march as marching
 from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.drive import crank_times
+from jointgap.dynamics.drive import crank_motion, crank_times
 from jointgap.dynamics.episodes import EVENT
 from jointgap.dynamics.equations import FURTHER, STATES
 from jointgap.dynamics.modes import EVENT_NAMES, sample_modes
 from jointgap.dynamics.observe import COLUMNS, observe
 from jointgap.dynamics.parameters import JOINTS, MEASURED, Parameters
 from jointgap.dynamics.start import start_state
-from jointgap.errors import SimulationError
+from jointgap.errors import InputError, SimulationError
 from jointgap.tables import EVENTS, TRAJECTORY
 
 STEPS_PER_REVOLUTION = 5_000_000
@@ -126,12 +126,15 @@ def run_march(p: Parameters, start: tuple[np.ndarray, np.ndarray], angles: np.nd
 
     Raises
     ------
+    InputError
+        A measured angle that ends before the last sample.
     SimulationError
         See `simulate`.
     """
     n = angles.size
-    longest = p.knots.pieces[p.knots.count - 1, 0] + 1.0 if p.drive.kind == MEASURED else math.inf
-    times = crank_times(p, angles, longest)
+    times = crank_times(p, angles)
+    if p.drive.kind == MEASURED:
+        _check_reached(p, times, angles)
     samples = March(
         times=times,
         states=np.empty((n, STATES)),
@@ -157,6 +160,16 @@ def run_march(p: Parameters, start: tuple[np.ndarray, np.ndarray], angles: np.nd
             f"{math.degrees(end.crank_angle):.6g} deg ({_state_in_words(p, end)}); {_ADVICE.get(status, advice)}"
         )
     return March(**{**vars(samples), "events": events, "steps": steps})
+
+
+def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None:
+    """A measured angle passes the samples one after the other, the last one too."""
+    reached = crank_motion(p, times[-1])[0]
+    if (np.diff(times) <= 0).any() or abs(reached - angles[-1]) > 1e-9 * max(abs(angles[-1]), 1.0):
+        raise InputError(
+            f"the measured crank angle goes as far as {math.degrees(reached):.9g} deg at {times[-1]:.9g} s, the samples to "
+            f"{math.degrees(angles[-1]):.9g} deg; ask for fewer revolutions or give a longer record"
+        )
 
 
 def _state_in_words(p: Parameters, end) -> str:
