@@ -16,7 +16,6 @@ from collections.abc import Callable
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from jointgap.config.joints import hertz_stiffness as hertz_stiffness
 from jointgap.dynamics.compiled import compiled
 
 PULL_FAR_OFF = 1e3

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from jointgap.config import Contact, Joint, Mechanism
-from jointgap.dynamics.contact import LAWS, delivered_restitution, hertz_stiffness, penalty_restitution
+from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
+from jointgap.dynamics.contact import LAWS, delivered_restitution, penalty_restitution
 
 UNTOLD = 0.005
 """Deviation of the delivered from the asked restitution that is too small to tell: no measured one is known better."""
