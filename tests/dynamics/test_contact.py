@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
+from jointgap.config import hertz_stiffness
 from jointgap.dynamics.contact import (
     LAWS,
     PULL_FAR_OFF,
     delivered_restitution,
     exact_restitution,
-    hertz_stiffness,
     normal_force,
     penalty_restitution,
     pushing_margin,

@@ -123,7 +123,7 @@ def march(
     events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
     episodes = np.zeros((3, EPISODE))
     motor = p.drive.kind == MOTOR
-    longest = _LONGEST_TURN / (max(p.drive.speed, p.drive.no_load_speed) if motor else p.drive.speed)
+    longest = _LONGEST_TURN / (max(p.drive.speed, p.drive.no_load_speed) if motor else abs(p.drive.speed))
     proposal, course, s = 0.1 * longest, LINEAR, 0.0
 
     y_start = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
