@@ -1,4 +1,4 @@
-"""Draw results/work_precision.parquet: what an error costs, by code; writes docs/figures/work_precision.svg and .png."""
+"""Draw results/work_precision.parquet: what an error costs, by code; writes docs/figures/work_precision.svg."""
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -38,10 +38,9 @@ def draw(table: pd.DataFrame) -> Figure:
 def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     figure = draw(pd.read_parquet(TABLE))
-    for kind in ("svg", "png"):
-        path = FOLDER / f"work_precision.{kind}"
-        figure.savefig(path, dpi=200)
-        print(f"written to {path}")
+    path = FOLDER / "work_precision.svg"
+    figure.savefig(path)
+    print(f"written to {path}")
 
 
 if __name__ == "__main__":

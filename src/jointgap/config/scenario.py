@@ -62,7 +62,7 @@ class Simulate(Section):
 
 
 class Surrogate(Section):
-    """The eight networks of the paper and the second surrogate."""
+    """The paper's networks, four for each loose joint, and the second surrogate."""
 
     hidden: Annotated[tuple[PositiveInt, ...], Field(min_length=1)] = Field(
         (10, 10, 10, 10), description="neurons of each hidden layer"

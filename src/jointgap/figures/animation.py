@@ -40,7 +40,7 @@ class Pin:
 
 
 def animation(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """Mechanism with its clearances magnified, both journals in their bearings, contact force by colour and curve."""
+    """Mechanism with its clearances magnified, the loose joints' journals in their bearings, contact force by colour and curve."""
     first = revolution(tables["trajectory"], scenario, 1)
     chosen = _frames(len(first) - 1, scenario.figures.animation_frames)
     samples = first.iloc[chosen].reset_index(drop=True)

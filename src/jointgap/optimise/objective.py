@@ -51,7 +51,7 @@ class Objective:
     sine : ndarray, shape (n,)
         sin theta2 at the evaluation points.
     lift : ndarray, shape (n,)
-        r2 sin gamma2 - r3 sin gamma3 there, less the slide's offset [m].
+        r1 sin gamma1 + r2 sin gamma2 - r3 sin gamma3 there, less the slide's offset [m].
     desired : ndarray, shape (n,)
         Transmission angle at the original lengths without clearance [rad].
     original : tuple of float

@@ -34,7 +34,11 @@ JOINT_REVOLUTIONS = Table(
         Column(
             "largest_impulse", "N*s", "largest impulse of those that end in it too; null without any", nullable=True
         ),
-        Column("peak_force", "N", "largest normal force"),
+        Column(
+            "peak_force",
+            "N",
+            "largest normal force: at samples, and between them in contacts that begin and end in the revolution",
+        ),
     ),
 )
 
