@@ -159,11 +159,19 @@ def test_parameters_of_an_effect_are_found_by_its_name():
         ({"clearance": ["1 s"]}, "ensemble.vary.clearance"),
         ({"clearance": [-1e-3]}, "is not smaller than bearing_radius"),
         ({"mechanism.crank.length": [0.7]}, "the crank cannot turn"),
+        ({"mechanism.effects.added_slider_mass.parameters.mass_kg": [1]}, "folded in, so vary the key itself"),
     ],
 )
 def test_what_cannot_be_varied_is_refused_with_its_key(vary, says):
     with pytest.raises(InputError, match=says):
         runs_of(vary=vary)
+
+
+@pytest.mark.parametrize("key", ["speed", "simulate.speed"])
+def test_the_speed_of_a_measured_drive_cannot_be_varied(key):
+    measured = options(drive={"kind": "measured", "file": "encoder.csv"})
+    with pytest.raises(InputError, match=r"does not read simulate\.speed"):
+        list(ensemble_runs(mechanism(), measured, Runs(vary={key: [50.0, 60.0]}, members=1)))
 
 
 def test_values_can_be_spread_evenly_between_two_ends_with_a_unit():

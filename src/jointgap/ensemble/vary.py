@@ -64,7 +64,13 @@ def altered(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenari
             holder, last = _holder(data, path, key)
             holder[last] = _new(holder, last, key, value)
     told = ", ".join(f"{key} = {value}" for key, value in changes.items())
-    return validate(Scenario, data, f"{source}, {told}")
+    made = validate(Scenario, data, f"{source}, {told}")
+    unread = [key for key in changes if key in ("speed", "simulate.speed")]
+    if unread and made.simulate.drive.kind == "measured":
+        raise InputError(
+            f"ensemble.vary.{unread[0]}: a measured drive does not read simulate.speed; vary something else"
+        )
+    return made
 
 
 def _paths(data: dict, key: str) -> list[tuple[str, ...]]:
@@ -98,7 +104,14 @@ def _holder(data: Any, path: tuple[str, ...], key: str) -> tuple[Any, Any]:
             known = {}
         if step not in known:
             at = ".".join(path[:depth]) or "the scenario"
-            raise InputError(f"ensemble.vary.{key}: {at} has no '{step}'; {did_you_mean(step, map(str, known))}")
+            folded = (
+                "; effects which only change data are folded in, so vary the key itself, such as mechanism.slider.mass"
+                if path[:depth] == ("mechanism", "effects")
+                else ""
+            )
+            raise InputError(
+                f"ensemble.vary.{key}: {at} has no '{step}'; {did_you_mean(step, map(str, known))}{folded}"
+            )
         if depth == len(path) - 1:
             return known, step
         data = known[step]
