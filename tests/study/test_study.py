@@ -18,7 +18,7 @@ from jointgap.study.measures import noise, orders, samples_per_revolution
 from jointgap.study.points import joined, points
 from jointgap.study.summary import summary
 from jointgap.tables.study import MEASURES, ORDERS
-from tests.dynamics.cases import CRANK, MOTOR, ROD, SPEED, mechanism, options
+from tests.dynamics.cases import CRANK, MOTOR, ROD, SPEED, effect, mechanism, options
 
 SMALL = {"transient_revolutions": 3, "settled_revolutions": 1, "members": 2, "tolerance": 1e-5}
 
@@ -130,6 +130,7 @@ def test_a_point_whose_starts_all_fail_is_empty_and_says_why(scenario, monkeypat
     [
         ({"mechanism": mechanism(loose=())}, "no loose joint"),
         ({"simulate": options(drive=MOTOR)}, "drive.kind is motor"),
+        ({"mechanism": mechanism(effect("speed_fluctuation", ratio=0.02, order=2))}, "no effect speed_fluctuation"),
         ({"study": Study(clearance=["500 mm"], **SMALL)}, "the crank cannot turn"),
     ],
 )
@@ -160,6 +161,14 @@ def test_the_summary_names_ranges_and_where_only_statistics_hold(scenario, found
     assert f"At {found['sensitive'].sum()} of 8 points" in text
     settled = summary(found[~found["sensitive"]], scenario)
     assert "At no point" in settled and "nan" not in settled
+
+
+def test_where_too_many_starts_fail_nothing_is_said_of_a_small_change(scenario, found):
+    lonely = found.assign(growth=math.nan, sensitive=False)
+    text = summary(lonely, scenario)
+    assert "Too many starts failed" in text and "At no point" not in text and "Spread" not in text
+    partly = found.assign(growth=found["growth"].mask(found.index == found.index[found["sensitive"]][0]))
+    assert f"At {found['sensitive'].sum() - 1} of 7 points" in summary(partly, scenario)
 
 
 def test_the_command_writes_the_map_its_figures_and_its_words(tmp_path):

@@ -36,12 +36,16 @@ def points(scenario: Scenario, only_speed: int | None = None, workers: int | Non
     Raises
     ------
     InputError
-        No joint is loose, the drive does not keep a speed, or a value is impossible for the mechanism.
+        No joint is loose, the drive does not keep a constant speed, or a value is impossible for the mechanism.
     """
     study = scenario.study
     if scenario.simulate.drive.kind != "constant":
         raise InputError(
             f"study: varies a constant speed, but simulate.drive.kind is {scenario.simulate.drive.kind}; use constant"
+        )
+    if scenario.mechanism.effect("speed_fluctuation"):
+        raise InputError(
+            "study: varies a constant speed; use simulate.drive.kind constant and no effect speed_fluctuation"
         )
     speeds = study.speed if only_speed is None else (_speed(study, only_speed),)
     values = list(itertools.product(speeds, study.friction, study.clearance))

@@ -77,31 +77,42 @@ def _ratio(points: pd.DataFrame, measure: str, axis: str) -> str:
     return f"x {ratio.median():.3g} ({ratio.min():.3g} to {ratio.max():.3g})"
 
 
+def _told(points: pd.DataFrame) -> pd.DataFrame:
+    """The points at which at least two starts went on, so that it is known whether they part."""
+    return points[points["growth"].notna()]
+
+
 def _sensitive(points: pd.DataFrame) -> list[str]:
-    found = points[points["sensitive"]]
+    told = _told(points)
+    if told.empty:
+        return ["Too many starts failed to tell whether a small change of the start grows."]
+    found = told[told["sensitive"]]
     if found.empty:
         return ["At no point does a small change of the start grow: samples of these motions can be compared."]
     by_friction = [
         f"{int(part['sensitive'].sum())} of {len(part)} at friction {friction:g}"
-        for friction, part in points.groupby("friction")
+        for friction, part in told.groupby("friction")
     ]
     return [
-        f"At {len(found)} of {len(points)} points a small change of the start grows beyond a thousandth of the clearance "
+        f"At {len(found)} of {len(told)} points a small change of the start grows beyond a thousandth of the clearance "
         f"(largest factor {found['growth'].max():.2g}): the motion is chaotic there or has not settled, and only statistics "
         f"can be compared. They are {', '.join(by_friction)}.",
     ]
 
 
 def _spreads(points: pd.DataFrame) -> list[str]:
+    known = _told(points)
     parts = {
-        "where samples hold": points[~points["sensitive"]],
-        "where only statistics hold": points[points["sensitive"]],
+        "where samples hold": known[~known["sensitive"]],
+        "where only statistics hold": known[known["sensitive"]],
     }
     told = []
     for words, part in parts.items():
         spread = ((part["peak_force_high"] - part["peak_force_low"]) / part["peak_force"]).dropna()
         if len(spread):
             told.append(f"{100 * spread.median():.2g} % {words}")
+    if not told:
+        return []
     return [
         f"Spread of the peak force over the starts (largest less smallest, median of the points): {'; '.join(told)}."
     ]
