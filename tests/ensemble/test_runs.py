@@ -110,6 +110,30 @@ def test_rows_are_written_in_groups_as_they_come(tmp_path, monkeypatch):
     assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == [273, 273, 273]
 
 
+@pytest.mark.parametrize(
+    ("values", "kind", "stored"),
+    [
+        ([1, 2.5], "double", [1.0, 2.5]),
+        ([np.int64(1), 2], "int64", [1, 2]),
+        ([np.float32(0.5), None], "double", [0.5, None]),
+        ([3, None], "double", [3.0, None]),
+        ([np.True_, False], "bool", [True, False]),
+        ([1.5, "steel"], "string", ["1.5", "steel"]),
+        (["steel", None], "string", ["steel", None]),
+    ],
+)
+def test_the_column_of_a_varied_value_holds_the_values_of_all_runs(tmp_path, values, kind, stored):
+    write_ensemble([Run(mechanism(friction=0.1), COARSE, values={"key": value}) for value in values], tmp_path)
+    column = pq.read_table(tmp_path / "runs.parquet")["key"]
+    assert (str(column.type), column.to_pylist()) == (kind, stored)
+
+
+def test_where_the_table_of_runs_cannot_be_written_no_file_appears(tmp_path):
+    with pytest.raises(ValueError, match="infinite"):
+        write_ensemble([Run(mechanism(friction=0.1), COARSE, values={"key": np.inf})], tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_folder_that_cannot_be_written_is_refused_before_anything_runs(tmp_path):
     (tmp_path / "samples.parquet").mkdir()
     with pytest.raises(InputError, match="is a folder"):

@@ -127,11 +127,11 @@ def _new(holder: dict, last: str, key: str, value: Any) -> Any:
         raise InputError(f"ensemble.vary.clearance = {value!r}: {error}") from error
 
 
-def stored_value(scenario: Scenario, key: str, value: Any) -> float | int | str | bool:
+def stored_value(scenario: Scenario, key: str, value: Any) -> float | int | str | bool | None:
     """What the table of runs says of a varied value: in SI, as the scenario understood it."""
     data = {"mechanism": scenario.mechanism.model_dump(), "simulate": scenario.simulate.model_dump()}
     holder, last = _holder(data, _paths(data, key)[0], key)
     found = holder[last]
     if key == "clearance":
         found = float(f"{found - holder['journal_radius']:.12g}")
-    return found if isinstance(found, float | int | str | bool) else str(value)
+    return found if isinstance(found, float | int | str | bool | None) else str(value)

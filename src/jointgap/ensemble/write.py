@@ -73,10 +73,13 @@ def write_ensemble(runs: Iterable[Run], folder: Path | str, workers: int | None 
     told: list[dict] = []
 
     def save_samples(samples_path):
-        tables.write_whole(places[1], lambda events_path: _stream(runs, samples_path, events_path, workers, told))
+        def save_events(events_path):
+            _stream(runs, samples_path, events_path, workers, told)
+            _write_runs(told, places[2])  # inside, so that no samples appear without their runs
+
+        tables.write_whole(places[1], save_events)
 
     tables.write_whole(places[0], save_samples)
-    _write_runs(told, places[2])
     reasons = {row["run"]: row["reason"] for row in told if row["reason"]}
     return Written(len(told), sum(row["steps"] for row in told), sum(row["events"] for row in told), reasons)
 
@@ -192,17 +195,36 @@ class _Rows:
         self.writer.close()
 
 
-_KINDS = {bool: "bool", int: "int", float: "float", str: "text"}
+_KINDS = {"bool": (bool, np.bool_), "int": (int, np.integer), "float": (float, np.floating), "text": (str,)}
+"""Types of varied values by the kind of their column; a bool is an int too, so it comes first."""
+
+_STORED = {"bool": bool, "int": int, "float": float, "text": str}
 
 
 def _write_runs(told: list[dict], path: Path) -> None:
     import pandas as pd
 
-    varied = [
-        tables.Column(name, WORDS.get(name, ""), f"{name}, varied", _KINDS[type(value)])
-        for name, value in (told[0]["values"] if told else {}).items()
-    ]
-    rows = [{key: value for key, value in row.items() if key != "values"} | dict(row["values"]) for row in told]
+    values = {name: [row["values"].get(name) for row in told] for name in (told[0]["values"] if told else {})}
+    varied = [_varied(name, own) for name, own in values.items()]
     table = tables.ensemble_runs(varied)
-    frame = pd.DataFrame(rows, columns=[column.name for column in table.columns])
+    frame = pd.DataFrame(told, columns=[column.name for column in table.columns])
+    for column in varied:
+        absent, stored = np.nan if column.kind == "float" else None, _STORED[column.kind]
+        own = [absent if value is None else stored(value) for value in values[column.name]]
+        frame[column.name] = pd.Series(own, dtype=float if column.kind == "float" else object)
     tables.write(table, frame, path)
+
+
+def _varied(name: str, values: list) -> tables.Column:
+    """The column of a varied value, of a kind that holds the values of all runs; numbers among words become words."""
+    kinds = {_kind(value) for value in values if value is not None}
+    if kinds <= {"int", "float"}:
+        # Only floats tell of no value in a frame.
+        kind = "int" if kinds == {"int"} and None not in values else "float"
+    else:
+        kind = kinds.pop() if len(kinds) == 1 else "text"
+    return tables.Column(name, WORDS.get(name, ""), f"{name}, varied", kind, nullable=None in values)
+
+
+def _kind(value: object) -> str:
+    return next((kind for kind, types in _KINDS.items() if isinstance(value, types)), "text")
