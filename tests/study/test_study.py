@@ -155,6 +155,20 @@ def test_the_figures_show_every_point(scenario, found):
     assert set(lines["series"]) == {"clearance 0.1 mm", "clearance 0.4 mm", "no clearance"}
 
 
+def test_orders_are_shown_at_a_speed_that_has_some_and_none_where_all_failed(scenario, found):
+    numbers = [f"order_{k}" for k in range(1, ORDERS + 1)]
+    numbers += [name + end for name in MEASURES for end in ("", "_low", "_high")]
+    middle = found["speed"].max()  # the middle one of two
+    failed = found.copy()
+    failed.loc[found["speed"] == middle, numbers] = math.nan
+    lines = draw(failed, scenario)["study_orders"].data
+    kept = found[found["speed"] != middle]
+    firsts = lines[(lines["x"] == 1) & (lines["series"] != "no clearance")]["y"]
+    assert sorted(firsts) == pytest.approx(sorted(kept["order_1"]))
+    failed[numbers] = math.nan
+    assert set(draw(failed, scenario)["study_orders"].data["series"]) == {"no clearance"}
+
+
 def test_the_summary_names_ranges_and_where_only_statistics_hold(scenario, found):
     text = summary(found, scenario)
     assert "clearance 0.1 mm to 0.4 mm" in text and "speed 400 rpm to 800 rpm" in text

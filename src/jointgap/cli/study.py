@@ -50,10 +50,10 @@ def study(options: str, folder: Path, parts: tuple[Path, ...], workers: int | No
     frames = [tables.read(tables.STUDY, part) for part in parts] or [points(scenario, workers=workers)]
     found = joined(frames, scenario.study)
     tables.write(tables.STUDY, found, place)
-    for name, drawing in draw(found, scenario).items():
-        style.save(drawing, folder / name)
     words = summary(found, scenario)
     tables.write_text(text, words)
+    for name, drawing in draw(found, scenario).items():
+        style.save(drawing, folder / name)
     click.echo(words)
 
 

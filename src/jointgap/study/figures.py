@@ -43,7 +43,8 @@ def study_map(points: pd.DataFrame, measure: str) -> Drawing:
     clearances, speeds = (np.sort(points[key].unique()) for key in ("clearance", "speed"))
     sheet = Sheet(1.0 + rows * (0.9 + 0.27 * len(speeds)), rows, columns)
     values = factor * points[measure].to_numpy(dtype=float)
-    low, high = np.nanmin(values), np.nanmax(values)
+    known = values[~np.isnan(values)]
+    low, high = (known.min(), known.max()) if known.size else (0.0, 1.0)
     norm = (
         LogNorm(low, high)
         if shown.logarithmic and 0 < low < high
@@ -112,8 +113,10 @@ def _short(value: float) -> str:
 
 
 def order_lines(points: pd.DataFrame, scenario: Scenario) -> Drawing:
-    """Amplitudes of the slider's acceleration by order at the middle speed, a panel for each friction."""
-    frictions, speeds = (np.sort(points[key].unique()) for key in ("friction", "speed"))
+    """Amplitudes of the slider's acceleration by order at the middle speed that has any, a panel for each friction."""
+    frictions = np.sort(points["friction"].unique())
+    measured = points[points["order_1"].notna()]
+    speeds = np.sort((points if measured.empty else measured)["speed"].unique())
     speed = speeds[len(speeds) // 2]
     columns = min(2, len(frictions))
     rows = -(-len(frictions) // columns)
@@ -122,8 +125,8 @@ def order_lines(points: pd.DataFrame, scenario: Scenario) -> Drawing:
     names = [f"order_{k}" for k in orders]
     ideal = ideal_orders(scenario, speed)
     amplitude = Quantity("amplitude", "m/s²")
-    shown = points[points["speed"] == speed]
-    lowest = np.nanmin(shown[names].to_numpy(dtype=float))
+    shown = measured[measured["speed"] == speed]
+    lowest = shown[names].to_numpy(dtype=float).min(initial=ideal.max())
     for place, friction in enumerate(frictions):
         title = f"friction {friction:g}, {speed * 30.0 / np.pi:.4g} rpm"
         panel = sheet.panel(divmod(place, columns), title, Quantity("order of the crank speed", "1"), amplitude)
