@@ -173,6 +173,20 @@ def test_parameters_of_an_effect_are_found_by_its_name():
     assert [run.mechanism.effect("slider_coulomb_friction").force_N for run in runs] == [10, 20]
 
 
+def test_an_effect_at_two_sites_is_found_by_name_and_site():
+    pins = [effect("pin_friction", site=site, coefficient=0.1) for site in ("crank_pin", "piston_pin")]
+    made, end = mechanism(*pins, loose=()), "parameters.coefficient"
+    runs = list(
+        ensemble_runs(made, COARSE, Runs(vary={f"mechanism.effects.pin_friction@piston_pin.{end}": [0.2]}, members=1))
+    )
+    assert [runs[0].mechanism.effect("pin_friction", site).coefficient for site in ("crank_pin", "piston_pin")] == [
+        0.1,
+        0.2,
+    ]
+    with pytest.raises(InputError, match="did you mean 'pin_friction@"):
+        list(ensemble_runs(made, COARSE, Runs(vary={f"mechanism.effects.pin_friction.{end}": [0.2]}, members=1)))
+
+
 @pytest.mark.parametrize(
     ("vary", "says"),
     [

@@ -94,10 +94,14 @@ def _paths(data: dict, key: str) -> list[tuple[str, ...]]:
 
 
 def _holder(data: Any, path: tuple[str, ...], key: str) -> tuple[Any, Any]:
-    """The mapping that holds the end of `path`, and the key there; effects are found by their name."""
+    """The mapping that holds the end of `path`, and the key there; effects are found by their name, or name@site if listed twice."""
     for depth, step in enumerate(path):
         if isinstance(data, list | tuple):
-            known = {one["name"]: one for one in data}
+            names = [one["name"] for one in data]
+            known = {
+                name if names.count(name) == 1 else f"{name}@{one['site']}": one
+                for name, one in zip(names, data, strict=True)
+            }
         elif isinstance(data, dict):
             known = data
         else:
