@@ -224,3 +224,10 @@ def test_values_can_be_spread_evenly_between_two_ends_with_a_unit():
 def test_what_an_ensemble_reads_survives_the_way_through_json():
     given = Scenario(mechanism=mechanism(), ensemble=Runs(vary={"speed": ["300 rpm", 70]}))
     assert Scenario.model_validate_json(given.model_dump_json()) == given
+
+
+def test_a_whole_effect_is_nothing_to_vary():
+    made = mechanism(effect("slider_spring", stiffness_N_m=1e3, rest_position_m=0.5))
+    key = "mechanism.effects.slider_spring"
+    with pytest.raises(InputError, match="names a whole effect; go on to a number"):
+        list(ensemble_runs(made, options(), Runs(vary={key: [1, 2]})))

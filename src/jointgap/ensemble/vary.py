@@ -117,6 +117,10 @@ def _holder(data: Any, path: tuple[str, ...], key: str) -> tuple[Any, Any]:
                 f"ensemble.vary.{key}: {at} has no '{step}'; {did_you_mean(step, map(str, known))}{folded}"
             )
         if depth == len(path) - 1:
+            if isinstance(data, list | tuple):
+                raise InputError(
+                    f"ensemble.vary.{key}: names a whole effect; go on to a number, such as {key}.parameters.<name>"
+                )
             return known, step
         data = known[step]
     raise AssertionError("a path has at least one step")
