@@ -1,0 +1,189 @@
+"""What the naming of effects asks of a model: simulate with parameters and effects, and say how what was measured compares.
+
+Nothing here or in the modules beside it knows a mechanism. A model is any object that follows `Model`; the slider-crank
+(`jointgap.rig`) is one, ``examples/emps`` another.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+
+Role = Literal["identify", "confirm"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that a fit varies.
+
+    Attributes
+    ----------
+    name : str
+        Such as ``slider_mass`` or ``force_N``.
+    nominal : float
+        What it is where nothing says otherwise; of an effect's size: 0, at which the effect is absent.
+    low, high : float
+        Hard bounds, flat inside; infinite for none.
+    step : float
+        A typical change, > 0: about what noise could hide. Differences are taken over steps of this order.
+    unit : str
+        SI unit, ``'1'`` for pure numbers.
+    run : str, optional
+        The one run that it belongs to, such as a run's speed; None where all runs share it.
+    """
+
+    name: str
+    nominal: float
+    low: float = -math.inf
+    high: float = math.inf
+    step: float = 1.0
+    unit: str = "1"
+    run: str | None = None
+
+    @property
+    def key(self) -> str:
+        """``name``, or ``name@run`` of a run's own."""
+        return self.name if self.run is None else f"{self.name}@{self.run}"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that could be missing, as a fit sees it.
+
+    Attributes
+    ----------
+    name, site : str
+        As a verdict states them.
+    coordinates : tuple of Parameter
+        What a fit varies. Near the effect's absence the motion should depend on the `sizes` about linearly: an amplitude with
+        a phase has two coordinates, its cosine and sine parts.
+    sizes : tuple of str
+        Names of the coordinates that are 0 where the effect is absent; the rest are shapes (an exponent, a frequency).
+    starts : tuple of mappings
+        Values of all shapes to start from; one empty mapping where there are none.
+    parameters : function
+        From values of the coordinates to the parameters that a verdict states. The coordinates themselves by default.
+    replaces : tuple of str
+        Names of nuisances that are this effect's own parameter: they are held at nominal where it is fitted.
+    sensor : bool
+        Whether it is a fault of a sensor: it acts on what is read, not on the motion.
+    choice : bool
+        Whether the effect could be at another site too, so that its label needs the site.
+    """
+
+    name: str
+    site: str
+    coordinates: tuple[Parameter, ...]
+    sizes: tuple[str, ...]
+    starts: tuple[Mapping[str, float], ...] = ({},)
+    parameters: Callable[[Mapping[str, float]], dict[str, float]] = field(default=dict, compare=False)
+    replaces: tuple[str, ...] = ()
+    sensor: bool = False
+    choice: bool = False
+
+    @property
+    def label(self) -> str:
+        """``name``, or ``name:site`` where there is a choice; unique among a model's candidates."""
+        return f"{self.name}:{self.site}" if self.choice else self.name
+
+
+@dataclass(frozen=True)
+class Series:
+    """One channel of one run as it is compared: samples over time, or statistics over the crank angle.
+
+    Attributes
+    ----------
+    run, channel, unit : str
+        SI unit.
+    value : (n,) array
+        As measured; NaN where nothing was (and everywhere in a preflight).
+    time, angle : (n,) array
+        Of the samples [s], [rad]; NaN where not known. `angle` runs on over cycles; without a crank it is any phase.
+    held_out : (n,) bool array
+        Samples that take no part in fitting or choosing.
+    stated_noise : (n,) array or None
+        Standard deviation that the user states (or that follows from the number of cycles, for statistics) [unit].
+    statistic : bool
+        Whether values are statistics over cycles: their noise is independent and `stated_noise` is theirs.
+    """
+
+    run: str
+    channel: str
+    unit: str
+    value: np.ndarray
+    time: np.ndarray
+    angle: np.ndarray
+    held_out: np.ndarray
+    stated_noise: np.ndarray | None = None
+    statistic: bool = False
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Run and channel."""
+        return self.run, self.channel
+
+
+Effects = Sequence[tuple[Candidate, Mapping[str, float]]]
+"""Effects that act, each with the values of its coordinates by name."""
+
+
+class Model(Protocol):
+    """A simulation, and the measured data in the form in which it is compared with them."""
+
+    @property
+    def name(self) -> str:
+        """What it is, for titles."""
+
+    @property
+    def series(self) -> Sequence[Series]:
+        """All that was measured."""
+
+    @property
+    def nuisances(self) -> Sequence[Parameter]:
+        """Parameters known within bounds only; re-fitted with every explanation."""
+
+    @property
+    def candidates(self) -> Sequence[Candidate]:
+        """The effects that could be missing."""
+
+    @property
+    def numerics(self) -> Sequence[str]:
+        """Other numerics that are as good as the usual ones, in words; `simulate` takes their places, counted from 1."""
+
+    def simulate(
+        self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
+    ) -> Mapping[str, np.ndarray]:
+        """What the sensors of a run would read.
+
+        Parameters
+        ----------
+        run : str
+        values : mapping of str to float
+            Every nuisance that the run has, by name (not key).
+        effects : sequence
+            Sensor faults among them are applied to what is read.
+        numerics : int
+            0 for the usual numerics, i for `self.numerics[i - 1]`.
+
+        Returns
+        -------
+        mapping of str to (n,) array
+            By channel, at the samples of the run's series.
+
+        Raises
+        ------
+        InputError, SimulationError
+            These values cannot be simulated; the message says why.
+        """
+
+
+def runs_of(model: Model) -> tuple[str, ...]:
+    """The runs of a model, in order."""
+    return tuple(dict.fromkeys(series.run for series in model.series))
+
+
+def held_out_runs(model: Model) -> tuple[str, ...]:
+    """Runs of which no sample takes part in fitting."""
+    return tuple(run for run in runs_of(model) if all(s.held_out.all() for s in model.series if s.run == run))
