@@ -78,9 +78,14 @@ def _found(path: str, folders: tuple[Path, ...], key: str) -> Path:
     raise InputError(f"{key}: no file '{path}' (looked in {looked}); give a path relative to one of these")
 
 
-def _mechanism_data(mechanism: Any, folders: tuple[Path, ...]) -> Any:
+def _mechanism_data(mechanism: Any, folders: tuple[Path, ...], source: str = "") -> Any:
     """The content of a mechanism given by its path, looked for in `folders`; anything else as it is."""
-    return read_yaml(_found(mechanism, folders, "mechanism")) if isinstance(mechanism, str) else mechanism
+    return read_yaml(_found(mechanism, folders, f"{source}mechanism")) if isinstance(mechanism, str) else mechanism
+
+
+def with_mechanism(data: dict[str, Any], folders: tuple[Path, ...], source: str = "") -> dict[str, Any]:
+    """`data` with the content of the mechanism that it gives by a path, looked for in `folders`."""
+    return data | {"mechanism": _mechanism_data(data["mechanism"], folders, source)} if "mechanism" in data else data
 
 
 def _with_found_drive(data: dict[str, Any], folders: tuple[Path, ...]) -> dict[str, Any]:
@@ -159,19 +164,23 @@ def options_for(scenario: Scenario, stage: str) -> str:
 def parse_options(options: str) -> Scenario:
     """The scenario in an ``--options`` argument: JSON text, or the path of a YAML or JSON file."""
     if options.lstrip().startswith("{"):
-        try:
-            data = json.loads(options, parse_constant=_refuse_constant)
-        except json.JSONDecodeError as error:
-            raise InputError(f"--options: is not JSON: {error.msg} at character {error.pos}") from error
-        return validate(Scenario, data, "--options")
+        return validate(Scenario, parse_json(options, "--options"), "--options")
     data = read_yaml(options)
     folders = (Path(), Path(options).parent)
     data = data | {"mechanism": _mechanism_data(data.get("mechanism", {}), folders)}
     return validate(Scenario, _with_found_drive(data, folders), options)
 
 
-def _refuse_constant(text: str) -> float:
-    raise InputError(f"--options: holds {text}, which is not a number; remove it")
+def parse_json(text: str, source: str) -> Any:
+    """What a JSON `text` holds; InputError where it is not JSON, or has a number that is none."""
+
+    def refuse(constant: str) -> float:
+        raise InputError(f"{source}: holds {constant}, which is not a number; remove it")
+
+    try:
+        return json.loads(text, parse_constant=refuse)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{source}: is not JSON: {error.msg} at character {error.pos}") from error
 
 
 def json_schema() -> dict[str, Any]:

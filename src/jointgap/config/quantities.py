@@ -81,8 +81,8 @@ def _convert(text: str, unit: str) -> float:
     return float(converted.magnitude)
 
 
-_RATES = {"rad/s": "rpm, turn/s or rad/s", "Hz": "Hz or 1/s"}
-"""Rates with an angle and without one: pint takes a radian for 1, and 10 Hz for 10 rad/s."""
+_RATES = {"rad/s": "rpm, turn/s or rad/s", "Hz": "Hz or 1/s", "rad": "deg, turn or rad"}
+"""Units with an angle and without one: pint takes a radian for 1, and 10 Hz for 10 rad/s."""
 
 
 def unit_factor(unit: str, base: str) -> float:
