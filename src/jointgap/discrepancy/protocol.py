@@ -71,6 +71,9 @@ class Candidate:
         Whether it is a fault of a sensor: it acts on what is read, not on the motion.
     choice : bool
         Whether the effect could be at another site too, so that its label needs the site.
+    carrier : str
+        Label of a steady effect that this one is, but for swinging at its shape ``frequency_Hz``: its sizes are the parts with
+        the cosine and with the sine. Frequencies to start from are then sought in the residual.
     """
 
     name: str
@@ -82,6 +85,7 @@ class Candidate:
     replaces: tuple[str, ...] = ()
     sensor: bool = False
     choice: bool = False
+    carrier: str = ""
 
     @property
     def label(self) -> str:

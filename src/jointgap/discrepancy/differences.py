@@ -1,0 +1,86 @@
+"""How whitened residuals change with parameters: differences over steps that noise could just hide."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jointgap.discrepancy.problem import Explanation, Problem
+from jointgap.discrepancy.protocol import Parameter
+from jointgap.errors import InputError, SimulationError
+
+_TARGET = 5.0
+"""Length of the whitened change over one step: a parameter's step is some five standard deviations. Smaller ones meet the
+roughness of impacts, larger ones curvature."""
+
+_STATISTICS = 1.5
+"""Statistics of chaotic motion scatter by about 1 each: there the whole change is made this many times their scatter."""
+
+_NEAR = 4.0  # a step whose change is within this factor of the target is good enough
+
+
+class Differences:
+    """Derivatives of a problem's residuals; remembers which steps were good."""
+
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        statistics = sum(part.place.stop - part.place.start for part in problem.parts if part.series.statistic)
+        self.target = max(_TARGET, _STATISTICS * np.sqrt(statistics))
+        self._steps: dict[str, float] = {}
+
+    def jacobian(
+        self,
+        parameters: Sequence[Parameter],
+        values: Mapping[str, float],
+        residual: np.ndarray,
+        explanation: Explanation,
+        known: Mapping[str, np.ndarray] | None = None,
+    ) -> np.ndarray:
+        """Derivatives of the residuals at `values`, shape (size, k); columns in `known`, by key, are taken as they are."""
+        columns = [
+            known[p.key] if known and p.key in known else self.column(p, values, residual, explanation)
+            for p in parameters
+        ]
+        return np.column_stack(columns) if columns else np.empty((residual.size, 0))
+
+    def column(
+        self, parameter: Parameter, values: Mapping[str, float], residual: np.ndarray, explanation: Explanation
+    ) -> np.ndarray:
+        """Derivative with respect to one parameter, shape (size,).
+
+        Raises
+        ------
+        InputError, SimulationError
+            The model cannot be simulated to either side.
+        """
+        step = self._steps.get(parameter.key, parameter.step)
+        change, step = self._change(parameter, step, values, residual, explanation)
+        length = float(np.linalg.norm(change))
+        if length > 0 and not self.target / _NEAR < length < self.target * _NEAR:
+            better = self._within(parameter, step * np.clip(self.target / length, 1e-4, 1e4))
+            if abs(better) < abs(step) / 1.5 or abs(better) > abs(step) * 1.5:
+                try:
+                    change, step = self._change(parameter, abs(better), values, residual, explanation)
+                except (InputError, SimulationError):
+                    pass  # too far; the first one will do
+        self._steps[parameter.key] = abs(step)
+        return change / step
+
+    @staticmethod
+    def _within(parameter: Parameter, step: float) -> float:
+        span = parameter.high - parameter.low
+        return min(step, 0.5 * span) if np.isfinite(span) else step
+
+    def _change(self, parameter, step, values, residual, explanation) -> tuple[np.ndarray, float]:
+        """Change of the residuals over a step up, or down where up is out of bounds or fails."""
+        here, step = values[parameter.key], self._within(parameter, step)
+        runs = None if parameter.run is None else [parameter.run]
+        problems = []
+        for signed in (step, -step) if here + step <= parameter.high else (-step,):
+            if not parameter.low <= here + signed <= parameter.high:
+                continue
+            moved = {**values, parameter.key: here + signed}
+            try:
+                return self.problem.residual(moved, explanation, runs, residual) - residual, signed
+            except (InputError, SimulationError) as error:
+                problems.append(error)
+        raise problems[0] if problems else SimulationError(f"{parameter.key} cannot be varied within its bounds")

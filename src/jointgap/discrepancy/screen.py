@@ -1,0 +1,225 @@
+"""Which effects are worth a fit: what each would explain if the motion depended on it linearly."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointgap.discrepancy.differences import Differences
+from jointgap.discrepancy.fit import Fit, bounds_of
+from jointgap.discrepancy.linear import bounded_step, compressed
+from jointgap.discrepancy.problem import Explanation, Problem, label_of
+from jointgap.discrepancy.protocol import Candidate, Parameter
+from jointgap.discrepancy.spectrum import frequencies
+from jointgap.errors import InputError, SimulationError
+
+MOST_FREQUENCIES = 3  # at which one candidate is tried
+
+
+@dataclass(frozen=True)
+class Signature:
+    """What one candidate, from one start of its shapes, changes in the whitened residuals.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    shapes : mapping of str to float
+        Shapes by name.
+    columns : (n, m) array
+        Derivatives with respect to its sizes, per unit [1/unit].
+    origin : (n,) array
+        Residuals at zero size: the base's, unless the candidate replaces a nuisance.
+    """
+
+    candidate: Candidate
+    shapes: Mapping[str, float]
+    columns: np.ndarray
+    origin: np.ndarray
+
+    @property
+    def sizes(self) -> tuple[Parameter, ...]:
+        """The coordinates that `columns` belong to."""
+        return tuple(p for p in self.candidate.coordinates if p.name in self.candidate.sizes)
+
+
+@dataclass(frozen=True)
+class Signatures:
+    """Signatures of all candidates about a fit of the model as it stands.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+        The nuisances, k of them.
+    values : (k,) array
+    jacobian : (n, k) array
+    residual : (n,) array
+    found : list of Signature
+    failed : mapping of label to reason
+        Candidates that could not be simulated.
+    """
+
+    parameters: tuple[Parameter, ...]
+    values: np.ndarray
+    jacobian: np.ndarray
+    residual: np.ndarray
+    found: list[Signature]
+    failed: Mapping[str, str]
+
+    def of(self, label: str) -> list[Signature]:
+        """All signatures of one candidate."""
+        return [one for one in self.found if one.candidate.label == label]
+
+    def known(self, chosen: Sequence[Signature]) -> dict[str, np.ndarray]:
+        """Derivatives by key, for a fit that starts near the base."""
+        columns = {p.key: column for p, column in zip(self.parameters, self.jacobian.T, strict=True)}
+        for one in chosen:
+            for p, column in zip(one.sizes, one.columns.T, strict=True):
+                columns[f"{one.candidate.label}.{p.name}"] = column
+        return columns
+
+
+@dataclass(frozen=True)
+class Screened:
+    """What an explanation would explain if all were linear.
+
+    Attributes
+    ----------
+    signatures : tuple of Signature
+        One of each effect.
+    chi2 : float
+        That would be left.
+    start : mapping of str to float
+        Values by key at which it would be.
+    bic : float
+    """
+
+    signatures: tuple[Signature, ...]
+    chi2: float
+    start: Mapping[str, float]
+    bic: float
+
+    @property
+    def explanation(self) -> Explanation:
+        """The effects."""
+        return tuple(one.candidate for one in self.signatures)
+
+    @property
+    def label(self) -> str:
+        """The effects in words."""
+        return label_of(self.explanation)
+
+
+def signatures(
+    problem: Problem, base: Fit, differences: Differences, candidates: Sequence[Candidate] | None = None
+) -> Signatures:
+    """Simulate every candidate at a small size about the fitted base.
+
+    Parameters
+    ----------
+    problem : Problem
+    base : Fit
+    differences : Differences
+    candidates : sequence of Candidate
+        All of the model's by default.
+    """
+    found, failed = [], {}
+    candidates = problem.model.candidates if candidates is None else candidates
+    for candidate in sorted(candidates, key=lambda one: bool(one.carrier)):  # carriers come first
+        carriers = [one for one in found if one.candidate.label == candidate.carrier]
+        try:
+            origin = base.residual
+            if candidate.replaces:
+                origin = problem.residual(_absent(candidate, candidate.starts[0], base), (candidate,))
+            for shapes in _starts(problem, base, candidate, carriers):
+                found.append(_signature(problem, base, differences, candidate, shapes, origin))
+        except (InputError, SimulationError) as error:
+            failed[candidate.label] = str(error)
+    known = Signatures(base.parameters, base.values, base.jacobian, base.residual, found, failed)
+    return replace(known, found=[one for one in found if np.isfinite(one.columns).all()])
+
+
+def _starts(problem, base, candidate, carriers) -> Sequence[Mapping[str, float]]:
+    if not carriers:
+        return candidate.starts
+    frequency = next(p for p in candidate.coordinates if p.name == "frequency_Hz")
+    tried = frequencies(
+        problem.parts, base.residual, base.jacobian, carriers[0].columns[:, 0], frequency, MOST_FREQUENCIES
+    )
+    return [{**candidate.starts[0], "frequency_Hz": value} for value in tried] or candidate.starts
+
+
+def _absent(candidate: Candidate, shapes: Mapping[str, float], base: Fit) -> dict[str, float]:
+    """The base's values with the candidate there at zero size."""
+    at = {p.name: 0.0 if p.name in candidate.sizes else shapes[p.name] for p in candidate.coordinates}
+    return base.mapping | {f"{candidate.label}.{name}": value for name, value in at.items()}
+
+
+def _signature(problem, base, differences, candidate, shapes, origin) -> Signature:
+    values = _absent(candidate, shapes, base)
+    for name in candidate.replaces:  # held at nominal
+        values = {key: value for key, value in values.items() if key.partition("@")[0] != name}
+    by_key = {p.key: p for p in problem.parameters((candidate,))}
+    columns = [
+        differences.column(by_key[f"{candidate.label}.{name}"], values, origin, (candidate,))
+        for name in candidate.sizes
+    ]
+    return Signature(candidate, dict(shapes), np.column_stack(columns), origin)
+
+
+class Screen:
+    """Linear least squares over a set of signatures, in few rows.
+
+    Parameters
+    ----------
+    known : Signatures
+    """
+
+    def __init__(self, known: Signatures):
+        self.known = known
+        origins = [one.origin - known.residual for one in known.found]
+        self._rows = known.residual.size
+        blocks = compressed(known.jacobian, known.residual, *(one.columns for one in known.found), *origins)
+        count = len(known.found)
+        self._jacobian, self._residual = blocks[0], blocks[1]
+        self._columns, self._origins = blocks[2 : 2 + count], blocks[2 + count :]
+        self._place = {id(one): i for i, one in enumerate(known.found)}
+
+    def explained(self, chosen: Sequence[Signature], residual: np.ndarray | None = None) -> Screened:
+        """What the signatures `chosen` together would explain, within all bounds."""
+        known = self.known
+        replaced = {name for one in chosen for name in one.candidate.replaces}
+        kept = [i for i, p in enumerate(known.parameters) if p.name not in replaced]
+        places = [self._place[id(one)] for one in chosen]
+        matrix = np.hstack([self._jacobian[:, kept], *(self._columns[i] for i in places)])
+        target = self._residual + sum((self._origins[i] for i in places), np.zeros(self._residual.size))
+        sizes = [(one, p) for one in chosen for p in one.sizes]
+        low, high = bounds_of([*(known.parameters[i] for i in kept), *(p for _, p in sizes)])
+        here = np.concatenate([known.values[kept], np.zeros(len(sizes))])
+        step, chi2 = bounded_step(matrix, target, low - here, high - here)
+        start = {known.parameters[i].key: float(value) for i, value in zip(kept, here + step, strict=False)}
+        for (one, p), value in zip(sizes, step[len(kept) :], strict=True):
+            start[f"{one.candidate.label}.{p.name}"] = float(value)
+        for one in chosen:
+            start |= {f"{one.candidate.label}.{name}": value for name, value in one.shapes.items()}
+        free = len(known.parameters) + sum(len(one.candidate.coordinates) for one in chosen)
+        return Screened(tuple(chosen), chi2, start, chi2 + free * np.log(self._rows))
+
+    def singles(self) -> list[Screened]:
+        """Every candidate with its best start, best first."""
+        best: dict[str, Screened] = {}
+        for one in self.known.found:
+            found = self.explained((one,))
+            if found.label not in best or found.chi2 < best[found.label].chi2:
+                best[found.label] = found
+        return sorted(best.values(), key=lambda found: found.bic)
+
+    def pairs(self, singles: Sequence[Screened]) -> list[Screened]:
+        """All pairs of candidates, each at the start that is best for it alone, best first."""
+        chosen = [one.signatures[0] for one in singles]
+        pairs = [
+            self.explained(pair)
+            for pair in itertools.combinations(chosen, 2)
+            if not set(pair[0].candidate.replaces) & set(pair[1].candidate.replaces)
+        ]
+        return sorted(pairs, key=lambda found: found.bic)
