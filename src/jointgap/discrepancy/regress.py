@@ -1,0 +1,208 @@
+"""A force law for what no known effect explains: the sum of one or two terms of a library that fits best when simulated.
+
+The library is the model's: one candidate for each term, called ``effect[term]`` and with its coefficient as the only
+coordinate, such as ``discovered_slider_force[v^3]``. Nothing is differentiated: the terms are told apart by what they do to the
+simulated measurements, like every other effect.
+"""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jointgap.discrepancy.calibrate import Thresholds
+from jointgap.discrepancy.decide import RIVAL, SHARE, rank
+from jointgap.discrepancy.differences import Differences
+from jointgap.discrepancy.fit import FAILED, Fit, fit
+from jointgap.discrepancy.problem import Explanation, Problem
+from jointgap.discrepancy.protocol import Candidate
+from jointgap.discrepancy.screen import Screen, Screened, signatures
+
+COEFFICIENTS = "ab"
+"""Names of the coefficients in a formula, as many as a law may have terms."""
+
+_FITTED = 8  # of the sums that would explain most if all were linear, so many are simulated
+
+
+@dataclass(frozen=True)
+class Law:
+    """A sum of terms of a library.
+
+    Attributes
+    ----------
+    effect, site : str
+        Such as ``discovered_slider_force`` and ``slider``.
+    terms : mapping of str to str
+        Of each coefficient its term in the syntax of `jointgap.formula`, SI.
+    coefficients : mapping of str to float
+        Their values.
+    keys : mapping of str to str
+        Key of each coefficient among the parameters of a fit.
+    """
+
+    effect: str
+    site: str
+    terms: Mapping[str, str]
+    coefficients: Mapping[str, float]
+    keys: Mapping[str, str]
+
+    @property
+    def formula(self) -> str:
+        """``a*v^3 + b*x``."""
+        return " + ".join(_product(name, term) for name, term in self.terms.items())
+
+    @property
+    def words(self) -> str:
+        """``slider force = -3.21*v^3 + 40*x``, SI."""
+        text = " + ".join(_product(f"{self.coefficients[name]:.4g}", term) for name, term in self.terms.items())
+        return f"{self.effect.removeprefix('discovered_').replace('_', ' ')} = {text.replace('+ -', '- ')}"
+
+
+@dataclass(frozen=True)
+class Regressed:
+    """What the regression proposes.
+
+    Attributes
+    ----------
+    fit : Fit or None
+        The best sum, simulated and fitted together with the nuisances; None where no sum could be simulated.
+    accepted : bool
+        Whether it may be reported: it passes the gate of the effects on the list.
+    because : str
+        The reason in a sentence.
+    rivals : list of Fit
+        Other sums that the data cannot tell from it, best first.
+    others : list of Fit
+        The rest that was simulated, best first, the failed ones last.
+    failed : mapping of label to reason
+        Terms that could not be simulated.
+    """
+
+    fit: Fit | None
+    accepted: bool
+    because: str
+    rivals: list[Fit] = field(default_factory=list)
+    others: list[Fit] = field(default_factory=list)
+    failed: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def law(self) -> Law | None:
+        """The best sum as a formula."""
+        return None if self.fit is None else law_of(self.fit.explanation, self.fit.mapping)
+
+
+def regress(
+    problem: Problem,
+    base: Fit,
+    library: Sequence[Candidate],
+    limits: Thresholds,
+    differences: Differences | None = None,
+) -> Regressed:
+    """Find the law, of at most two terms of one effect, that takes the place of what is missing.
+
+    All sums are ranked by what they would explain if the motion answered linearly; the best are fitted by forward simulation and
+    compared by BIC, with the number of sums that were open to choice counted in (the extended criterion of Chen and Chen,
+    Biometrika 95 (2008) 759-771). A second term must improve it as much as a second effect must.
+
+    Parameters
+    ----------
+    problem : Problem
+    base : Fit
+        The model as it stands, nuisances fitted.
+    library : sequence of Candidate
+        See the module.
+    limits : Thresholds
+        Of the campaign: the law passes where it leaves no more than they allow, or explains the share that an effect has to.
+    differences : Differences, optional
+        Shared with other fits of the problem.
+
+    Returns
+    -------
+    Regressed
+    """
+    differences = differences or Differences(problem)
+    known = signatures(problem, base, differences, library)
+    screen = Screen(known)
+    sums = [screen.explained(chosen) for chosen in _subsets(known.found)]
+    if not sums:
+        return Regressed(None, False, "no term of the library could be simulated", failed=known.failed)
+    counts = {size: sum(len(one.signatures) == size for one in sums) for size in range(1, len(COEFFICIENTS) + 1)}
+
+    def price(explanation: Explanation) -> float:
+        """What the choice among all sums of so many terms is worth, beside the BIC's own k ln n."""
+        return 2.0 * math.log(counts[len(explanation)])
+
+    sums.sort(key=lambda one: one.bic + price(one.explanation))
+    fits = [_fitted(problem, one, known.known(one.signatures), differences) for one in sums[:_FITTED]]
+    cost = {one.label: one.bic + price(one.explanation) for one in fits}
+    fits.sort(key=lambda one: cost[one.label])
+    best = fits[0]
+    if best.status == FAILED:
+        return Regressed(None, False, best.reason, others=fits, failed=known.failed)
+    best = next((one for one in fits if len(one.explanation) == 1 and cost[one.label] - cost[best.label] < RIVAL), best)
+    rest = [one for one in fits if one is not best]
+    rivals = [one for one in rest if cost[one.label] - cost[best.label] < RIVAL and not _adds_to(one, best.explanation)]
+    accepted, because = _gate(base, best, cost[best.label], limits)
+    others = [one for one in rest if one not in rivals]
+    return Regressed(best, accepted, because, rivals, others, known.failed)
+
+
+def law_of(explanation: Explanation, values: Mapping[str, float]) -> Law:
+    """Terms of a library as one formula.
+
+    Parameters
+    ----------
+    explanation : tuple of Candidate
+        Of one effect.
+    values : mapping of str to float
+        By key, as in `Fit.mapping`.
+    """
+    named = dict(zip(COEFFICIENTS, explanation, strict=False))
+    keys = {name: f"{candidate.label}.{candidate.sizes[0]}" for name, candidate in named.items()}
+    terms = {name: term_of(candidate) for name, candidate in named.items()}
+    coefficients = {name: values[key] for name, key in keys.items()}
+    return Law(effect_of(explanation[0]), explanation[0].site, terms, coefficients, keys)
+
+
+def effect_of(candidate: Candidate) -> str:
+    """The effect that a term of a library belongs to."""
+    return candidate.name.partition("[")[0]
+
+
+def term_of(candidate: Candidate) -> str:
+    """The term itself."""
+    return candidate.name.partition("[")[2].removesuffix("]")
+
+
+def _product(coefficient: str, term: str) -> str:
+    return coefficient if term == "1" else f"{coefficient}*{term}"
+
+
+def _subsets(found):
+    """All sets of terms of one effect that a law may have."""
+    for size in range(1, len(COEFFICIENTS) + 1):
+        for chosen in itertools.combinations(found, size):
+            if len({effect_of(one.candidate) for one in chosen}) == 1:
+                yield chosen
+
+
+def _fitted(problem: Problem, one: Screened, known: Mapping[str, np.ndarray], differences: Differences) -> Fit:
+    return fit(problem, one.explanation, one.start, known, differences, refresh=True)
+
+
+def _adds_to(one: Fit, explanation: Explanation) -> bool:
+    """Whether a sum holds all terms of `explanation`, and more."""
+    return {c.label for c in one.explanation} > {c.label for c in explanation}
+
+
+def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds) -> tuple[bool, str]:
+    (ranked,) = rank(base, [best], limits, {})
+    if base.bic - cost < max(RIVAL, limits.directed):
+        return False, f"the best sum, {best.label}, is not better than chance"
+    if ranked.passes:
+        return True, "with it the model leaves noise alone"
+    if ranked.share >= SHARE:
+        return True, f"it explains {ranked.share:.1%} of the misfit"
+    return False, f"the best sum, {best.label}, explains {ranked.share:.1%} only"
