@@ -49,7 +49,7 @@ def round_up(value: float) -> float:
     return float(next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value * (1 - 1e-9)))
 
 
-def _short(value: float, position: int) -> str:
+def tick_label(value: float, position: int) -> str:
     """Tick label: plain up to 1000, a power of ten beyond."""
     if abs(value) < 1e4:
         return f"{value:g}".replace("-", "−")
@@ -161,7 +161,7 @@ class Panel:
         steps = (1.0, 2.0, 5.0) if 0.0 < high < 1e3 * max(low, 1e-300) else (1.0,)
         self.axes.set_yscale("log")
         self.axes.yaxis.set_major_locator(LogLocator(subs=steps))
-        self.axes.yaxis.set_major_formatter(FuncFormatter(_short))
+        self.axes.yaxis.set_major_formatter(FuncFormatter(tick_label))
         self.axes.yaxis.set_minor_locator(NullLocator())
 
     def linear_then_logarithmic(self, threshold: float) -> None:
@@ -172,7 +172,7 @@ class Panel:
         ticks = [-threshold, 0.0, threshold, *beyond[beyond <= 1.3 * top], *-beyond[beyond <= -1.3 * bottom]]
         self.axes.set_yscale("symlog", linthresh=threshold, linscale=1.2)
         self.axes.yaxis.set_major_locator(FixedLocator(sorted(ticks)))
-        self.axes.yaxis.set_major_formatter(FuncFormatter(_short))
+        self.axes.yaxis.set_major_formatter(FuncFormatter(tick_label))
         self.axes.yaxis.set_minor_locator(NullLocator())
         self.axes.set_ylim(min(1.5 * bottom, -1.2 * threshold), max(1.5 * top, 1.2 * threshold))
         self.axes.axhspan(-threshold, threshold, color="#F4F4F4", zorder=0)

@@ -31,6 +31,11 @@ COLOURS = {
     "settled": "#0072B2",
     "limit": "#777777",
     "other": "#999999",
+    "before": "#D55E00",
+    "after": "#0072B2",
+    "pair": "#E69F00",
+    "formula": "#CC79A7",
+    "named": "#009E73",
 }
 LOOK = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine

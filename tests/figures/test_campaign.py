@@ -1,0 +1,188 @@
+"""What the figures of a campaign owe their reader, on a small made-up campaign."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap import tables as files
+from jointgap.errors import InputError
+from jointgap.figures import campaign, style
+
+RUNS = {"slow": False, "fast": False, "check": True}  # held out
+CHANNELS = ("slider_acceleration", "crank_torque")
+VERDICT = {
+    "verdict": "named",
+    "effects": [{"name": "slider_coulomb_friction", "site": "slider", "delta_bic": 812.4, "parameters": {}}],
+    "equivalent": [],
+    "preflight": {"undetectable": ["crank_unbalance"], "merged": [["gravity", "slider_spring"]]},
+}
+every_figure = pytest.mark.parametrize("name", campaign.CATALOGUE)
+
+
+def made_up(size=4.0):
+    """Tables of a campaign whose base misses a square wave of `size` standard deviations in the torque."""
+    random = np.random.default_rng(1)
+    angle = np.linspace(0.0, 6.0 * np.pi, 541)
+    series = []
+    for run, held_out in RUNS.items():
+        for channel in CHANNELS:
+            missing = size * np.sign(np.sin(angle)) * (channel == "crank_torque")
+            noise = random.standard_normal(angle.size)
+            frame = pd.DataFrame(
+                {"run": run, "channel": channel, "sample": np.arange(angle.size), "crank_angle": angle}
+            )
+            frame = frame.assign(held_out=held_out, measured=2.0 + 0.1 * (missing + noise), base=2.0)
+            frame = frame.assign(augmented=2.0 + 0.1 * missing, spread=0.1)
+            series.append(frame.assign(whitened_base=missing + noise, whitened_augmented=noise))
+    samples = pd.concat(series, ignore_index=True)
+    return {"residuals": samples} | located(samples) | fitted() | planned() | after(samples)
+
+
+def located(samples):
+    samples = samples[~samples["held_out"]]
+    start = 10.0 * np.floor(np.degrees(samples["crank_angle"]) % 360.0 / 10.0)
+    grouped = samples.groupby(["run", "channel", start.rename("start_deg")], sort=False)["whitened_base"]
+    bins = grouped.agg(samples="size", mean="mean", rms=lambda values: np.sqrt((values**2).mean())).reset_index()
+    bins = bins.assign(end_deg=bins["start_deg"] + 10.0, p=0.5, p_adjusted=0.5, flagged=bins["mean"].abs() > 2.0)
+    window = {"run": "slow", "channel": "crank_torque", "mean": -4.0, "rms": 4.1, "p_adjusted": 1e-9}
+    return {"bins": bins, "windows": pd.DataFrame([window | {"start_deg": 340.0, "end_deg": 20.0}])}
+
+
+def fitted():
+    rows = [
+        ("base", "base", 9000.0, 0.0, 0.0),
+        ("slider_coulomb_friction", "single", 2150.0, 6842.0, 0.998),
+        ("slider_viscous_friction", "single", 5200.0, 3793.0, 0.55),
+        ("gravity", "single", 9000.0, -8.0, 0.0),
+        ("slider_coulomb_friction + sensor_bias:crank_torque", "pair", 2149.0, 6835.0, 0.999),
+        ("-a*v*|v|", "formula", 3000.0, 5993.0, 0.87),
+        ("rod_flexibility", "single", np.nan, np.nan, np.nan),
+    ]
+    fits = pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "delta_bic", "explained_share"])
+    return {"fits": fits.assign(samples=2164, parameters=6, status="converged", reason=None, bic=9000.0)}
+
+
+def planned():
+    labels = ["gravity", "slider_spring", "crank_unbalance", "sensor_bias:crank_torque"]
+    cosine = {("gravity", "slider_spring"): 0.985, ("gravity", "crank_unbalance"): 0.4}
+    pairs = [(a, b, 1.0 if a == b else cosine.get((a, b), 0.1)) for i, a in enumerate(labels) for b in labels[i:]]
+    rows = [("gravity", 0.3, 9.8), ("slider_spring", 5.0, 40.0), ("crank_unbalance", np.inf, 1e-3)]
+    rows.append(("sensor_bias:crank_torque", 0.05, 0.02))
+    effects = pd.DataFrame(rows, columns=["label", "smallest_detectable", "typical"])
+    effects = effects.assign(parameter="x", unit="N", detectable=effects["smallest_detectable"] < effects["typical"])
+    return {"confusability": pd.DataFrame(pairs, columns=["first", "second", "cosine"]), "effects": effects}
+
+
+def after(samples):
+    rows = []
+    for role in ("identify", "confirm"):
+        of_role = samples[samples["held_out"] == (role == "confirm")]
+        for run, channel in [(run, c) for run in of_role["run"].unique() for c in (*CHANNELS, "all")] + [
+            ("all", "all")
+        ]:
+            own = of_role[of_role["run"].isin([run] if run != "all" else list(RUNS))]
+            own = own[own["channel"].isin([channel] if channel != "all" else CHANNELS)]
+            row = {"run": run, "role": role, "channel": channel}
+            for when, column in (("before", "whitened_base"), ("after", "whitened_augmented")):
+                gap = np.sqrt((own[column] ** 2).mean())
+                row |= {when: gap, f"{when}_low": 0.95 * gap, f"{when}_high": 1.06 * gap}
+            rows.append(row)
+    optimum = pd.DataFrame({"model": ["base", "augmented"], "source": ["networks", "networks"]})
+    optimum = optimum.assign(crank_length=[0.15, 0.151], rod_length=[0.56, 0.57], reduction=[0.038, 0.05])
+    optimum = optimum.assign(resimulated=[0.037, np.nan], rms_before=1e-3, rms_after=9e-4)
+    angle = np.linspace(0.0, 2.0 * np.pi, 361)
+    force = pd.DataFrame({"crank_angle": angle, "slider_position": 0.15 * np.cos(angle), "crank_torque": 0.0})
+    speeds = {"slow": 20.0, "check": 40.0}
+    runs = [force.assign(run=run, slider_velocity=-0.15 * w * np.sin(angle)) for run, w in speeds.items()]
+    force = pd.concat(runs, ignore_index=True)
+    force["slider_force"] = -21.0 * np.tanh(force["slider_velocity"] / 0.01)
+    return {"gaps": pd.DataFrame(rows), "optimum": optimum, "force": force}
+
+
+@pytest.fixture(scope="module")
+def drawings():
+    tables = made_up()
+    return {name: campaign.draw(name, tables, VERDICT) for name in campaign.CATALOGUE}
+
+
+@every_figure
+def test_what_is_drawn_can_be_saved_with_its_data(name, drawings, tmp_path):
+    written = style.save(drawings[name], tmp_path / name)
+    assert sorted(path.suffix for path in written) == [".parquet", ".png", ".svg"]
+    assert len(files.read(files.PLOTTED, tmp_path / f"{name}.parquet"))
+
+
+@every_figure
+def test_every_axis_with_numbers_names_its_quantity_and_unit(name, drawings):
+    for axes in drawings[name].figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            numbers = [text.get_text() for text in axis.get_ticklabels() if text.get_visible() and text.get_text()]
+            words = any(re.search(r"[a-z]{3}", number.replace("mathdefault", "")) for number in numbers)
+            if numbers and not words:
+                assert re.search(r"\w+.* \[[^\]]+\]$", axis.get_label_text()), axes.get_title(loc="left")
+
+
+@every_figure
+def test_every_series_in_a_legend_has_its_data(name, drawings):
+    recorded = set(drawings[name].data["series"])
+    for axes in drawings[name].figure.axes:
+        assert set(axes.get_legend_handles_labels()[1]) <= recorded
+
+
+@every_figure
+@pytest.mark.parametrize("absent", ["no table", "no rows"])
+def test_without_a_table_the_figure_says_so_and_is_saved_all_the_same(name, absent, tmp_path):
+    tables = {} if absent == "no table" else {key: frame.head(0) for key, frame in made_up().items()}
+    drawing = campaign.draw(name, tables, VERDICT)
+    texts = [text.get_text() for axes in drawing.figure.axes for text in axes.texts]
+    assert texts == [campaign.NOTHING[name]]
+    style.save(drawing, tmp_path / name)
+
+
+def test_a_window_across_dead_centre_is_outlined_at_both_ends(drawings):
+    data = drawings["disagreement"].data
+    windows = data[data["series"].str.startswith("window")]
+    assert sorted(zip(windows["low"], windows["high"], strict=True)) == [(0.0, 20.0), (340.0, 360.0)]
+
+
+def test_the_map_shows_the_mean_of_every_bin(drawings):
+    data = drawings["disagreement"].data
+    shown = data[data["series"] == "mean whitened residual"]
+    assert np.allclose(np.sort(shown["value"].astype(float)), np.sort(made_up()["bins"]["mean"]))
+
+
+def test_the_explanation_of_the_verdict_stands_first_and_failed_fits_are_left_out(drawings):
+    data = drawings["ranking"].data
+    gain = data[data["panel"] == "gain over the base model"]
+    assert list(gain[gain["series"] == "named"]["label"]) == ["slider_coulomb_friction"]
+    assert gain[gain["series"] == "named"]["y"].item() == 0.0
+    assert "rod_flexibility" not in set(gain["label"])
+
+
+def test_merged_effects_are_neighbours_in_the_matrix(drawings):
+    data = drawings["confusability"].data
+    merged = data[data["series"] == "cannot be told apart here"]
+    assert set(merged["label"]) == {"gravity", "slider_spring"}
+    assert np.ptp(merged["x"]) == 1.0
+
+
+def test_an_effect_that_no_size_shows_is_listed_without_a_mark(drawings):
+    drawing = drawings["detectable"]
+    assert "crank_unbalance" not in set(drawing.data["label"].dropna())
+    beside = drawing.figure.axes[0].child_axes[0]
+    assert [text.get_text() for text in beside.get_yticklabels()][-1] == "no size shows"
+
+
+def test_large_residuals_and_a_model_that_nothing_was_added_to_are_drawn(tmp_path):
+    tables = made_up(size=60.0)
+    samples = tables["residuals"].assign(augmented=tables["residuals"]["base"])
+    drawing = campaign.draw("residuals", {"residuals": samples}, VERDICT | {"verdict": "unexplained", "effects": []})
+    assert not drawing.data["series"].str.startswith("after").any()
+    style.save(campaign.draw("disagreement", tables, VERDICT), tmp_path / "map")
+
+
+def test_a_figure_that_is_not_there_is_refused():
+    with pytest.raises(InputError, match="did you mean 'gaps'"):
+        campaign.draw("gap", {}, VERDICT)
