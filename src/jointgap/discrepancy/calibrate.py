@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointgap.discrepancy.alike import Subspaces, orthonormal
 from jointgap.discrepancy.screen import Signatures
 
 DRAWS = 1000
@@ -49,8 +50,9 @@ def thresholds(
     """
     size = known.residual.size
     generator = np.random.default_rng(seed)
-    basis = _basis(known.jacobian)
-    spaces = [(_basis(_projected(one.columns, basis)), len(one.candidate.coordinates)) for one in known.found]
+    subspaces = Subspaces(known)
+    basis = subspaces.nuisances
+    spaces = [(orthonormal(subspaces.projected(one.columns)), len(one.candidate.coordinates)) for one in known.found]
     joint = np.hstack([space for space, _ in spaces]) if spaces else np.empty((size, 0))
     chi2, gains = np.empty(DRAWS), np.empty(DRAWS)
     for i in range(DRAWS):
@@ -68,19 +70,3 @@ def thresholds(
         gains[i] = best
     dof = max(size - basis.shape[1], 1)
     return Thresholds(rate, float(np.quantile(chi2, 1 - rate) / dof), float(np.quantile(gains, 1 - rate)))
-
-
-def _basis(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal columns of the same span."""
-    if not columns.shape[1]:
-        return columns
-    length = np.linalg.norm(columns, axis=0)
-    left, sizes, _ = np.linalg.svd(columns / np.where(length > 0, length, 1.0), full_matrices=False)
-    return left[:, sizes > 1e-9 * max(sizes[0], 1e-300)] if sizes[0] > 0 else left[:, :0]
-
-
-def _projected(columns: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """What of the columns is not in the span of `basis`; nothing where that is rounding."""
-    left = columns - basis @ (basis.T @ columns)
-    lost = np.linalg.norm(left, axis=0) < 1e-6 * np.linalg.norm(columns, axis=0)
-    return np.where(lost, 0.0, left)
