@@ -1,0 +1,81 @@
+"""Stage decide: the verdict as far as the fits carry it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from jointgap.campaign.fits import to_frames
+from jointgap.discrepancy.calibrate import Thresholds
+from jointgap.discrepancy.decide import Decision
+from jointgap.discrepancy.fit import Fit
+from jointgap.discrepancy.naming import refined, verdict
+from jointgap.discrepancy.recalibrate import Recalibrated
+from jointgap.discrepancy.screen import Signatures
+
+NOMINAL = "no_disagreement"
+"""The verdict with which nuisances stay at nominal."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A verdict with all that later stages need of the fits.
+
+    Attributes
+    ----------
+    verdict, because : str
+    chosen : Fit
+        The explanation named; the base where none is.
+    equivalent : list of Fit
+    ranking : DataFrame
+        Table `jointgap.tables.RANKING`.
+    """
+
+    verdict: str
+    because: str
+    chosen: Fit
+    equivalent: list[Fit]
+    ranking: pd.DataFrame
+
+    def frame(self) -> pd.DataFrame:
+        """Table `jointgap.tables.DECISION`."""
+        nuisances = "nominal" if self.verdict == NOMINAL else "base"
+        return pd.DataFrame([{"verdict": self.verdict, "because": self.because, "nuisances": nuisances}])
+
+
+def decide(
+    found: Recalibrated, known: Signatures, fits: Sequence[Fit], seconds: Mapping[str, float], limits: Thresholds
+) -> Outcome:
+    """Choose among the fits; what is chosen is fitted once more to its end, for its intervals.
+
+    Parameters
+    ----------
+    found : Recalibrated
+    known : Signatures
+    fits : sequence of Fit
+    seconds : mapping of label to float
+        How long each took.
+    limits : Thresholds
+    """
+    decision = verdict(found, known, fits, limits)
+    chosen = refined(found, decision.chosen) if decision.chosen.explanation else decision.chosen
+    equivalent = [refined(found, one) for one in decision.equivalent]
+    return Outcome(decision.verdict, decision.because, chosen, equivalent, ranking_frame(decision, seconds))
+
+
+def ranking_frame(decision: Decision, seconds: Mapping[str, float]) -> pd.DataFrame:
+    """Table `jointgap.tables.RANKING`."""
+    fits = [one.fit for one in decision.ranking]
+    frame = to_frames(fits, [seconds.get(one.label, np.nan) for one in fits])["fits"]
+    named = decision.chosen.label if decision.verdict.startswith("named") else ""
+    equal = {one.label for one in decision.equivalent}
+    lost = ~np.isfinite([one.delta_bic for one in decision.ranking])
+    return frame.assign(
+        delta_bic=np.where(lost, np.nan, [one.delta_bic for one in decision.ranking]),
+        explained_share=np.where(lost, np.nan, [one.share for one in decision.ranking]),
+        passes=[one.passes for one in decision.ranking],
+        admissible=[one.admissible for one in decision.ranking],
+        place=["named" if one.label == named else "equivalent" if one.label in equal else "" for one in fits],
+        remark=[one.remark or None for one in decision.ranking],
+    )

@@ -1,0 +1,48 @@
+"""Stage fit: explanations by forward simulation, each started where it would explain most."""
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from jointgap.discrepancy.fit import FAILED, Fit
+from jointgap.discrepancy.naming import fitted
+from jointgap.discrepancy.recalibrate import Recalibrated
+from jointgap.discrepancy.screen import Screened, Signatures
+from jointgap.errors import InputError, SimulationError
+
+
+def fits(
+    found: Recalibrated, known: Signatures, chosen: Sequence[Screened], part: int = 0, parts: int = 1
+) -> tuple[list[Fit], list[float]]:
+    """Fit every explanation of one part, and say how long each took [s].
+
+    A fit that fails is one of them, with its reason; the others go on.
+
+    Parameters
+    ----------
+    found : Recalibrated
+    known : Signatures
+    chosen : sequence of Screened
+        The explanations of all parts.
+    part, parts : int
+        Which of how many parts, counted from 0.
+    """
+    fits, seconds = [], []
+    for one in chosen[part::parts]:
+        begin = time.monotonic()
+        fits.append(_fitted(found, known, one))
+        seconds.append(time.monotonic() - begin)
+    return fits, seconds
+
+
+def _fitted(found: Recalibrated, known: Signatures, one: Screened) -> Fit:
+    try:
+        return fitted(found, known, [one])[0]
+    except (InputError, SimulationError) as error:
+        parameters = found.problem.parameters(one.explanation)
+        start = np.array([one.start.get(p.key, p.nominal) for p in parameters])
+        size = found.problem.size
+        return Fit(
+            one.explanation, parameters, start, np.full(size, np.nan), np.empty((size, 0)), 0, FAILED, str(error)
+        )

@@ -1,0 +1,124 @@
+"""Stage screen: what every candidate changes, and what campaigns in which nothing is hidden would show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from jointgap.campaign.fits import kind_of
+from jointgap.discrepancy.calibrate import Thresholds, thresholds
+from jointgap.discrepancy.fit import Fit
+from jointgap.discrepancy.naming import Shortlist, shortlist
+from jointgap.discrepancy.protocol import Candidate
+from jointgap.discrepancy.recalibrate import Recalibrated, other_numerics
+from jointgap.discrepancy.screen import Signature, Signatures, signatures
+
+_BASE, _ORIGIN = "base", "origin"
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What the stage hands on.
+
+    Attributes
+    ----------
+    known : Signatures
+        Of all candidates.
+    limits : Thresholds
+    chosen : Shortlist
+        The explanations to fit.
+    """
+
+    known: Signatures
+    limits: Thresholds
+    chosen: Shortlist
+
+    def frame(self) -> pd.DataFrame:
+        """Table `jointgap.tables.SCREENED`."""
+        rows = [
+            {
+                "explanation": one.label,
+                "kind": kind_of(one.explanation),
+                "chi2": one.chi2,
+                "bic": one.bic,
+                "reason": None,
+            }
+            for one in (*self.chosen.singles, *self.chosen.pairs)
+        ]
+        nothing = {"kind": "failed", "chi2": np.nan, "bic": np.nan}
+        rows += [{"explanation": label, **nothing, "reason": why} for label, why in self.known.failed.items()]
+        return pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "bic", "reason"])
+
+
+def screen(found: Recalibrated, rate: float, noise_dof: float = np.inf, seed: int = 0) -> Screening:
+    """Simulate every candidate at a small size, and choose what is worth a fit.
+
+    Parameters
+    ----------
+    found : Recalibrated
+    rate : float
+        False alarms allowed.
+    noise_dof : float
+        Degrees of freedom from which the noise was estimated; infinite where it is stated.
+    seed : int
+        Of the null campaigns.
+    """
+    known = signatures(found.problem, found.base, found.differences)
+    limits = thresholds(known, other_numerics(found.problem, found.base), rate, noise_dof, seed)
+    return Screening(known, limits, shortlist(known))
+
+
+def to_frames(known: Signatures) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Tables `jointgap.tables.SIGNATURES` and `jointgap.tables.SIGNATURE_SHAPES`."""
+    columns = [(_BASE, 0, p.key, column) for p, column in zip(known.parameters, known.jacobian.T, strict=True)]
+    shapes, count = [], {}
+    for one in known.found:
+        label = one.candidate.label
+        start = count[label] = count.get(label, -1) + 1
+        columns += [(label, start, p.name, column) for p, column in zip(one.sizes, one.columns.T, strict=True)]
+        if one.origin is not known.residual:
+            columns.append((label, start, _ORIGIN, one.origin))
+        shapes += [(label, start, name, value) for name, value in one.shapes.items()]
+    frames = [
+        pd.DataFrame(
+            {"label": label, "start": start, "name": name, "sample": np.arange(column.size), "derivative": column}
+        )
+        for label, start, name, column in columns
+    ]
+    names = ["label", "start", "name", "sample", "derivative"]
+    derivatives = pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=names)
+    return derivatives, pd.DataFrame(shapes, columns=["label", "start", "name", "value"])
+
+
+def from_frames(
+    derivatives: pd.DataFrame, shapes: pd.DataFrame, screened: pd.DataFrame, base: Fit, candidates: Sequence[Candidate]
+) -> Signatures:
+    """The signatures of all candidates from their tables."""
+    columns = {
+        place: {name: rows["derivative"].to_numpy() for name, rows in of.groupby("name", sort=False)}
+        for place, of in derivatives.groupby(["label", "start"], sort=False)
+    }
+    at = {
+        place: dict(zip(rows["name"], rows["value"], strict=True))
+        for place, rows in shapes.groupby(["label", "start"], sort=False)
+    }
+    nuisances = columns.pop((_BASE, 0), {})
+    size = base.residual.size
+    jacobian = _stacked([nuisances[p.key] for p in base.parameters], size)
+    by_label = {candidate.label: candidate for candidate in candidates}
+    found = []
+    for (label, start), own in columns.items():
+        candidate = by_label[label]
+        sizes = [p.name for p in candidate.coordinates if p.name in candidate.sizes]
+        origin = own.get(_ORIGIN, base.residual)
+        found.append(
+            Signature(candidate, at.get((label, start), {}), _stacked([own[name] for name in sizes], size), origin)
+        )
+    lost = screened[screened["kind"] == "failed"]
+    failed = dict(zip(lost["explanation"], lost["reason"], strict=True))
+    return Signatures(base.parameters, base.values, jacobian, base.residual, found, failed)
+
+
+def _stacked(columns: list[np.ndarray], size: int) -> np.ndarray:
+    return np.column_stack(columns) if columns else np.empty((size, 0))
