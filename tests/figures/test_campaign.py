@@ -52,7 +52,6 @@ def located(samples):
 
 def fitted():
     rows = [
-        ("base", "base", 9000.0, 0.0, 0.0),
         ("slider_coulomb_friction", "single", 2150.0, 6842.0, 0.998),
         ("slider_viscous_friction", "single", 5200.0, 3793.0, 0.55),
         ("gravity", "single", 9000.0, -8.0, 0.0),
@@ -61,7 +60,8 @@ def fitted():
         ("rod_flexibility", "single", np.nan, np.nan, np.nan),
     ]
     fits = pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "delta_bic", "explained_share"])
-    return {"fits": fits.assign(samples=2164, parameters=6, status="converged", reason=None, bic=9000.0)}
+    place = np.where(fits["explanation"] == "slider_coulomb_friction", "named", "")
+    return {"ranking": fits.assign(place=place)}
 
 
 def planned():
@@ -98,7 +98,7 @@ def after(samples):
     runs = [force.assign(run=run, slider_velocity=-0.15 * w * np.sin(angle)) for run, w in speeds.items()]
     force = pd.concat(runs, ignore_index=True)
     force["slider_force"] = -21.0 * np.tanh(force["slider_velocity"] / 0.01)
-    return {"gaps": pd.DataFrame(rows), "optimum": optimum, "force": force}
+    return {"gaps": pd.DataFrame(rows), "optimum": optimum, "missing_force": force}
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """What the figures of a campaign share."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import pandas as pd
 
@@ -29,16 +28,6 @@ def in_words(name: str) -> str:
 def runs_in(frame: pd.DataFrame) -> list[str]:
     """Runs of a table in its order."""
     return list(frame["run"].unique())
-
-
-def named(verdict: Mapping[str, Any], explanation: str) -> bool:
-    """Whether a fit's ``explanation`` is the one that the verdict names."""
-    found = sorted((effect["name"], effect["site"]) for effect in verdict.get("effects", ()))
-    parts = [part.partition(":") for part in explanation.split(" + ")]
-    return len(parts) == len(found) and all(
-        name == other and (not site or site == place)
-        for (name, _, site), (other, place) in zip(sorted(parts), found, strict=True)
-    )
 
 
 def listed(panel: Panel, names: Sequence[str]) -> None:

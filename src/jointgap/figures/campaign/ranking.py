@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from jointgap.figures.campaign.parts import in_words, listed, named
+from jointgap.figures.campaign.parts import in_words, listed
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.sheet import Panel, Quantity, Sheet, tick_label
 
@@ -21,15 +21,15 @@ _LINEAR_TO = 10.0  # of BIC: less is no evidence to speak of
 
 def ranking(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> Drawing:
     """The best explanations by what they gain in BIC over the recalibrated model, and the share of the misfit they explain."""
-    fits = tables["fits"]
-    best = fits[(fits["kind"] != "base") & fits["delta_bic"].notna()]
+    fits = tables["ranking"]
+    best = fits[fits["delta_bic"].notna()]
     best = best.sort_values("delta_bic", ascending=False).head(SHOWN).reset_index(drop=True)
-    names = [in_words(label) for label in best["explanation"]]
-    sheet = Sheet(1.35 + 0.24 * max(3, len(best)), 1, 2, width_ratios=(1.25, 1.0))
+    names = [in_words(label).replace(" + ", " +\n") for label in best["explanation"]]
+    sheet = Sheet(1.35 + 0.31 * max(3, len(best)), 1, 2, width_ratios=(1.25, 1.0))
     gain = sheet.panel((0, 0), "gain over the base model", Quantity("gain in BIC", "1"), _EXPLANATION)
     share = sheet.panel((0, 1), "misfit explained", Quantity("explained share", "1"), _EXPLANATION)
     for panel, values in ((gain, best["delta_bic"]), (share, best["explained_share"].clip(-0.1, 1.1))):
-        _marks(panel, best, values, [named(verdict, label) for label in best["explanation"]])
+        _marks(panel, best, values)
         listed(panel, names)
     gain.axes.axvline(0.0, color="#777777", linewidth=0.8)
     _symmetric(gain, best["delta_bic"].to_numpy(dtype=float))
@@ -42,15 +42,17 @@ def ranking(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> D
     return sheet.drawing()
 
 
-def _marks(panel: Panel, best: pd.DataFrame, values: pd.Series, chosen: list[bool]) -> None:
-    place, chosen = np.arange(len(best)), np.array(chosen, dtype=bool)
+def _marks(panel: Panel, best: pd.DataFrame, values: pd.Series) -> None:
+    place = np.arange(len(best))
     for kind, (series, colour) in _KINDS.items():
-        own = ((best["kind"] == kind) & ~chosen).to_numpy()
+        own = ((best["kind"] == kind) & (best["place"] == "")).to_numpy()
         if own.any():
             panel.marks(series, values[own], place[own], colour, labels=list(best["explanation"][own]))
-    if chosen.any():
-        labels = list(best["explanation"][chosen])
-        panel.marks("named", values[chosen], place[chosen], "named", labels=labels, marker="D", markersize=6.0)
+    for series, words in (("named", "named"), ("equivalent", "cannot be told apart")):
+        own = (best["place"] == series).to_numpy()
+        if own.any():
+            labels = list(best["explanation"][own])
+            panel.marks(words, values[own], place[own], "named", labels=labels, marker="D", markersize=6.0)
 
 
 def _symmetric(panel: Panel, values: np.ndarray) -> None:
