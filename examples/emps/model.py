@@ -25,7 +25,6 @@ from scipy.signal import lfilter
 
 from examples.emps.effects import CANDIDATES
 from jointgap.discrepancy.protocol import Candidate, Effects, Parameter, Series
-from jointgap.discrepancy.whiten import Noise
 from jointgap.errors import InputError
 
 ADDRESS = "nonlinearbenchmark.org"
@@ -93,7 +92,7 @@ class Emps:
         at = {f"{candidate.name}.{key}": value for candidate, of in effects for key, value in of.items()}
         force = _march(
             data["qg"],
-            data["pulses_N"],  # volts, whatever their name
+            data["pulses"],
             np.array([data["gtau"], data["kp"], data["kv"]]),
             np.array([data["qm"][0], (data["qm"][1] - data["qm"][0]) / SAMPLE_TIME]),
             np.array([values["mass"], values["viscous"]]),
@@ -158,17 +157,14 @@ def averages(samples: np.ndarray) -> np.ndarray:
     return samples[: samples.size // AVERAGED * AVERAGED].reshape(-1, AVERAGED).mean(axis=1)
 
 
-def stated_noise(model: Emps) -> dict[tuple[str, str], Noise]:
-    """The scatter between cycles of the reference, as independent from one average to the next."""
-    return {series.key: Noise(series.stated_noise, source="scatter between cycles") for series in model.series}
-
-
 def _read(path: Path) -> dict:
     if not path.is_file():
         raise InputError(f"'{path}' is not there; get the EMPS data from {ADDRESS} and set JOINTGAP_EMPS to its folder")
-    table = loadmat(path)
-    found = {"pulses_N": np.zeros(table["vir"].size)}
-    for key in ("qm", "qg", "vir", "pulses_N", "gtau", "kp", "kv"):
-        if key in table:
-            found[key] = np.ravel(table[key]).astype(float)
-    return {key: value if value.size > 1 else float(value[0]) for key, value in found.items()}
+    try:
+        table = loadmat(path)
+        numbers = {key: float(table[key].item()) for key in ("gtau", "kp", "kv")}
+        samples = {key: table[key].ravel().astype(float) for key in ("qm", "qg", "vir")}
+    except (ValueError, KeyError) as error:
+        raise InputError(f"'{path}' is not the EMPS data ({error}); get it anew from {ADDRESS}") from error
+    pulses = np.ravel(table.get("pulses_N", np.zeros(samples["vir"].size))).astype(float)
+    return {**numbers, **samples, "pulses": pulses}  # in volts, whatever the file's name for them says
