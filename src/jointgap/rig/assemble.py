@@ -1,0 +1,109 @@
+"""From a campaign and its recordings to the model."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from jointgap.config.campaign import Campaign, CampaignRun
+from jointgap.measure import Measurements
+from jointgap.measure.recording import noise_of
+from jointgap.rig.clock import TURN, Clock, clock, planned_clock
+from jointgap.rig.drives import DROPPED, measured_pieces
+from jointgap.rig.model import RigModel, RunPlan
+
+_SEARCHED = 720  # crank angles per revolution at which a first angle is looked for
+
+
+def rig_model(campaign: Campaign, measurements: Measurements | None = None) -> RigModel:
+    """The model of a campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    measurements : Measurements, optional
+        None for a campaign that is yet to be measured: some revolutions of each run are planned.
+
+    Raises
+    ------
+    InputError
+        A recording that does not go with the drive.
+    """
+    plans, measured, held_out, blind = {}, {}, {}, set()
+    for run in campaign.runs:
+        clock_, values = _planned(campaign, run) if measurements is None else _recorded(campaign, run, measurements)
+        encoder = campaign.channels.get("crank_angle")
+        compared = clock_.encoded and campaign.drive != "measured_angle"
+        channels = [name for name in campaign.channels if name not in ("time", "crank_angle")]
+        channels += ["crank_angle"] if encoder and compared else []
+        pieces = None
+        if campaign.drive == "measured_angle":
+            back = 0 if run.start in ("at_rest", "dead_centre") else DROPPED
+            pieces = measured_pieces(clock_, _resolution(campaign) or None, back)
+        plans[run.id] = RunPlan(run, clock_, tuple(channels), pieces)
+        held_out[run.id] = (
+            _held_out(run, clock_.time.size) if measurements is None else measurements.runs[run.id].held_out
+        )
+        for channel in channels:
+            measured[run.id, channel] = values[channel], noise_of(campaign, run.id)[channel]
+        if encoder is None and run.first_angle is None and measurements is not None:
+            blind.add(run.id)
+    if blind:
+        plans |= _with_first_angles(campaign, plans, measured, held_out, blind)
+    return RigModel(campaign, plans, measured, held_out, frozenset(blind))
+
+
+def _resolution(campaign: Campaign) -> float:
+    encoder = campaign.channels.get("crank_angle")
+    return encoder.resolution * campaign.factor("crank_angle") if encoder and encoder.resolution else 0.0
+
+
+def _planned(campaign: Campaign, run: CampaignRun) -> tuple[Clock, dict[str, np.ndarray]]:
+    encoded = "crank_angle" in campaign.channels
+    found = planned_clock(run.speed, run.first_angle or 0.0, encoded)
+    return found, {channel: np.full(found.time.size, np.nan) for channel in campaign.channels}
+
+
+def _recorded(campaign: Campaign, run: CampaignRun, measurements: Measurements) -> tuple[Clock, dict[str, np.ndarray]]:
+    recording = measurements.runs[run.id]
+    constant = campaign.drive == "constant_speed"
+    found = clock(recording.time, recording.crank_angle, run.speed, run.first_angle, _resolution(campaign), constant)
+    return found, {**recording.channels, "crank_angle": recording.crank_angle}
+
+
+def _held_out(run: CampaignRun, count: int) -> np.ndarray:
+    share = {"confirm": 1.0, "split": 1.0 / 3.0}.get(run.role, 0.0)
+    return np.arange(count) >= count - math.ceil(share * count)
+
+
+def _with_first_angles(campaign, plans, measured, held_out, blind) -> dict[str, RunPlan]:
+    """Plans of the runs `blind` with the first angle at which the model as it stands agrees best with what was measured."""
+    found = {}
+    for name in blind:
+        plan = plans[name]
+        turn = np.arange(_SEARCHED) / _SEARCHED
+        dense = replace(
+            plan.clock,
+            time=turn * (TURN / plan.clock.speed),
+            read=np.full(_SEARCHED, np.nan),
+            angle=TURN * turn,
+            first_angle=0.0,
+        )
+        nothing = {(name, channel): (np.full(_SEARCHED, np.nan), None) for channel in plan.channels}
+        model = RigModel(
+            campaign, {name: replace(plan, clock=dense)}, nothing, {name: np.zeros(_SEARCHED, bool)}, frozenset()
+        )
+        course = model.simulate(name, {p.name: p.nominal for p in model.nuisances})
+        misfit = np.zeros(_SEARCHED)
+        phase = np.round(plan.clock.elapsed * plan.clock.speed / TURN * _SEARCHED).astype(int)
+        for channel in plan.channels:
+            value, _ = measured[name, channel]
+            known = np.isfinite(value)
+            spread = max(float(np.std(course[channel])), float(np.std(value[known])), 1e-300)
+            for shift in range(_SEARCHED):
+                away = (value - course[channel][(phase + shift) % _SEARCHED])[known] / spread
+                misfit[shift] += np.median(np.abs(away))
+        first = float(np.argmin(misfit)) * TURN / _SEARCHED
+        moved = plan.clock.angle - plan.clock.first_angle + first
+        found[name] = replace(plan, clock=replace(plan.clock, first_angle=first, angle=moved))
+    return found

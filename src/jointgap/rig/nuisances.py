@@ -1,0 +1,60 @@
+"""The nuisances of a campaign as parameters of a fit."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from jointgap.config import Mechanism
+from jointgap.config.campaign import NUISANCES, Campaign, CampaignRun
+from jointgap.config.campaign.nuisance import nominal_values
+from jointgap.discrepancy.protocol import Parameter
+from jointgap.rig.clock import Clock
+
+_STEP = 0.02  # of the width of a nuisance's bounds
+FIRST_ANGLE_REACH = np.pi / 6
+"""How far [rad] a first angle that was searched for may be off."""
+
+
+def shared(campaign: Campaign) -> tuple[Parameter, ...]:
+    """Those of the mechanism, which all runs share."""
+    found = []
+    for key in campaign.nuisance:
+        nominals = () if key == "speed" else nominal_values(campaign.mechanism, key)
+        if nominals:
+            low, high = campaign.bounds(key, nominals[0])
+            found.append(_parameter(key, nominals[0], low, high, NUISANCES[key] or "1"))
+    return tuple(found)
+
+
+def of_run(campaign: Campaign, run: CampaignRun, clock: Clock, first_angle_searched: bool) -> tuple[Parameter, ...]:
+    """Speed and phase of one run, as far as they are not exact."""
+    found = []
+    if clock.encoded and clock.speed_reach > 0:
+        reach = clock.speed_reach
+        found.append(_parameter("speed", clock.speed, clock.speed - reach, clock.speed + reach, "rad/s", run.id))
+    elif not clock.encoded and "speed" in campaign.nuisance:
+        found.append(_parameter("speed", run.speed, *campaign.bounds("speed", run.speed), "rad/s", run.id))
+    reach = FIRST_ANGLE_REACH if first_angle_searched else clock.first_reach
+    if reach > 0:
+        first = clock.first_angle
+        found.append(_parameter("first_angle", first, first - reach, first + reach, "rad", run.id))
+    return tuple(found)
+
+
+def _parameter(name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None) -> Parameter:
+    return Parameter(name, nominal, low, high, _STEP * (high - low), unit, run)
+
+
+def replaced_by(effect: str, site: str, nuisances: Mapping[str, Parameter]) -> tuple[str, ...]:
+    """Names of nuisances that are the parameter of an effect."""
+    own = {
+        "added_slider_mass": ("slider_mass",),
+        "link_length_error": ("crank_length", "rod_length"),
+        "pin_friction": (f"joint_friction_{site}", "joint_friction"),
+    }.get(effect, (effect,))  # crank_pin_clearance and piston_pin_clearance are called alike
+    return tuple(name for name in own if name in nuisances)
+
+
+def other_pins(mechanism: Mechanism, pin: str) -> tuple[str, ...]:
+    """The loose pins besides `pin`."""
+    return tuple(other for other in mechanism.loose if other not in (pin, "crank_pivot"))
