@@ -1,6 +1,7 @@
 """What the figures of a campaign owe their reader, on a small made-up campaign."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ from jointgap import tables as files
 from jointgap.errors import InputError
 from jointgap.figures import campaign, style
 
+CAPTIONS = Path("workflow/report")
 RUNS = {"slow": False, "fast": False, "check": True}  # held out
 CHANNELS = ("slider_acceleration", "crank_torque")
 VERDICT = {
@@ -186,3 +188,9 @@ def test_large_residuals_and_a_model_that_nothing_was_added_to_are_drawn(tmp_pat
 def test_a_figure_that_is_not_there_is_refused():
     with pytest.raises(InputError, match="did you mean 'gaps'"):
         campaign.draw("gap", {}, VERDICT)
+
+
+@every_figure
+def test_every_figure_has_a_caption_that_names_it(name):
+    text = (CAPTIONS / f"campaign_{name}.rst").read_text()
+    assert text.startswith(f"**{campaign.CATALOGUE[name].title}**")

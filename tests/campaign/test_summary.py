@@ -1,0 +1,124 @@
+"""The one-page summary says what the verdict says, in words that someone understands who was not there."""
+
+import pandas as pd
+import pytest
+
+from jointgap.campaign import summary
+from jointgap.campaign.words import effect_in_words, joined
+from jointgap.config.effects import EFFECTS
+
+COULOMB = {
+    "name": "slider_coulomb_friction",
+    "site": "slider",
+    "delta_bic": 812.4,
+    "parameters": {"force_N": {"value": 21.3, "sd": 0.4, "interval_90": [20.6, 22.0]}},
+}
+BIAS = {"name": "sensor_bias", "site": "crank_torque", "delta_bic": 40.0, "parameters": {}}
+NAMED = {
+    "schema_version": 1,
+    "campaign": "rig-a",
+    "verdict": "named",
+    "effects": [COULOMB],
+    "equivalent": [],
+    "nuisances": {"slider_mass": {"value": 0.447, "sd": 0.002}},
+    "where": [{"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350, 10], "p_adjusted": 1e-9}],
+    "gap": {"identify": {"before": 9.1, "after": 1.02}, "confirm": {"before": 8.7, "after": 1.05}},
+    "preflight": {
+        "undetectable": ["crank_unbalance"],
+        "merged": [["sensor_bias:crank_torque", "crank_coulomb_friction"]],
+    },
+    "false_alarm_rate": 0.01,
+}
+UNNAMED = NAMED | {"effects": [], "where": []}
+VERDICTS = {
+    "named": NAMED,
+    "named_with_remaining_misfit": NAMED | {"verdict": "named_with_remaining_misfit"},
+    "no_disagreement": UNNAMED | {"verdict": "no_disagreement"},
+    "parameters_only": UNNAMED | {"verdict": "parameters_only"},
+    "ambiguous": UNNAMED | {"verdict": "ambiguous", "equivalent": [[COULOMB], [BIAS]]},
+    "unexplained": UNNAMED | {"verdict": "unexplained"},
+}
+
+
+@pytest.mark.parametrize(
+    ("verdict", "said"),
+    [
+        ("named", "Missing in the model is Coulomb friction of the slider. With this added"),
+        ("named_with_remaining_misfit", "a small rest is left"),
+        ("no_disagreement", "Nothing is missing that these data could show"),
+        ("parameters_only", "No effect is missing: with other parameters"),
+        ("ambiguous", "these data cannot tell what: 2 explanations fit equally well"),
+        ("unexplained", "it is none of the effects tried"),
+    ],
+)
+def test_every_verdict_has_a_plain_sentence(verdict, said):
+    assert said in summary.markdown(VERDICTS[verdict], {}).split("##")[0]
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_page_says_the_same_as_the_markdown(verdict):
+    page = summary.html(VERDICTS[verdict], {}, ["A gap of 3 s in run slow."])
+    for line in summary.markdown(VERDICTS[verdict], {}, ["A gap of 3 s in run slow."]).splitlines():
+        if line and line[0] not in "#!*|-":
+            assert line.replace("'", "&#x27;") in page
+
+
+def test_a_value_stands_with_its_unit_and_its_interval():
+    assert "| slider_coulomb_friction: force_N | 21.3 N | 0.4 | 20.6 to 22 |" in summary.markdown(NAMED, {})
+
+
+def test_two_effects_are_both_named():
+    said = summary.answer(NAMED | {"effects": [COULOMB, BIAS]})
+    assert said.startswith(
+        "Missing in the model are Coulomb friction of the slider and a bias of the sensor of crank torque."
+    )
+
+
+def test_the_share_of_the_excess_that_is_gone_follows_from_the_gaps():
+    text = summary.markdown(NAMED, {})
+    assert "falls from 8.70 to 1.05: 99.9 % of what exceeds the noise is gone." in text
+    half = NAMED | {"gap": {"identify": {"before": 3.0, "after": 2.2}, "confirm": {"before": 3.0, "after": 5.0**0.5}}}
+    assert "50.0 % of what exceeds the noise is gone. More than noise is left there" in summary.markdown(half, {})
+
+
+def test_the_explanations_that_cannot_be_told_apart_are_listed_with_the_experiment_that_would():
+    text = summary.markdown(VERDICTS["ambiguous"] | {"separated_by": "A run at 900 rpm would tell them apart."}, {})
+    assert "- Coulomb friction of the slider (force_N 21.3)" in text
+    assert "- a bias of the sensor of crank torque" in text
+    assert "A run at 900 rpm would tell them apart." in text
+
+
+def test_the_largest_windows_come_first_and_the_rest_are_counted():
+    rows = [("fast", "crank_torque", 10.0 * k, 10.0 * k + 10.0, 1.0 + k, 1.0, 1e-3) for k in range(8)]
+    columns = ["run", "channel", "start_deg", "end_deg", "mean", "rms", "p_adjusted"]
+    text = summary.markdown(NAMED, {"windows": pd.DataFrame(rows, columns=columns)})
+    first = (
+        "- run fast, crank torque, 70 to 80 deg of crank angle, on average 8.0 standard deviations of the noise above"
+    )
+    assert first in text
+    assert "- and 3 more windows" in text
+
+
+def test_a_move_of_the_optimum_is_told_in_millimetres_and_percent():
+    optimum = pd.DataFrame({"model": ["base", "augmented"], "source": "networks", "reduction": [0.038, 0.05]})
+    optimum = optimum.assign(crank_length=[0.150, 0.1515], rod_length=0.564)
+    text = summary.markdown(NAMED, {"optimum": optimum})
+    assert "the crank from 150.00 to 151.50 mm (+1.00 %)" in text
+    assert "Does it move the optimum" not in summary.markdown(NAMED, {})
+
+
+def test_what_was_not_detectable_and_what_looks_alike_is_said():
+    text = summary.markdown(NAMED, {})
+    assert "nothing is said about: crank_unbalance" in text
+    assert "look alike in this experiment and count as one: sensor_bias:crank_torque and crank_coulomb_friction" in text
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_of_the_catalogue_has_words(name):
+    said = effect_in_words({"name": name, "site": "crank_pin"})
+    assert said != name.replace("_", " ")
+    assert "{" not in said
+
+
+def test_lists_read_as_in_a_sentence():
+    assert [joined("abc"[:n]) for n in range(4)] == ["", "a", "a and b", "a, b and c"]
