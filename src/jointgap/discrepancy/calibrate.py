@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointgap.discrepancy.alike import Subspaces, orthonormal
+from jointgap.discrepancy.problem import Problem
 from jointgap.discrepancy.screen import Signatures
 
-DRAWS = 1000
+DRAWS = 4000
 
 
 @dataclass(frozen=True)
@@ -30,43 +31,44 @@ class Thresholds:
 
 
 def thresholds(
-    known: Signatures, numerics: np.ndarray, rate: float = 0.01, noise_dof: float = np.inf, seed: int = 0
+    problem: Problem, known: Signatures, numerics: np.ndarray, rate: float = 0.01, seed: int = 0
 ) -> Thresholds:
     """Thresholds of one campaign, from null campaigns in which the motion answers to everything linearly.
 
-    A null campaign's residual is white noise, plus what each of the other numerics changes times a normal number, less what
-    the nuisances take up.
+    A null campaign's residual is the measurement's noise, plus what each of the other numerics changes times a normal number,
+    less what the nuisances take up.
 
     Parameters
     ----------
+    problem : Problem
     known : Signatures
     numerics : (m, n) array
         As `jointgap.discrepancy.recalibrate.other_numerics` gives them.
     rate : float
         False alarms allowed.
-    noise_dof : float
-        Degrees of freedom from which the noise was estimated; infinite where it is stated.
     seed : int
     """
     size = known.residual.size
     generator = np.random.default_rng(seed)
+    # Whitening divides by noise and numerics together; the noise alone is less than 1 where numerics disagree.
+    measured = np.concatenate([(part.noise.sd / part.noise.spread)[part.used] for part in problem.parts])
     subspaces = Subspaces(known)
-    basis = subspaces.nuisances
+    numerics = subspaces.projected(numerics.T)
+    amounts = generator.standard_normal((DRAWS, numerics.shape[1]))
+
+    # chi2: squares of many independent numbers, so normal about its mean, and what the numerics add to it.
+    added = amounts @ numerics.T
+    chi2 = np.sum(measured**2) - subspaces.nuisances.shape[1] + np.sum(added**2, axis=1)
+    chi2 += np.sqrt(2 * np.sum(measured**4) + 4 * (added**2 @ measured**2)) * generator.standard_normal(DRAWS)
+
+    # Gains: lengths of projections, which depend on the draws through as many numbers as there are signatures.
     spaces = [(orthonormal(subspaces.projected(one.columns)), len(one.candidate.coordinates)) for one in known.found]
     joint = np.hstack([space for space, _ in spaces]) if spaces else np.empty((size, 0))
-    chi2, gains = np.empty(DRAWS), np.empty(DRAWS)
-    for i in range(DRAWS):
-        drawn = generator.standard_normal(size)
-        if len(numerics):
-            drawn += generator.standard_normal(len(numerics)) @ numerics
-        if np.isfinite(noise_dof):  # noise taken for smaller or larger than it is
-            drawn *= np.sqrt(generator.chisquare(noise_dof) / noise_dof)
-        drawn -= basis @ (basis.T @ drawn)
-        chi2[i] = drawn @ drawn
-        inner, at, best = np.square(joint.T @ drawn), 0, 0.0
-        for space, count in spaces:
-            best = max(best, inner[at : at + space.shape[1]].sum() - count * np.log(size))
-            at += space.shape[1]
-        gains[i] = best
-    dof = max(size - basis.shape[1], 1)
+    noise = np.linalg.qr(joint * measured[:, None], mode="r").T if joint.size else np.empty((0, 0))
+    drawn = np.square(generator.standard_normal((DRAWS, noise.shape[1])) @ noise.T + amounts @ (numerics.T @ joint))
+    gains, at = np.zeros(DRAWS), 0
+    for space, count in spaces:
+        gain = drawn[:, at : at + space.shape[1]].sum(axis=1) - count * np.log(size)
+        gains, at = np.maximum(gains, gain), at + space.shape[1]
+    dof = max(size - subspaces.nuisances.shape[1], 1)
     return Thresholds(rate, float(np.quantile(chi2, 1 - rate) / dof), float(np.quantile(gains, 1 - rate)))

@@ -1,0 +1,112 @@
+"""Naming from end to end on a mechanism in closed form: the right name, no name, or an honest doubt."""
+
+import numpy as np
+import pytest
+
+from jointgap.discrepancy.calibrate import thresholds
+from jointgap.discrepancy.decide import Decision
+from jointgap.discrepancy.naming import fitted, shortlist, verdict
+from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
+from jointgap.discrepancy.screen import signatures
+from tests.discrepancy.toy import stated_noise, toy
+
+
+def named(effects=None, **how) -> tuple[Decision, float]:
+    """The decision and the gap of the recalibrated base."""
+    model = toy(effects, **how)
+    base = recalibrate(model, stated_noise(model))
+    known = signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    chosen = shortlist(known)
+    fits = fitted(base, known, [*chosen.singles, *chosen.pairs])
+    return verdict(base, known, fits, limits), base.problem.gap(base.base.residual)
+
+
+HIDDEN = {
+    "coulomb": {"force_N": 0.2},
+    "viscous": {"damping_N_s_m": 0.15},
+    "quadratic": {"drag_N_s2_m2": 0.1},
+    "constant_force": {"force_N": 0.2},
+    "spring": {"stiffness_N_m": 3.0},
+    "centrifugal": {"mass_kg": 0.02},
+    "harmonic_force": {"cosine_N": 0.15, "sine_N": 0.1, "frequency_Hz": 4.7},
+    "sensor_bias:torque": {"bias": 0.02},
+    "sensor_gain:acceleration": {"gain_error": 0.05},
+    "sensor_lag:torque": {"lag_s": 2e-3},
+}
+
+
+@pytest.mark.parametrize("label", HIDDEN)
+def test_each_effect_is_named(label):
+    decision, gap = named({label: HIDDEN[label]}, seed=11)
+    assert gap > 1.05
+    assert decision.verdict == "named"
+    assert decision.chosen.label == label
+
+
+def test_a_gain_of_one_sensor_alone_hides_behind_a_length_within_its_range():
+    """A crank 1 % longer reads 1 % more acceleration; the other channels say that it is the sensor."""
+    decision, _ = named({"sensor_gain:acceleration": {"gain_error": 0.05}}, seed=3)
+    assert decision.chosen.label == "sensor_gain:acceleration"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_nothing_hidden_is_nothing_found(seed):
+    decision, _ = named(seed=seed)
+    assert decision.verdict == "no_disagreement"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_parameters_off_nominal_within_their_ranges_are_no_effect(seed):
+    decision, _ = named(nuisances={"slider_mass": 0.515}, seed=seed)
+    assert decision.verdict == "parameters_only"
+    assert decision.chosen.mapping["slider_mass"] == pytest.approx(0.515, abs=0.01)
+
+
+def test_a_mass_beyond_its_range_is_an_effect_with_its_value_beyond_nominal():
+    decision, _ = named({"added_mass": {"mass_kg": 0.1}}, seed=0)
+    assert decision.verdict == "named"
+    assert decision.chosen.mapping["added_mass.mass_kg"] == pytest.approx(0.1, rel=0.05)
+
+
+def test_both_of_two_effects_are_named_and_no_third():
+    decision, _ = named({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1)
+    assert decision.verdict == "named"
+    assert {c.label for c in decision.chosen.explanation} == {"coulomb", "spring"}
+
+
+def test_at_one_speed_a_spring_is_not_told_from_a_force_that_grows_with_speed():
+    decision, _ = named(
+        {"spring": {"stiffness_N_m": 5.0}}, seed=2, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",)
+    )
+    assert decision.verdict == "ambiguous"
+    assert {"spring", "centrifugal"} <= {fit.label for fit in decision.equivalent}
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda x, v, angle, time: -0.3 * v**3,
+        lambda x, v, angle, time: -2.5 * np.tanh(v / 0.01) * np.exp(-((v / 0.5) ** 2)),
+    ],
+    ids=["cubic", "stribeck"],
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_an_effect_that_is_on_no_list_gets_no_name(law, seed):
+    decision, gap = named(hidden=law, seed=seed)
+    assert gap > 1.5
+    assert decision.verdict == "unexplained"
+    assert decision.because
+
+
+def test_thresholds_hold_their_rate_and_know_of_other_numerics():
+    model = toy(seed=5)
+    base = recalibrate(model, stated_noise(model))
+    known = signatures(base.problem, base.base, base.differences)
+    white = thresholds(base.problem, known, np.empty((0, base.problem.size)), rate=0.05)
+    loose = thresholds(base.problem, known, 0.3 * known.of("quadratic")[0].columns.T, rate=0.05)
+    assert loose.directed > white.directed and loose.omnibus > white.omnibus
+    generator = np.random.default_rng(9)
+    dof = base.problem.size - len(base.base.parameters)
+    exceeded = np.mean(generator.chisquare(dof, 20_000) / dof > white.omnibus)
+    assert 0.03 < exceeded < 0.07

@@ -1,0 +1,88 @@
+"""Screening: what signatures foretell of fits."""
+
+import numpy as np
+import pytest
+
+from jointgap.discrepancy.differences import Differences
+from jointgap.discrepancy.fit import fit
+from jointgap.discrepancy.naming import AMONG, PAIRS, SINGLES, shortlist
+from jointgap.discrepancy.problem import Problem
+from jointgap.discrepancy.screen import Screen, signatures
+from tests.discrepancy.toy import stated_noise, toy
+
+
+def screened(effects, **how):
+    model = toy(effects, **how)
+    problem = Problem(model, stated_noise(model))
+    differences = Differences(problem)
+    base = fit(problem, differences=differences, refresh=True)
+    return problem, differences, base, signatures(problem, base, differences)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"viscous": {"damping_N_s_m": 0.1}},
+        {"spring": {"stiffness_N_m": 1.0}},
+        {"sensor_bias:torque": {"bias": 0.01}},
+        {"sensor_lag:torque": {"lag_s": 1e-3}},
+        {"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.1, "frequency_Hz": 5.3}},
+    ],
+    ids=lambda effects: next(iter(effects)),
+)
+def test_the_hidden_effect_is_first(effects):
+    *_, known = screened(effects, seed=1)
+    assert Screen(known).singles()[0].label == next(iter(effects))
+
+
+def test_what_signatures_foretell_is_what_a_fit_finds():
+    """Sizes act linearly here, so both must agree."""
+    problem, differences, _, known = screened({"viscous": {"damping_N_s_m": 0.3}}, seed=2)
+    first = Screen(known).singles()[0]
+    found = fit(problem, first.explanation, first.start, known.known(first.signatures), differences)
+    assert first.chi2 == pytest.approx(found.chi2, abs=0.5)
+    assert first.bic == pytest.approx(found.bic, abs=0.5)
+    assert found.mapping["viscous.damping_N_s_m"] == pytest.approx(first.start["viscous.damping_N_s_m"], rel=1e-2)
+
+
+def test_resistance_cannot_push():
+    """A force that pushes along is not explained by a negative friction."""
+    *_, known = screened({"viscous": {"damping_N_s_m": -0.3}}, seed=3)
+    by_label = {one.label: one for one in Screen(known).singles()}
+    assert by_label["viscous"].start["viscous.damping_N_s_m"] == 0.0
+    assert by_label["viscous"].chi2 == pytest.approx(by_label["coulomb"].chi2)
+
+
+def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows():
+    *_, known = screened({"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.0, "frequency_Hz": 6.37}}, seed=4)
+    tried = [one.shapes["frequency_Hz"] for one in known.of("harmonic_force")]
+    assert min(abs(np.array(tried) - 6.37)) < 0.1
+
+
+def test_the_hidden_pair_is_first_among_the_pairs():
+    *_, known = screened({"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}, seed=5)
+    found = shortlist(known)
+    assert set(found.pairs[0].label.split(" + ")) == {"coulomb", "spring"}
+    assert len(found.singles) == SINGLES
+    assert len(found.pairs) == PAIRS + AMONG * (AMONG - 1) // 2
+
+
+def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():
+    model = toy(seed=0)
+    problem = Problem(model, stated_noise(model))
+    differences = Differences(problem)
+    base = fit(problem, differences=differences)
+    real = model.simulate
+
+    def failing(run, values, effects=(), numerics=0):
+        if any(candidate.name == "spring" for candidate, _ in effects):
+            raise problem_with_springs
+        return real(run, values, effects, numerics)
+
+    from jointgap.errors import SimulationError
+
+    problem_with_springs = SimulationError("the spring breaks")
+    object.__setattr__(model, "simulate", failing)
+    known = signatures(problem, base, differences)
+    assert known.failed == {"spring": "the spring breaks"}
+    assert "viscous" in {one.candidate.label for one in known.found}
