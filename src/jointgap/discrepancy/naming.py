@@ -36,7 +36,7 @@ def shortlist(known: Signatures) -> Shortlist:
     best = {one.label for one in singles[:AMONG]}
     inner = [pair for pair in pairs if {c.label for c in pair.explanation} <= best]
     further = [pair for pair in pairs if pair not in inner][:PAIRS]
-    return Shortlist(singles[:SINGLES], inner + further)
+    return Shortlist(singles[:SINGLES], sorted(inner + further, key=lambda pair: pair.bic))
 
 
 def fitted(base: Recalibrated, known: Signatures, chosen: Iterable[Screened]) -> list[Fit]:
