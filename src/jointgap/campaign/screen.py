@@ -65,7 +65,7 @@ def screen(found: Recalibrated, rate: float, noise_dof: float = np.inf, seed: in
         Of the null campaigns.
     """
     known = signatures(found.problem, found.base, found.differences)
-    limits = thresholds(known, other_numerics(found.problem, found.base), rate, noise_dof, seed)
+    limits = thresholds(found.problem, known, other_numerics(found.problem, found.base), rate, noise_dof, seed)
     return Screening(known, limits, shortlist(known))
 
 

@@ -31,7 +31,12 @@ class Thresholds:
 
 
 def thresholds(
-    problem: Problem, known: Signatures, numerics: np.ndarray, rate: float = 0.01, seed: int = 0
+    problem: Problem,
+    known: Signatures,
+    numerics: np.ndarray,
+    rate: float = 0.01,
+    noise_dof: float = np.inf,
+    seed: int = 0,
 ) -> Thresholds:
     """Thresholds of one campaign, from null campaigns in which the motion answers to everything linearly.
 
@@ -46,6 +51,8 @@ def thresholds(
         As `jointgap.discrepancy.recalibrate.other_numerics` gives them.
     rate : float
         False alarms allowed.
+    noise_dof : float
+        Degrees of freedom from which the noise was estimated; infinite where it is stated.
     seed : int
     """
     size = known.residual.size
@@ -60,6 +67,8 @@ def thresholds(
     added = amounts @ numerics.T
     chi2 = np.sum(measured**2) - subspaces.nuisances.shape[1] + np.sum(added**2, axis=1)
     chi2 += np.sqrt(2 * np.sum(measured**4) + 4 * (added**2 @ measured**2)) * generator.standard_normal(DRAWS)
+    if np.isfinite(noise_dof):  # noise taken for smaller or larger than it is
+        chi2 *= noise_dof / generator.chisquare(noise_dof, DRAWS)
 
     # Gains: lengths of projections, which depend on the draws through as many numbers as there are signatures.
     spaces = [(orthonormal(subspaces.projected(one.columns)), len(one.candidate.coordinates)) for one in known.found]
