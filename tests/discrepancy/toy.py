@@ -28,7 +28,7 @@ def _effect(name: str, coordinate: str, step: float, unit: str, low: float = -np
 def _harmonic() -> Candidate:
     amplitudes = tuple(Parameter(part, 0.0, step=0.3, unit="N") for part in ("cosine_N", "sine_N"))
     frequency = Parameter("frequency_Hz", 7.0, 1.0, 20.0, step=0.05, unit="Hz")
-    starts = tuple({"frequency_Hz": float(value)} for value in np.linspace(2.0, 12.0, 11))
+    starts = tuple({"frequency_Hz": float(value)} for value in (3.0, 7.0, 11.0))
     return Candidate(
         "harmonic_force", "slider", (*amplitudes, frequency), ("cosine_N", "sine_N"), starts, carrier="constant_force"
     )
