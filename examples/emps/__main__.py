@@ -36,7 +36,7 @@ def name(model: Emps) -> Named:
     missed = {s.key: s.value - model.simulate(s.run, nominal)[s.channel] for s in model.series}
     base = recalibrate(model, estimate_noise(model, missed))
     known = signatures(base.problem, base.base, base.differences)
-    limits = thresholds(known, other_numerics(base.problem, base.base))
+    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
     short = shortlist(known)
     decision = verdict(base, known, fitted(base, known, [*short.singles, *short.pairs]), limits)
     return Named(base, decision, refined(base, decision.chosen))

@@ -72,8 +72,8 @@ def test_a_cubic_resistance_is_found_and_told_from_a_quadratic_one(seed):
     problem, base = measured(lambda x, v, angle: -0.3 * v**3, seed)
     found = regress(problem, base, LIBRARY, LIMITS)
     assert found.accepted, found.because
-    assert (found.law.effect, found.law.site, found.law.formula) == ("discovered_slider_force", "slider", "a*v^3")
-    assert found.law.coefficients["a"] == pytest.approx(-0.3, abs=4 * coefficient_errors(found)["a"])
+    assert (found.law.effect, found.law.site, found.law.formula) == ("discovered_slider_force", "slider", "c1*v^3")
+    assert found.law.coefficients["c1"] == pytest.approx(-0.3, abs=4 * coefficient_errors(found)["c1"])
     assert not found.rivals
 
 
@@ -108,7 +108,7 @@ def test_a_term_that_cannot_be_simulated_is_reported_and_the_others_go_on():
     problem = Problem(replace(problem.model, laws=laws), stated_noise(problem.model))
     found = regress(problem, base, (term("bad"), *LIBRARY), LIMITS)
     assert "discovered_slider_force[bad]" in found.failed
-    assert found.law.formula == "a*v^3"
+    assert found.law.formula == "c1*v^3"
 
 
 def test_without_any_term_that_can_be_simulated_there_is_no_law():
@@ -121,13 +121,22 @@ def test_a_law_reads_as_a_formula_and_in_words():
     pair = (term("v^3"), term("x*v"))
     values = {f"{pair[0].label}.coefficient": -3.21, f"{pair[1].label}.coefficient": 40.0}
     law = law_of(pair, values)
-    assert law.formula == "a*v^3 + b*x*v"
+    assert law.formula == "c1*v^3 + c2*x*v"
     assert law.words == "slider force = -3.21*v^3 + 40*x*v"
-    assert law.coefficients == {"a": -3.21, "b": 40.0}
+    assert law.coefficients == {"c1": -3.21, "c2": 40.0}
 
 
 def test_a_steady_force_and_a_falling_term_read_as_people_write_them():
     pair = (term("1"), term("x"))
     law = law_of(pair, {f"{pair[0].label}.coefficient": 2.0, f"{pair[1].label}.coefficient": -5.0})
-    assert law.formula == "a + b*x"
+    assert law.formula == "c1 + c2*x"
     assert law.words == "slider force = 2 - 5*x"
+
+
+def test_the_same_force_in_another_form_is_no_rival():
+    problem, base = measured(lambda x, v, angle: -0.3 * v**3)
+    laws = {**TERMS, "v*v*v": TERMS["v^3"]}
+    problem = Problem(replace(problem.model, laws=laws), stated_noise(problem.model))
+    found = regress(problem, base, (*LIBRARY, term("v*v*v")), LIMITS)
+    assert found.accepted and not found.rivals
+    assert {one.label for one in (found.fit, *found.others)} >= {term(text).label for text in ("v^3", "v*v*v")}

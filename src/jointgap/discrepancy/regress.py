@@ -20,8 +20,10 @@ from jointgap.discrepancy.problem import Explanation, Problem
 from jointgap.discrepancy.protocol import Candidate
 from jointgap.discrepancy.screen import Screen, Screened, signatures
 
-COEFFICIENTS = "ab"
+COEFFICIENTS = ("c1", "c2")
 """Names of the coefficients in a formula, as many as a law may have terms."""
+
+_SAME = 0.1  # laws of one effect whose share in the measurements differs by less are one law in two forms
 
 _FITTED = 8  # of the sums that would explain most if all were linear, so many are simulated
 
@@ -50,7 +52,7 @@ class Law:
 
     @property
     def formula(self) -> str:
-        """``a*v^3 + b*x``."""
+        """``c1*v^3 + c2*x``."""
         return " + ".join(_product(name, term) for name, term in self.terms.items())
 
     @property
@@ -73,7 +75,7 @@ class Regressed:
     because : str
         The reason in a sentence.
     rivals : list of Fit
-        Other sums that the data cannot tell from it, best first.
+        Other laws that the data cannot tell from it, best first; the same force in another form is none.
     others : list of Fit
         The rest that was simulated, best first, the failed ones last.
     failed : mapping of label to reason
@@ -143,7 +145,7 @@ def regress(
         return Regressed(None, False, best.reason, others=fits, failed=known.failed)
     best = next((one for one in fits if len(one.explanation) == 1 and cost[one.label] - cost[best.label] < RIVAL), best)
     rest = [one for one in fits if one is not best]
-    rivals = [one for one in rest if cost[one.label] - cost[best.label] < RIVAL and not _adds_to(one, best.explanation)]
+    rivals = [one for one in rest if cost[one.label] - cost[best.label] < RIVAL and _differs(one, best, base)]
     accepted, because = _gate(base, best, cost[best.label], limits)
     others = [one for one in rest if one not in rivals]
     return Regressed(best, accepted, because, rivals, others, known.failed)
@@ -192,9 +194,13 @@ def _fitted(problem: Problem, one: Screened, known: Mapping[str, np.ndarray], di
     return fit(problem, one.explanation, one.start, known, differences, refresh=True)
 
 
-def _adds_to(one: Fit, explanation: Explanation) -> bool:
-    """Whether a sum holds all terms of `explanation`, and more."""
-    return {c.label for c in one.explanation} > {c.label for c in explanation}
+def _differs(one: Fit, best: Fit, base: Fit) -> bool:
+    """Whether a sum says something else than the best one: not the same force in another form, nor with a term added."""
+    if {c.label for c in one.explanation} > {c.label for c in best.explanation}:
+        return False
+    another = effect_of(one.explanation[0]) != effect_of(best.explanation[0])
+    apart = np.linalg.norm(one.residual - best.residual)
+    return another or bool(apart > _SAME * np.linalg.norm(base.residual - best.residual))
 
 
 def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds) -> tuple[bool, str]:

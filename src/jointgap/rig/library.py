@@ -5,24 +5,29 @@ and even powers are told apart; the sign of v has the width that the slider's fr
 variable of a formula: a force in proportion to it is the effect ``added_slider_mass``.
 """
 
+import numpy as np
+
 from jointgap.config.effects import SLIDER_SIGN_SPEED
 from jointgap.discrepancy.protocol import Candidate, Parameter
 from jointgap.rig.candidates import Scale
+from jointgap.rig.model import RigModel
 
 
-def library(scale: Scale) -> tuple[Candidate, ...]:
+def library(model: RigModel) -> tuple[Candidate, ...]:
     """One candidate for each term of a force on the slider and of a torque on the crank.
 
     Parameters
     ----------
-    scale : Scale
-        Of the mechanism at the campaign's mean speed.
+    model : RigModel
+        Its mechanism and speeds say what coefficients noise could just hide.
 
     Returns
     -------
     tuple of Candidate
         Called ``effect[term]``, such as ``discovered_slider_force[v^3]``; the one coordinate is the term's ``coefficient``.
     """
+    mean_speed = float(np.mean([plan.clock.speed for plan in model.plans.values()]))
+    scale = Scale.of(model.campaign.mechanism, mean_speed)
     stroke, speed, turning = scale.stroke, scale.speed, scale.turning
     y = f"(x - {scale.middle!r})"
     sign = f"tanh(v/{SLIDER_SIGN_SPEED!r})"
