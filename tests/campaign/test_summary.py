@@ -67,6 +67,15 @@ def test_a_value_stands_with_its_unit_and_its_interval():
     assert "| slider_coulomb_friction: force_N | 21.3 N | 0.4 | 20.6 to 22 |" in summary.markdown(NAMED, {})
 
 
+def test_a_formula_stands_as_it_is_with_its_coefficients():
+    parameters = {"formula": {"value": "-a*v*|v|"}, "a": {"value": 1.25, "sd": 0.1, "interval_90": [1.09, 1.41]}}
+    law = {"name": "discovered_slider_force", "site": "slider", "delta_bic": 99.0, "parameters": parameters}
+    text = summary.markdown(NAMED | {"effects": [law]}, {})
+    assert "<td>-a*v*|v|</td>" in summary.html(NAMED | {"effects": [law]}, {})
+    assert r"| discovered_slider_force: formula | -a\*v\*\|v\| | – | – |" in text
+    assert "| discovered_slider_force: a | 1.25 | 0.1 | 1.09 to 1.41 |" in text
+
+
 def test_two_effects_are_both_named():
     said = summary.answer(NAMED | {"effects": [COULOMB, BIAS]})
     assert said.startswith(
@@ -79,6 +88,15 @@ def test_the_share_of_the_excess_that_is_gone_follows_from_the_gaps():
     assert "falls from 8.70 to 1.05: 99.9 % of what exceeds the noise is gone." in text
     half = NAMED | {"gap": {"identify": {"before": 3.0, "after": 2.2}, "confirm": {"before": 3.0, "after": 5.0**0.5}}}
     assert "50.0 % of what exceeds the noise is gone. More than noise is left there" in summary.markdown(half, {})
+
+
+def test_a_run_that_was_used_for_both_is_called_weaker_evidence():
+    gaps = pd.DataFrame({"run": ["slow", "fast", "slow"], "role": ["identify", "identify", "confirm"]})
+    gaps = gaps.assign(
+        channel="all", **{f"{when}{end}": 2.0 for when in ("before", "after") for end in ("", "_low", "_high")}
+    )
+    assert "Held out of slow is the last third" in summary.markdown(NAMED, {"gaps": gaps})
+    assert "last third" not in summary.markdown(NAMED, {"gaps": gaps.assign(run=["slow", "mid", "fast"])})
 
 
 def test_the_explanations_that_cannot_be_told_apart_are_listed_with_the_experiment_that_would():

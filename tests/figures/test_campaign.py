@@ -63,7 +63,7 @@ def fitted():
     ]
     fits = pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "delta_bic", "explained_share"])
     place = np.where(fits["explanation"] == "slider_coulomb_friction", "named", "")
-    return {"ranking": fits.assign(place=place)}
+    return {"fits": fits.assign(place=place)}
 
 
 def planned():
@@ -100,7 +100,7 @@ def after(samples):
     runs = [force.assign(run=run, slider_velocity=-0.15 * w * np.sin(angle)) for run, w in speeds.items()]
     force = pd.concat(runs, ignore_index=True)
     force["slider_force"] = -21.0 * np.tanh(force["slider_velocity"] / 0.01)
-    return {"gaps": pd.DataFrame(rows), "optimum": optimum, "missing_force": force}
+    return {"gaps": pd.DataFrame(rows), "optimum": optimum, "force": force}
 
 
 @pytest.fixture(scope="module")

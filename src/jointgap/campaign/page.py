@@ -60,15 +60,20 @@ def markdown(title: str, blocks: Iterable[Block], figures: str) -> str:
             case Heading(text):
                 lines.append(f"## {text}")
             case Text(text, strong):
-                lines.append(f"**{text}**" if strong else text)
+                lines.append(f"**{_plain(text)}**" if strong else _plain(text))
             case Listing(points):
-                lines.append("\n".join(f"- {point}" for point in points))
+                lines.append("\n".join(f"- {_plain(point)}" for point in points))
             case Rows(heads, rows):
                 cells = [heads, ["---"] * len(heads), *rows]
-                lines.append("\n".join(f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in cells))
+                lines.append("\n".join(f"| {' | '.join(_plain(cell) for cell in row)} |" for row in cells))
             case Picture(name):
                 lines.append(f"![{CATALOGUE[name].title}]({figures}/{name}.svg)")
     return "\n\n".join(lines) + "\n"
+
+
+def _plain(text: str) -> str:
+    """Text in which stars and bars, as formulas have them, mean themselves."""
+    return text.replace("*", r"\*").replace("|", r"\|")
 
 
 def html(title: str, blocks: Iterable[Block], figures: Path | str) -> str:

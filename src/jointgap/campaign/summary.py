@@ -118,11 +118,25 @@ def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
         found = f"On data that took no part in fitting it is {_two(confirm['before'])}"
     told: list[Block] = [Heading("How far simulation and measurement are apart"), Text(f"{meaning} {found}.")]
     if gaps is not None:
+        told += _parts_of_runs(gaps)
         own = gaps[(gaps["channel"] == "all") & (gaps["role"] == "confirm") & (gaps["run"] != "all")]
         when = ("before", "after") if added else ("before",)
         rows = tuple((row["run"], *(_interval(row, each) for each in when)) for row in own.to_dict("records"))
         told.append(Rows(("held-out run", *(f"gap {each} (90 % interval)" for each in when)), rows))
     return [*told, Picture("gaps"), *([Picture("residuals")] if added else [])]
+
+
+def _parts_of_runs(gaps: pd.DataFrame) -> list[Block]:
+    """Says where held-out data are from a run that was used for fitting too."""
+    runs = [set(gaps.loc[gaps["role"] == role, "run"]) - {"all"} for role in ("identify", "confirm")]
+    shared = sorted(set.intersection(*runs))
+    if not shared:
+        return []
+    return [
+        Text(
+            f"Held out of {joined(shared)} is the last third of a run that was used for fitting: weaker evidence than a run of its own."
+        )
+    ]
 
 
 def _interval(row: Mapping[str, Any], when: str) -> str:

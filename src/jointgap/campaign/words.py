@@ -58,15 +58,17 @@ def parameter_rows(effects: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...
         for name, one in effect["parameters"].items():
             unit = _units(effect["name"]).get(name, "")
             value = one["value"]
-            shown = value if isinstance(value, str) else f"{number(value)} {unit}".removesuffix(" 1").rstrip()
+            shown = f"{number(value)} {unit}".removesuffix(" 1").rstrip()
             low, high = one.get("interval_90") or (None, None)
             interval = "–" if low is None else f"{number(low)} to {number(high)}"
             rows.append((f"{effect['name']}: {name}", shown, number(one.get("sd")), interval))
     return tuple(rows)
 
 
-def number(value: float | None) -> str:
-    """Four digits; a dash for what is not known."""
+def number(value: float | str | None) -> str:
+    """Four digits; a formula as it is, a dash for what is not known."""
+    if isinstance(value, str):
+        return value
     return "–" if value is None or value != value else f"{value:.4g}"
 
 

@@ -21,8 +21,8 @@ _WHERE, _WHAT, _BETTER, _PLAN = "Where", "What is missing", "What it brings", "W
 CATALOGUE = {
     "disagreement": FigureSpec("Map of disagreement", _WHERE, "disagreement:disagreement", ("bins", "windows")),
     "residuals": FigureSpec("Residuals before and after", _WHERE, "residuals:residuals", ("residuals",)),
-    "ranking": FigureSpec("Candidates ranked", _WHAT, "ranking:ranking", ("ranking",)),
-    "missing_force": FigureSpec("The missing force", _WHAT, "force:missing_force", ("missing_force",)),
+    "ranking": FigureSpec("Candidates ranked", _WHAT, "ranking:ranking", ("fits",)),
+    "missing_force": FigureSpec("The missing force", _WHAT, "force:missing_force", ("force",)),
     "gaps": FigureSpec("Gap before and after", _BETTER, "gaps:gaps", ("gaps",)),
     "optimum": FigureSpec("Optimum before and after", _BETTER, "optimum:optimum", ("optimum",)),
     "confusability": FigureSpec("Effects that look alike", _PLAN, "preflight:confusability", ("confusability",)),
@@ -42,7 +42,8 @@ def draw(name: str, tables: Mapping[str, pd.DataFrame | None], verdict: Mapping[
     name : str
         One of `CATALOGUE`.
     tables : mapping of str to DataFrame
-        Tables of `jointgap.tables.campaign` by the names in `CATALOGUE`. One that is absent, None or empty gives a figure that says so:
+        Tables by the names in `CATALOGUE`: ``bins`` and ``windows`` of the map, ``fits`` the ranking, ``force`` the missing force,
+        ``effects`` those that are detectable, and ``residuals``, ``gaps``, ``optimum``, ``confusability``. One that is absent, None or empty gives a figure that says so:
         without a named effect there is no force to show, without loose joints no optimum.
     verdict : mapping
         Content of ``verdict.json``; of a preflight the key ``preflight`` is enough.

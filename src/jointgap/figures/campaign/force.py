@@ -20,7 +20,7 @@ _COLOURS = ("simulation", "network", "second surrogate", "paper", "spline", "fir
 
 def missing_force(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> Drawing:
     """What the named effects push the slider with (or turn the crank) along each run: over x, over v, and over both."""
-    samples = tables["missing_force"]
+    samples = tables["force"]
     shown = [name for name in FORCES if samples[name].abs().max() > 0.0]
     across = [("slider_velocity", SPEED, 1.0), ("slider_position", POSITION, 1e3)]
     sheet = Sheet(0.5 + 2.7 * len(shown), len(shown), 3, width=10.5)

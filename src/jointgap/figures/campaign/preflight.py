@@ -97,6 +97,8 @@ def detectable(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -
     effects = tables["effects"]
     effects = effects.assign(ratio=effects["smallest_detectable"] / effects["typical"].abs())
     effects = effects.sort_values("ratio", na_position="last").reset_index(drop=True)
+    several = effects["label"].duplicated(keep=False)
+    effects["label"] = effects["label"].where(~several, effects["label"] + ", " + effects["parameter"])
     sheet = Sheet(1.3 + 0.21 * len(effects), 1, 1)
     quantity = Quantity("smallest detectable size over a typical one", "1")
     panel = sheet.panel((0, 0), "what this experiment would show", quantity, _EFFECT)

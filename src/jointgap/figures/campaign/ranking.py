@@ -21,7 +21,7 @@ _LINEAR_TO = 10.0  # of BIC: less is no evidence to speak of
 
 def ranking(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> Drawing:
     """The best explanations by what they gain in BIC over the recalibrated model, and the share of the misfit they explain."""
-    fits = tables["ranking"]
+    fits = tables["fits"]
     best = fits[fits["delta_bic"].notna()]
     best = best.sort_values("delta_bic", ascending=False).head(SHOWN).reset_index(drop=True)
     names = [in_words(label).replace(" + ", " +\n") for label in best["explanation"]]
