@@ -10,7 +10,8 @@ from jointgap.measure import Measurements
 from jointgap.measure.recording import noise_of
 from jointgap.rig.clock import TURN, Clock, clock, planned_clock
 from jointgap.rig.drives import DROPPED, measured_pieces
-from jointgap.rig.model import RigModel, RunPlan
+from jointgap.rig.model import RigModel
+from jointgap.rig.simulation import RunPlan, channels_read
 
 _SEARCHED = 720  # crank angles per revolution at which a first angle is looked for
 
@@ -29,7 +30,7 @@ def rig_model(campaign: Campaign, measurements: Measurements | None = None) -> R
     InputError
         A recording that does not go with the drive.
     """
-    plans, measured, held_out, blind = {}, {}, {}, set()
+    plans, measured, noise, held_out, searched = {}, {}, {}, {}, set()
     for run in campaign.runs:
         clock_, values = _planned(campaign, run) if measurements is None else _recorded(campaign, run, measurements)
         encoder = campaign.channels.get("crank_angle")
@@ -44,13 +45,12 @@ def rig_model(campaign: Campaign, measurements: Measurements | None = None) -> R
         held_out[run.id] = (
             _held_out(run, clock_.time.size) if measurements is None else measurements.runs[run.id].held_out
         )
-        for channel in channels:
-            measured[run.id, channel] = values[channel], noise_of(campaign, run.id)[channel]
+        measured[run.id] = {channel: values[channel] for channel in channels}
+        noise[run.id] = noise_of(campaign, run.id)
         if encoder is None and run.first_angle is None and measurements is not None:
-            blind.add(run.id)
-    if blind:
-        plans |= _with_first_angles(campaign, plans, measured, held_out, blind)
-    return RigModel(campaign, plans, measured, held_out, frozenset(blind))
+            searched.add(run.id)
+            plans[run.id] = _with_first_angle(campaign, plans[run.id], measured[run.id])
+    return RigModel(campaign, plans, measured, noise, held_out, frozenset(searched))
 
 
 def _resolution(campaign: Campaign) -> float:
@@ -76,34 +76,21 @@ def _held_out(run: CampaignRun, count: int) -> np.ndarray:
     return np.arange(count) >= count - math.ceil(share * count)
 
 
-def _with_first_angles(campaign, plans, measured, held_out, blind) -> dict[str, RunPlan]:
-    """Plans of the runs `blind` with the first angle at which the model as it stands agrees best with what was measured."""
-    found = {}
-    for name in blind:
-        plan = plans[name]
-        turn = np.arange(_SEARCHED) / _SEARCHED
-        dense = replace(
-            plan.clock,
-            time=turn * (TURN / plan.clock.speed),
-            read=np.full(_SEARCHED, np.nan),
-            angle=TURN * turn,
-            first_angle=0.0,
-        )
-        nothing = {(name, channel): (np.full(_SEARCHED, np.nan), None) for channel in plan.channels}
-        model = RigModel(
-            campaign, {name: replace(plan, clock=dense)}, nothing, {name: np.zeros(_SEARCHED, bool)}, frozenset()
-        )
-        course = model.simulate(name, {p.name: p.nominal for p in model.nuisances})
-        misfit = np.zeros(_SEARCHED)
-        phase = np.round(plan.clock.elapsed * plan.clock.speed / TURN * _SEARCHED).astype(int)
-        for channel in plan.channels:
-            value, _ = measured[name, channel]
-            known = np.isfinite(value)
-            spread = max(float(np.std(course[channel])), float(np.std(value[known])), 1e-300)
-            for shift in range(_SEARCHED):
-                away = (value - course[channel][(phase + shift) % _SEARCHED])[known] / spread
-                misfit[shift] += np.median(np.abs(away))
-        first = float(np.argmin(misfit)) * TURN / _SEARCHED
-        moved = plan.clock.angle - plan.clock.first_angle + first
-        found[name] = replace(plan, clock=replace(plan.clock, first_angle=first, angle=moved))
-    return found
+def _with_first_angle(campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]) -> RunPlan:
+    """The plan with the first angle at which the model as it stands agrees best with what was measured."""
+    turn = np.arange(_SEARCHED) / _SEARCHED
+    own = plan.clock
+    dense = replace(
+        own, time=turn * (TURN / own.speed), read=np.full(_SEARCHED, np.nan), angle=TURN * turn, first_angle=0.0
+    )
+    course = channels_read(campaign, replace(plan, clock=dense), {})
+    misfit = np.zeros(_SEARCHED)
+    phase = np.round(own.elapsed * own.speed / TURN * _SEARCHED).astype(int)
+    for channel, value in measured.items():
+        known = np.isfinite(value)
+        spread = max(float(np.std(course[channel])), float(np.std(value[known])), 1e-300)
+        for shift in range(_SEARCHED):
+            away = value[known] - course[channel][(phase[known] + shift) % _SEARCHED]
+            misfit[shift] += np.median(np.abs(away)) / spread
+    first = float(np.argmin(misfit)) * TURN / _SEARCHED
+    return replace(plan, clock=replace(own, first_angle=first, angle=own.angle - own.first_angle + first))

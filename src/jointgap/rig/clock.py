@@ -63,12 +63,19 @@ class Clock:
         return float(first), float(slope)
 
 
-def planned_clock(speed: float, first_angle: float, encoded: bool) -> Clock:
+def planned_clock(
+    speed: float,
+    first_angle: float,
+    encoded: bool,
+    revolutions: int = PLANNED_REVOLUTIONS,
+    per_revolution: int = PLANNED_PER_REVOLUTION,
+) -> Clock:
     """Samples of a run that is yet to be measured, at even times."""
-    count = PLANNED_REVOLUTIONS * PLANNED_PER_REVOLUTION
-    elapsed = np.arange(count) * (TURN / speed / PLANNED_PER_REVOLUTION)
+    elapsed = np.arange(revolutions * per_revolution) * (TURN / speed / per_revolution)
     angle = first_angle + speed * elapsed
-    return Clock(elapsed, angle if encoded else np.full(count, np.nan), angle, first_angle, speed, 0.0, 0.0, True)
+    return Clock(
+        elapsed, angle if encoded else np.full(elapsed.size, np.nan), angle, first_angle, speed, 0.0, 0.0, True
+    )
 
 
 def clock(
