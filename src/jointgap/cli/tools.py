@@ -55,14 +55,16 @@ def config(file: Path, scenario: str | None) -> None:
 
 @cli.command()
 @click.option("--write", "path", type=OUT, help="File to write; printed when absent.")
-def schema(path: Path | None) -> None:
-    """Give the JSON schema of a configuration, for editors that complete and check YAML."""
+@click.option("--campaign", is_flag=True, help="Of a campaign file, not of a configuration.")
+def schema(path: Path | None, campaign: bool) -> None:
+    """Give the JSON schema of a configuration or a campaign, for editors that complete and check YAML."""
     import json
 
     from jointgap import tables
     from jointgap.config import json_schema
+    from jointgap.config.campaign import campaign_json_schema
 
-    text = json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+    text = json.dumps(campaign_json_schema() if campaign else json_schema(), indent=2, ensure_ascii=False) + "\n"
     if path is None:
         click.echo(text, nl=False)
     else:

@@ -1,6 +1,5 @@
 """Channels of a campaign: what can be measured, and how a column of a file becomes one."""
 
-import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator
@@ -112,10 +111,7 @@ def channel_factor(name: str, unit: str) -> float:
     """
     base = CHANNELS[name]
     try:
-        factor = unit_factor(unit, base)
+        return unit_factor(unit, base)
     except ValueError as error:
         hint = _HINTS.get(unit)
         raise ValueError(f"{name}.unit = '{unit}' {error}{f'; {hint}' if hint else ''}") from error
-    if not (math.isfinite(factor) and factor > 0):
-        raise ValueError(f"{name}.unit = '{unit}' is {factor:g} {base}; write a unit greater than 0")
-    return factor
