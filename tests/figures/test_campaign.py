@@ -70,8 +70,8 @@ def planned():
     labels = ["gravity", "slider_spring", "crank_unbalance", "sensor_bias:crank_torque"]
     cosine = {("gravity", "slider_spring"): 0.985, ("gravity", "crank_unbalance"): 0.4}
     pairs = [(a, b, 1.0 if a == b else cosine.get((a, b), 0.1)) for i, a in enumerate(labels) for b in labels[i:]]
-    rows = [("gravity", 0.3, 9.8), ("slider_spring", 5.0, 40.0), ("crank_unbalance", np.inf, 1e-3)]
-    rows.append(("sensor_bias:crank_torque", 0.05, 0.02))
+    rows = [("gravity", 0.3, 9.8), ("slider_spring", 5.0, 40.0), ("crank_unbalance", np.nan, np.nan)]
+    rows.append(("sensor_bias:crank_torque", 0.005, 0.02))
     effects = pd.DataFrame(rows, columns=["label", "smallest_detectable", "typical"])
     effects = effects.assign(parameter="x", unit="N", detectable=effects["smallest_detectable"] < effects["typical"])
     return {"confusability": pd.DataFrame(pairs, columns=["first", "second", "cosine"]), "effects": effects}
@@ -183,6 +183,12 @@ def test_large_residuals_and_a_model_that_nothing_was_added_to_are_drawn(tmp_pat
     drawing = campaign.draw("residuals", {"residuals": samples}, VERDICT | {"verdict": "unexplained", "effects": []})
     assert not drawing.data["series"].str.startswith("after").any()
     style.save(campaign.draw("disagreement", tables, VERDICT), tmp_path / "map")
+
+
+def test_an_effect_that_is_no_force_has_none_to_show():
+    force = made_up()["force"].assign(slider_force=0.0)
+    drawing = campaign.draw("missing_force", {"force": force}, VERDICT)
+    assert [text.get_text() for text in drawing.figure.axes[0].texts] == [campaign.NOTHING["missing_force"]]
 
 
 def test_a_figure_that_is_not_there_is_refused():

@@ -8,7 +8,8 @@ import pandas as pd
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from jointgap.figures.campaign.parts import runs_in
+from jointgap.figures.campaign import CATALOGUE, NOTHING
+from jointgap.figures.campaign.parts import nothing, runs_in
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.sheet import CRANK_ANGLE, Quantity, Sheet
 
@@ -22,6 +23,8 @@ def missing_force(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]
     """What the named effects push the slider with (or turn the crank) along each run: over x, over v, and over both."""
     samples = tables["force"]
     shown = [name for name in FORCES if samples[name].abs().max() > 0.0]
+    if not shown:
+        return nothing(CATALOGUE["missing_force"].title, NOTHING["missing_force"])
     across = [("slider_velocity", SPEED, 1.0), ("slider_position", POSITION, 1e3)]
     sheet = Sheet(0.5 + 2.7 * len(shown), len(shown), 3, width=10.5)
     for row, name in enumerate(shown):

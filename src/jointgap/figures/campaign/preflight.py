@@ -11,11 +11,12 @@ from scipy.spatial.distance import squareform
 
 from jointgap.figures.campaign.parts import in_words, listed
 from jointgap.figures.drawing import Drawing
-from jointgap.figures.sheet import Quantity, Sheet
+from jointgap.figures.sheet import Quantity, Sheet, tick_label
 from jointgap.figures.style import COLOURS
 
 COSINE = Quantity("cosine of the signatures", "1")
 _EFFECT = Quantity("effect", "")
+_SIZE = Quantity("size over the one that makes a gap of 1.5", "1")
 _TOLD_FROM = 0.5  # cosines that are written as numbers
 _MERGED = "cannot be told apart here"
 
@@ -93,27 +94,22 @@ def _two_digits(value: float) -> str:
 
 
 def detectable(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> Drawing:
-    """The smallest size of each effect that this experiment shows, over a typical one, with its value."""
+    """The smallest size of each effect that this experiment shows, over the one that makes a gap of 1.5, with its value."""
     effects = tables["effects"]
-    effects = effects.assign(ratio=effects["smallest_detectable"] / effects["typical"].abs())
+    effects = effects.assign(ratio=(effects["smallest_detectable"] / effects["typical"]).abs())
     effects = effects.sort_values("ratio", na_position="last").reset_index(drop=True)
-    several = effects["label"].duplicated(keep=False)
-    effects["label"] = effects["label"].where(~several, effects["label"] + ", " + effects["parameter"])
     sheet = Sheet(1.3 + 0.21 * len(effects), 1, 1)
-    quantity = Quantity("smallest detectable size over a typical one", "1")
-    panel = sheet.panel((0, 0), "what this experiment would show", quantity, _EFFECT)
-    place = np.arange(len(effects), dtype=float)
-    known = np.isfinite(effects["ratio"].to_numpy(dtype=float))
-    for series, chosen, colour in (
-        ("detectable", effects["detectable"].to_numpy(dtype=bool), "after"),
-        ("not detectable", ~effects["detectable"].to_numpy(dtype=bool), "before"),
-    ):
-        own = chosen & known
-        if own.any():
-            panel.marks(series, effects["ratio"][own], place[own], colour, labels=list(effects["label"][own]))
+    panel = sheet.panel((0, 0), "what this experiment would show", _SIZE, _EFFECT)
+    place, seen = np.arange(len(effects), dtype=float), effects["detectable"].to_numpy(dtype=bool)
+    panel.marks(
+        "smallest detectable size", effects["ratio"][seen], place[seen], "after", labels=list(effects["label"][seen])
+    )
     listed(panel, [in_words(label) for label in effects["label"]])
-    panel.upright("typical size", 1.0)
+    panel.upright("gap of 1.5", 1.0)
     panel.axes.set_xscale("log")
+    low, high = effects["ratio"][seen].min(), effects["ratio"][seen].max()
+    panel.axes.set_xlim(0.7 * np.fmin(low, 0.2), 2.0 * np.fmax(high, 1.0))
+    panel.axes.xaxis.set_major_formatter(tick_label)
     panel.axes.set_ylabel("")
     beside = panel.axes.secondary_yaxis("right")
     beside.set_yticks(place, [_size(row) for row in effects.itertuples()])
@@ -124,6 +120,6 @@ def detectable(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -
 
 
 def _size(effect) -> str:
-    if not np.isfinite(effect.smallest_detectable):
+    if not effect.detectable:
         return "no size shows"
-    return f"{effect.smallest_detectable:.2g}" + ("" if effect.unit == "1" else f" {effect.unit}")
+    return f"{effect.smallest_detectable:.2g} {effect.unit}".removesuffix(" 1")
