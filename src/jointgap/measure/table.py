@@ -87,6 +87,11 @@ def _csv(path: Path, text: str, wanted: Sequence[str], form: Csv) -> Columns:
     lines = [(number, line) for number, line in numbered if not line.lstrip().startswith(_COMMENT)]
     if not lines:
         raise InputError(f"{path}: is empty; give a table with headings and samples")
+    for number, line in lines:
+        if line.count('"') % 2 or len(line) > csv.field_size_limit():
+            raise InputError(
+                f"{path}, row {number}: a quotation mark is not closed, or the row has no end; mend the row"
+            )
     header_row, header = lines[0]
     separator = form.separator or max(SEPARATORS, key=lambda mark: _found(_split(header, mark), wanted))
     headings = _split(header, separator)
@@ -106,10 +111,7 @@ def _csv(path: Path, text: str, wanted: Sequence[str], form: Csv) -> Columns:
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
-    except csv.Error:  # a cell of more than 131072 characters is no heading
-        return []
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
 
 
 def _found(headings: list[str], wanted: Sequence[str]) -> tuple[int, int]:
@@ -141,24 +143,19 @@ def _cells(
     path: Path, lines: list[tuple[int, str]], separator: str, width: int, places: dict[str, int]
 ) -> dict[str, list[str]]:
     """Texts of the wanted columns; every row must be as long as the headings."""
-    if separator == " ":
-        parsed = (line.split() for _, line in lines)
+    if any(mark in line for _, line in lines for mark in (" ", '"')):
+        parsed = (_split(line, separator) for _, line in lines)  # row by row, lest a quotation mark join two of them
     else:
-        parsed = csv.reader((line for _, line in lines), delimiter=separator, skipinitialspace=True)
+        parsed = csv.reader((line for _, line in lines), delimiter=separator)
     cells: dict[str, list[str]] = {column: [] for column in places}
-    try:
-        for (row, _), found in zip(lines, parsed, strict=True):
-            if len(found) != width and (len(found) < width or any(cell.strip() for cell in found[width:])):
-                raise InputError(
-                    f"{path}, row {row}: has {len(found)} cells, but there are {width} headings (separator {separator!r}); "
-                    "mend the row, or give csv.separator and csv.decimal"
-                )
-            for column, place in places.items():
-                cells[column].append(found[place].strip())
-    except (csv.Error, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: a quotation mark is not closed or stands within a cell; remove it") from error
+    for (row, _), found in zip(lines, parsed, strict=True):
+        if len(found) != width and (len(found) < width or any(cell.strip() for cell in found[width:])):
+            raise InputError(
+                f"{path}, row {row}: has {len(found)} cells, but there are {width} headings (separator {separator!r}); "
+                "mend the row, or give csv.separator and csv.decimal"
+            )
+        for column, place in places.items():
+            cells[column].append(found[place].strip())
     return cells
 
 
