@@ -104,16 +104,26 @@ def after(samples):
 
 
 @pytest.fixture(scope="module")
-def drawings():
-    tables = made_up()
+def tables():
+    return made_up()
+
+
+@pytest.fixture(scope="module")
+def drawings(tables):
     return {name: campaign.draw(name, tables, VERDICT) for name in campaign.CATALOGUE}
 
 
 @every_figure
-def test_what_is_drawn_can_be_saved_with_its_data(name, drawings, tmp_path):
-    written = style.save(drawings[name], tmp_path / name)
+def test_what_is_drawn_has_its_data_in_a_table(name, drawings):
+    files.to_arrow(files.PLOTTED, drawings[name].data)
+    assert len(drawings[name].data)
+
+
+def test_a_figure_is_saved_with_its_data(drawings, tmp_path):
+    written = style.save(drawings["confusability"], tmp_path / "figure")
     assert sorted(path.suffix for path in written) == [".parquet", ".png", ".svg"]
-    assert len(files.read(files.PLOTTED, tmp_path / f"{name}.parquet"))
+    shown = files.read(files.PLOTTED, tmp_path / "figure.parquet")
+    assert len(shown) == len(drawings["confusability"].data)
 
 
 @every_figure
@@ -135,12 +145,12 @@ def test_every_series_in_a_legend_has_its_data(name, drawings):
 
 @every_figure
 @pytest.mark.parametrize("absent", ["no table", "no rows"])
-def test_without_a_table_the_figure_says_so_and_is_saved_all_the_same(name, absent, tmp_path):
-    tables = {} if absent == "no table" else {key: frame.head(0) for key, frame in made_up().items()}
-    drawing = campaign.draw(name, tables, VERDICT)
+def test_without_a_table_the_figure_says_so(name, absent, tables):
+    given = {} if absent == "no table" else {key: frame.head(0) for key, frame in tables.items()}
+    drawing = campaign.draw(name, given, VERDICT)
     texts = [text.get_text() for axes in drawing.figure.axes for text in axes.texts]
     assert texts == [campaign.NOTHING[name]]
-    style.save(drawing, tmp_path / name)
+    files.to_arrow(files.PLOTTED, drawing.data)
 
 
 def test_a_window_across_dead_centre_is_outlined_at_both_ends(drawings):
@@ -149,10 +159,10 @@ def test_a_window_across_dead_centre_is_outlined_at_both_ends(drawings):
     assert sorted(zip(windows["low"], windows["high"], strict=True)) == [(0.0, 20.0), (340.0, 360.0)]
 
 
-def test_the_map_shows_the_mean_of_every_bin(drawings):
+def test_the_map_shows_the_mean_of_every_bin(drawings, tables):
     data = drawings["disagreement"].data
     shown = data[data["series"] == "mean whitened residual"]
-    assert np.allclose(np.sort(shown["value"].astype(float)), np.sort(made_up()["bins"]["mean"]))
+    assert np.allclose(np.sort(shown["value"].astype(float)), np.sort(tables["bins"]["mean"]))
 
 
 def test_the_explanation_of_the_verdict_stands_first_and_failed_fits_are_left_out(drawings):
@@ -177,16 +187,22 @@ def test_an_effect_that_no_size_shows_is_listed_without_a_mark(drawings):
     assert [text.get_text() for text in beside.get_yticklabels()][-1] == "no size shows"
 
 
-def test_large_residuals_and_a_model_that_nothing_was_added_to_are_drawn(tmp_path):
-    tables = made_up(size=60.0)
+def test_large_residuals_are_drawn_on_a_scale_that_is_linear_in_the_noise_and_logarithmic_beyond():
+    large = made_up(size=60.0)
+    scales = [axes.get_yscale() for axes in campaign.draw("residuals", large, VERDICT).figure.axes]
+    assert scales == ["linear"] * 3 + ["symlog"] * 3
+
+
+def test_a_model_that_nothing_was_added_to_has_no_after(tables):
     samples = tables["residuals"].assign(augmented=tables["residuals"]["base"])
-    drawing = campaign.draw("residuals", {"residuals": samples}, VERDICT | {"verdict": "unexplained", "effects": []})
-    assert not drawing.data["series"].str.startswith("after").any()
-    style.save(campaign.draw("disagreement", tables, VERDICT), tmp_path / "map")
+    gaps = tables["gaps"].assign(after=tables["gaps"]["before"])
+    for name in ("residuals", "gaps"):
+        drawing = campaign.draw(name, {"residuals": samples, "gaps": gaps}, VERDICT | {"effects": []})
+        assert not drawing.data["series"].str.startswith("after").any()
 
 
-def test_an_effect_that_is_no_force_has_none_to_show():
-    force = made_up()["force"].assign(slider_force=0.0)
+def test_an_effect_that_is_no_force_has_none_to_show(tables):
+    force = tables["force"].assign(slider_force=0.0)
     drawing = campaign.draw("missing_force", {"force": force}, VERDICT)
     assert [text.get_text() for text in drawing.figure.axes[0].texts] == [campaign.NOTHING["missing_force"]]
 
