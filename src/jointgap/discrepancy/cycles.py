@@ -104,9 +104,9 @@ def memory(scatter: Scatter, stated: float | None = None) -> tuple[float, ...]:
 
 
 def effective_samples(count: int, autocorrelation: tuple[float, ...]) -> float:
-    """How many independent samples tell a mean as well as `count` of a noise with that memory."""
+    """How many independent samples tell a mean as well as `count` of a noise with that memory, `count` at most."""
     weights, sd = prediction(autocorrelation)[-1]
-    return float(count * (1.0 - weights.sum()) ** 2 / sd**2)
+    return float(count * min((1.0 - weights.sum()) ** 2 / sd**2, 1.0))
 
 
 def cycle_differences(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -190,9 +190,9 @@ def _robust_sd(values: np.ndarray) -> float:
     """Standard deviation by the median of absolute values, which a few wild ones do not move."""
     plain = float(np.sqrt(np.mean(values**2)))
     robust = float(np.median(np.abs(values)) / 0.6744897501960817)
-    return robust if robust > 0.1 * plain else plain  # coarsely rounded readings hardly ever differ
+    return robust if robust > 1e-6 * plain else plain  # coarsely rounded readings hardly ever differ
 
 
 def _without_outliers(values: np.ndarray) -> np.ndarray:
-    limit = 4.0 * _robust_sd(values[np.isfinite(values)])
+    limit = 3.0 * _robust_sd(values[np.isfinite(values)])
     return np.clip(values, -limit, limit)

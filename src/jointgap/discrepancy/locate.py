@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy.special import chdtrc
 
 from jointgap.discrepancy.colour import coloured
 from jointgap.discrepancy.orders import order_spectrum, speed_scaling
@@ -79,7 +79,7 @@ def locate(problem: Problem, residual: np.ndarray, false_discovery: float = 0.01
     chi2 = float(residual @ residual)
     return Map(
         chi2,
-        float(stats.chi2.sf(chi2, max(residual.size, 1))),
+        float(chdtrc(max(residual.size, 1), chi2)),
         residual.size,
         tests,
         bins.drop(columns="size"),
@@ -96,7 +96,7 @@ def _test(part: Part, residual: np.ndarray) -> dict:
         "channel": part.series.channel,
         "samples": residual.size,
         "chi2": chi2,
-        "p_chi2": float(stats.chi2.sf(chi2, residual.size)),
+        "p_chi2": float(chdtrc(residual.size, chi2)),
         "p_ljung_box": ljung_box(residual, np.flatnonzero(part.used)),
     }
 
@@ -127,7 +127,7 @@ def ljung_box(residual: np.ndarray, index: np.ndarray, lags: int = _LAGS) -> flo
         products = products[np.isfinite(products)]
         if products.size:
             total += (products.size + 2 * lag) / products.size * products.sum() ** 2 / (products.size * variance**2)
-    return float(stats.chi2.sf(total, lags))
+    return float(chdtrc(lags, total))
 
 
 def adjusted(p: np.ndarray) -> np.ndarray:
@@ -200,7 +200,7 @@ def _disagreement(white: np.ndarray, basis: np.ndarray) -> tuple[float, float]:
     kept = sizes > 1e-6 * sizes[0]
     score = left[:, kept].T @ white
     shared, chi2 = float(score @ score), float(white @ white)
-    questions = [stats.chi2.sf(shared, kept.sum()), stats.chi2.sf(chi2, white.size)]
+    questions = [chdtrc(kept.sum(), shared), chdtrc(white.size, chi2)]
     constant, slope = right[kept].T @ (score / sizes[kept])
     estimated = max(constant**2 + slope**2 / 3.0, chi2 / white.size - 1.0)
     return float(min(1.0, len(questions) * min(questions))), float(np.sqrt(max(estimated, 0.0)))

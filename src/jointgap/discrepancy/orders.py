@@ -35,7 +35,11 @@ def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
         step = 1.0 / max(1, round(turns))
         highest = min(HIGHEST_ORDER, np.pi / np.median(np.abs(np.diff(angle))))
         order = step * np.arange(1, int(highest / step) + 1)
-        amplitude = 2.0 / angle.size * np.abs(np.exp(-1j * np.outer(order, angle)) @ (white - white.mean()))
+        turning, swing, power = np.exp(-1j * step * angle), white - white.mean(), []
+        for _ in order:  # one order after the other, as the whole table of phases need not fit in memory
+            swing = swing * turning
+            power.append(abs(swing.sum()))
+        amplitude = 2.0 / angle.size * np.array(power)
         tables.append(
             pd.DataFrame(
                 {

@@ -201,9 +201,10 @@ def _preflight(model: Model, survey: Survey, remarks: tuple[str, ...]) -> Prefli
     columns = ["label", "parameter", "smallest_detectable", "unit", "typical", "detectable"]
     effects = pd.DataFrame(rows, columns=columns)
     seen = [row["label"] for row in rows if row["detectable"]]
-    cosines = pd.DataFrame(np.eye(len(survey.labels)), index=survey.labels, columns=survey.labels)
-    for i, label in enumerate(survey.labels):
-        for other in survey.labels[i + 1 :]:
+    known = [row["label"] for row in rows if row["label"] in survey.labels]
+    cosines = pd.DataFrame(np.eye(len(known)), index=known, columns=known)
+    for i, label in enumerate(known):
+        for other in known[i + 1 :]:
             cosines.loc[label, other] = cosines.loc[other, label] = survey.cosine(label, other)
     undetectable = [row["label"] for row in rows if not row["detectable"]]
     return Preflight(effects, cosines, survey.merged(seen), undetectable, sizes, remarks)

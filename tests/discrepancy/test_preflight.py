@@ -1,0 +1,147 @@
+"""Before anything is measured, a campaign is told what it can detect and tell apart, and what would help."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.discrepancy.fit import fit
+from jointgap.discrepancy.preflight import advise, assumed_noise, preflight
+from jointgap.discrepancy.problem import Problem
+from jointgap.errors import InputError, SimulationError
+from tests.discrepancy.toy import SPEEDS, Toy, candidate_of, stated_noise, toy
+
+SLOW = {"slow": SPEEDS["slow"]}
+PLAN = {"held_out": (), "samples": 36, "cycles": 2.0}
+
+
+def planned(**options) -> Toy:
+    """A campaign without held-out runs, yet to be measured."""
+    return toy(planned=True, **{**PLAN, **options})
+
+
+def test_effects_that_are_one_force_at_one_speed_are_merged_and_three_speeds_tell_them_apart():
+    one = preflight(planned(speeds=SLOW))
+    assert ["spring", "centrifugal"] in one.merged
+    assert one.cosines.loc["spring", "centrifugal"] == pytest.approx(1.0, abs=1e-6)
+    three = preflight(planned())
+    assert three.merged == []
+    assert three.cosines.loc["spring", "centrifugal"] < 0.9
+
+
+def test_the_matrix_of_cosines_is_symmetric_with_ones_on_its_diagonal():
+    found = preflight(planned())
+    assert list(found.cosines.index) == list(found.cosines.columns) == found.effects["label"].tolist()
+    assert np.allclose(found.cosines, found.cosines.T)
+    assert np.allclose(np.diag(found.cosines), 1.0)
+
+
+def test_a_fault_of_a_channel_that_is_not_measured_cannot_be_detected():
+    found = preflight(planned(channels=("torque", "guide_force")))
+    assert found.undetectable == ["sensor_gain:acceleration"]
+    row = found.effects.set_index("label").loc["sensor_gain:acceleration"]
+    assert np.isnan(row["smallest_detectable"]) and not row["detectable"]
+    assert "sensor_gain:acceleration" not in [label for group in found.merged for label in group]
+
+
+@pytest.mark.parametrize("label", ["coulomb", "viscous", "constant_force", "spring", "sensor_lag:torque"])
+def test_a_typical_size_leaves_the_gap_of_one_and_a_half_after_recalibration(label):
+    row = preflight(planned()).effects.set_index("label").loc[label]
+    model = toy({label: {row["parameter"]: row["typical"]}}, seed=1, **PLAN)
+    problem = Problem(model, stated_noise(toy(**PLAN)))
+    assert problem.gap(fit(problem).residual) == pytest.approx(1.5, abs=0.05)
+
+
+def test_the_smallest_detectable_size_is_found_nine_times_in_ten():
+    options = {"candidates": ("coulomb", "viscous"), "speeds": SLOW, **PLAN}
+    size = preflight(toy(planned=True, **options)).sizes["coulomb"]
+    hits, seeds = 0, 40
+    for seed in range(seeds):
+        model = toy({"coulomb": {"force_N": size}}, seed=seed, **options)
+        problem = Problem(model, stated_noise(model))
+        gain = fit(problem).chi2 - fit(problem, (candidate_of("coulomb"),)).chi2
+        hits += gain > np.log(problem.size)
+    assert 0.8 <= hits / seeds <= 0.99
+
+
+def test_twice_the_noise_hides_effects_of_twice_the_size():
+    quiet, loud = (preflight(planned(noise=share)).sizes for share in (0.01, 0.02))
+    for label in ("coulomb", "viscous", "constant_force", "sensor_bias:torque"):
+        assert loud[label] == pytest.approx(2 * quiet[label], rel=0.02)
+
+
+def test_an_effect_that_is_a_nuisance_is_seen_beyond_that_nuisances_range():
+    found = preflight(planned())
+    mass = next(p for p in planned().nuisances if p.name == "slider_mass")
+    assert mass.high - mass.nominal < found.sizes["added_mass"] < 1.2 * (mass.high - mass.nominal)
+
+
+def test_noise_that_is_not_stated_is_assumed_and_told():
+    found = preflight(planned(stated=False))
+    assert len(found.remarks) == 9
+    assert "noise of torque in run slow is not stated" in found.remarks[0]
+    assert found.sizes["coulomb"] == pytest.approx(preflight(planned()).sizes["coulomb"], rel=1e-6)  # 2 % as well
+
+
+def test_a_channel_that_is_predicted_to_be_zero_needs_a_stated_noise():
+    class Silent(Toy):
+        def simulate(self, run, values, effects=(), numerics=0):
+            read = super().simulate(run, values, effects, numerics)
+            return {**read, "torque": 0.0 * read["torque"]}
+
+    model = planned(stated=False)
+    silent = Silent(model.series, model.nuisances, model.candidates, model.speeds)
+    with pytest.raises(InputError, match="run slow, channel torque: it is predicted to be 0 throughout; state its"):
+        assumed_noise(silent)
+
+
+def test_a_candidate_that_cannot_be_simulated_is_told_and_the_others_go_on():
+    class Refusing(Toy):
+        def simulate(self, run, values, effects=(), numerics=0):
+            if any(candidate.name == "spring" for candidate, _ in effects):
+                raise SimulationError("the spring jams")
+            return super().simulate(run, values, effects, numerics)
+
+    model = planned()
+    found = preflight(Refusing(model.series, model.nuisances, model.candidates, model.speeds))
+    assert found.undetectable == ["spring"]
+    assert found.remarks == ("spring cannot be simulated: the spring jams",)
+    assert "coulomb" in found.cosines.index
+
+
+def test_the_most_helpful_change_is_told_first():
+    keys = [("slow", "torque")]
+    base, changes = advise(planned(), keys)
+    assert ["spring", "centrifugal"] in base.merged
+    assert "sensor_gain:acceleration" in base.undetectable
+    table = changes.set_index("change")
+    assert set(table.index) == {"run mid", "run fast", "channel guide_force", "channel acceleration"}
+    assert table.index[0].startswith("run")  # another speed tells most apart
+    assert "spring | centrifugal" in table.loc["run mid", "separated"]
+    assert "spring | centrifugal" not in table.loc["channel guide_force", "separated"]
+    assert table.loc["channel acceleration", "newly_detectable"] == ["sensor_gain:acceleration"]
+    assert (table["gain"] >= 0.999).all()
+
+
+def test_advice_on_a_planned_campaign_agrees_with_its_own_preflight():
+    base, _ = advise(planned(), [("slow", channel) for channel in ("torque", "guide_force", "acceleration")])
+    alone = preflight(planned(speeds=SLOW))
+    assert base.merged == alone.merged and base.undetectable == alone.undetectable
+    for label, size in alone.sizes.items():
+        if not label.startswith("harmonic"):
+            assert base.sizes[label] == pytest.approx(size, rel=0.02)
+
+
+def test_a_campaign_with_all_there_is_has_nothing_further_to_be_advised():
+    model = planned()
+    _, changes = advise(model, [series.key for series in model.series])
+    assert changes.empty
+
+
+def test_a_model_that_cannot_be_simulated_is_refused():
+    model = planned()
+    broken = [
+        replace(p, nominal=-0.1, low=-0.2, high=-0.05) if p.name == "crank_length" else p for p in model.nuisances
+    ]
+    with pytest.raises(SimulationError, match="does not turn"):
+        preflight(replace(model, nuisances=broken))
