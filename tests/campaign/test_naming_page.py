@@ -1,0 +1,47 @@
+"""What docs/naming.md shows can be used as it stands."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config.campaign import load_campaign
+from jointgap.figures.campaign import CATALOGUE
+from jointgap.measure import read_measurements
+
+PAGE = Path("docs/naming.md").read_text(encoding="utf-8")
+
+
+def test_its_campaign_file_and_its_columns_are_read(tmp_path):
+    header, campaign = (re.search(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)[1] for kind in ("", "yaml"))
+    (tmp_path / "campaign.yaml").write_text(campaign)
+    (tmp_path / "mechanism.yaml").write_text(Path("config/mechanisms/erkaya2009.yaml").read_text())
+    time = np.arange(2000) * 5e-4
+    for run, rpm in (("slow", 200.0), ("mid", 400.0), ("fast", 600.0)):
+        angle = rpm * 6.0 * time
+        values = {
+            "t": time,
+            "theta": angle % 360.0,
+            "acc": np.cos(np.radians(angle)),
+            "torque": np.sin(np.radians(angle)),
+        }
+        frame = pd.DataFrame(values)
+        assert list(frame.columns) == header.splitlines()[0].split(",")
+        frame.to_csv(tmp_path / f"{run}.csv", index=False)
+    measured = read_measurements(load_campaign(tmp_path / "campaign.yaml"))
+    assert list(measured.runs) == ["slow", "mid", "fast"]
+    assert np.isclose(measured.runs["slow"].channels["slider_acceleration"][0], 9.80665)
+
+
+def test_it_names_every_figure_and_every_verdict():
+    assert all(f"*{name}*" in PAGE for name in CATALOGUE)
+    verdicts = (
+        "no_disagreement",
+        "parameters_only",
+        "named",
+        "named_with_remaining_misfit",
+        "ambiguous",
+        "unexplained",
+    )
+    assert all(f"| `{verdict}` |" in PAGE for verdict in verdicts)
