@@ -33,10 +33,11 @@ class Confirmed:
     residuals: pd.DataFrame
     gaps: pd.DataFrame
 
-    def gap(self, role: str) -> dict[str, float]:
-        """Gap before and after over all runs and channels of a role."""
-        whole = self.gaps[(self.gaps["role"] == role) & (self.gaps["run"] == "all") & (self.gaps["channel"] == "all")]
-        return {when: float(whole[when].iloc[0]) for when in ("before", "after")}
+
+def gap_of(gaps: pd.DataFrame, role: str) -> dict[str, float]:
+    """Gap before and after over all runs and channels of a role, from table `jointgap.tables.GAPS`."""
+    whole = gaps[(gaps["role"] == role) & (gaps["run"] == "all") & (gaps["channel"] == "all")]
+    return {when: float(whole[when].iloc[0]) for when in ("before", "after")}
 
 
 def confirm(

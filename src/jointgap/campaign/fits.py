@@ -103,9 +103,10 @@ def from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate] = ()
     for row in frames["fits"].to_dict("records"):
         label = row["explanation"]
         explanation = explanation_of(label, candidates)
-        parameters = problem.parameters(explanation)
+        stored = dict(zip(values[label]["key"], values[label]["value"], strict=True)) if label in values else {}
+        parameters = tuple(p for p in problem.parameters(explanation) if p.key in stored)
         keys = [p.key for p in parameters]
-        at = values[label].set_index("key")["value"].loc[keys].to_numpy() if keys else np.empty(0)
+        at = np.array([stored[key] for key in keys], dtype=float)
         jacobian, residual = np.empty((problem.size, 0)), np.full(problem.size, np.nan)
         if row["status"] != FAILED:
             residual = residuals[label]["residual"].to_numpy()

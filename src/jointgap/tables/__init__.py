@@ -4,24 +4,22 @@ One module per stage names its tables: ``tables.write(tables.TRAJECTORY, frame, 
 """
 
 from jointgap.tables.campaign import (
-    DECISION,
-    FIT_CURVATURE,
-    FIT_PARAMETERS,
-    FIT_RESIDUALS,
-    FIT_VALUES,
-    FITS,
+    ADVICE,
+    CONFUSABILITY,
+    DETECTABLE,
     GAPS,
+    MAP_BINS,
+    MAP_ORDERS,
+    MAP_SCALING,
+    MAP_TESTS,
+    MAP_WINDOWS,
     MEASURED,
     MISSING_FORCE,
     NOISE,
     NOISE_MEMORY,
     OPTIMUM,
-    RANKING,
+    REMARKS,
     RESIDUALS,
-    SCREENED,
-    SIGNATURE_SHAPES,
-    SIGNATURES,
-    THRESHOLDS,
     TIMES,
 )
 from jointgap.tables.columns import Column, Table
@@ -29,6 +27,19 @@ from jointgap.tables.compare import COMPARISON, OVERVIEW
 from jointgap.tables.ensemble import ENSEMBLE_EVENTS, ENSEMBLE_SAMPLES, GROWTH, ensemble_runs
 from jointgap.tables.figures import PLOTTED
 from jointgap.tables.kinematics import KINEMATICS, KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
+from jointgap.tables.naming import (
+    DECISION,
+    FIT_CURVATURE,
+    FIT_PARAMETERS,
+    FIT_RESIDUALS,
+    FIT_VALUES,
+    FITS,
+    RANKING,
+    SCREENED,
+    SIGNATURE_SHAPES,
+    SIGNATURES,
+    THRESHOLDS,
+)
 from jointgap.tables.optimise import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
 from jointgap.tables.simulate import EVENTS, JOINT_NUMBERS, OUTPUTS, TRAJECTORY, number_of, outputs
 from jointgap.tables.statistics import ECCENTRICITY, IMPACT_DISTRIBUTION, JOINT_REVOLUTIONS, POINCARE_SECTION
@@ -37,9 +48,12 @@ from jointgap.tables.study import STUDY
 from jointgap.tables.surrogate import CLEARANCE_FIT, FIT, FIT_ERRORS, FIT_HISTORY
 
 __all__ = [
+    "ADVICE",
     "CLEARANCE_FIT",
     "COMPARISON",
+    "CONFUSABILITY",
     "DECISION",
+    "DETECTABLE",
     "ECCENTRICITY",
     "ENSEMBLE_EVENTS",
     "ENSEMBLE_SAMPLES",
@@ -61,6 +75,11 @@ __all__ = [
     "KINEMATICS",
     "KINEMATICS_CONTRADICTIONS",
     "KINEMATICS_ERRORS",
+    "MAP_BINS",
+    "MAP_ORDERS",
+    "MAP_SCALING",
+    "MAP_TESTS",
+    "MAP_WINDOWS",
     "MEASURED",
     "MISSING_FORCE",
     "NOISE",
@@ -74,6 +93,7 @@ __all__ = [
     "POINCARE_SECTION",
     "POPULATION",
     "RANKING",
+    "REMARKS",
     "RESIDUALS",
     "RESIMULATED",
     "SCREENED",

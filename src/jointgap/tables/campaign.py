@@ -1,15 +1,11 @@
-"""Tables of a campaign: what was measured, how noisy it is, what was fitted, and what came of it."""
+"""Tables of a campaign: what was measured, how noisy it is, where it disagrees with the model, and what came of it."""
 
 from jointgap.tables.columns import Column, Table
 
 _RUN = Column("run", "", "run of the campaign", "text")
 _CHANNEL = Column("channel", "", "channel, or statistic of one where samples cannot be compared", "text")
 _SAMPLE = Column("sample", "1", "place in the series, counted from 0", "int")
-_EXPLANATION = Column(
-    "explanation", "", "effects added to the model, 'a + b'; 'base' for the model as it stands", "text"
-)
 _LABEL = Column("label", "", "effect, with its site where there is a choice", "text")
-_KEY = Column("key", "", "what the fit calls the parameter: name, name@run, or effect.coordinate", "text")
 _HELD_OUT = Column("held_out", "", "took no part in fitting or choosing", "bool")
 
 MEASURED = Table(
@@ -24,6 +20,12 @@ MEASURED = Table(
         Column("value", "SI", "what the channel reads, in its SI unit; null where there is no datum", nullable=True),
         _HELD_OUT,
     ),
+)
+
+REMARKS = Table(
+    "remarks",
+    "What a reader of the results should know of the data",
+    (Column("remark", "", "in a sentence", "text"),),
 )
 
 NOISE = Table(
@@ -53,125 +55,103 @@ NOISE_MEMORY = Table(
     ),
 )
 
-FITS = Table(
-    "fits",
-    "Every explanation that was fitted, the model as it stands among them",
+_STATISTICS = (
+    Column("samples", "1", "residuals counted", "int"),
+    Column("mean", "1", "mean residual, in standard deviations of the noise"),
+    Column("rms", "1", "root mean square of the residual, in standard deviations of the noise"),
+)
+_SPAN = (
+    Column("start_deg", "deg", "crank angle at which it begins"),
+    Column("end_deg", "deg", "crank angle at which it ends; smaller than start_deg where 0 lies between"),
+)
+_ADJUSTED = Column("p_adjusted", "1", "the same, adjusted for the number of bins (Benjamini-Hochberg)")
+
+MAP_BINS = Table(
+    "map_bins",
+    "Residual of the recalibrated base by run, channel and crank angle",
     (
-        _EXPLANATION,
-        Column("kind", "", "base, single, pair or formula", "text"),
-        Column("status", "", "converged, stopped or failed", "text"),
-        Column("reason", "", "why it stopped or failed", "text", nullable=True),
-        Column("chi2", "1", "sum of squared whitened residuals", nullable=True),
-        Column("samples", "1", "residuals counted", "int"),
-        Column("parameters", "1", "parameters fitted", "int"),
-        Column("bic", "1", "Bayesian information criterion", nullable=True),
-        Column("simulations", "1", "simulated runs that the fit took", "int"),
-        Column("seconds", "s", "time that the fit took", nullable=True),
+        *(_RUN, _CHANNEL, *_SPAN, *_STATISTICS),
+        Column("p", "1", "probability by noise alone"),
+        _ADJUSTED,
+        Column("flagged", "", "more than noise", "bool"),
     ),
 )
 
-FIT_PARAMETERS = Table(
-    "fit_parameters",
-    "Fitted parameters of every explanation, nuisances and effects",
+MAP_WINDOWS = Table(
+    "map_windows",
+    "Where the recalibrated base disagrees with the measurement, the surest first",
+    (_RUN, _CHANNEL, *_SPAN, *_STATISTICS[1:], _ADJUSTED),
+)
+
+MAP_TESTS = Table(
+    "map_tests",
+    "Residual of the recalibrated base by run and channel",
     (
-        _EXPLANATION,
-        _KEY,
-        Column("parameter", "", "nuisance, or parameter of an effect as a verdict states it", "text"),
-        Column("effect", "", "label of the effect; null for a nuisance", "text", nullable=True),
-        Column("run", "", "the one run that it belongs to; null where all share it", "text", nullable=True),
-        Column("value", "SI", "fitted value", nullable=True),
-        Column("sd", "SI", "its standard error", nullable=True),
-        Column("low_90", "SI", "lower end of the 90 % interval", nullable=True),
-        Column("high_90", "SI", "upper end of the 90 % interval", nullable=True),
+        *(_RUN, _CHANNEL, _STATISTICS[0]),
+        Column("chi2", "1", "sum of squared whitened residuals"),
+        Column("p_chi2", "1", "probability of as much by noise alone"),
+        Column("p_ljung_box", "1", "probability that independent numbers remember each other as much", nullable=True),
+    ),
+)
+
+MAP_ORDERS = Table(
+    "map_orders",
+    "Spectrum of the whitened residual over orders of the crank",
+    (
+        *(_RUN, _CHANNEL),
+        Column("order", "1", "cycles per revolution"),
+        Column("amplitude", "1", "amplitude of the whitened residual", nullable=True),
+        Column("p", "1", "probability by noise alone", nullable=True),
+    ),
+)
+
+MAP_SCALING = Table(
+    "map_scaling",
+    "How the disagreement of each channel grows with speed",
+    (
+        _CHANNEL,
+        Column("exponent", "1", "of the speed", nullable=True),
+        Column("low", "1", "lower end of its 90 % interval", nullable=True),
+        Column("high", "1", "upper end of its 90 % interval", nullable=True),
+        Column("runs", "1", "runs at different speeds", "int"),
+    ),
+)
+
+DETECTABLE = Table(
+    "detectable",
+    "Smallest size of every effect that a campaign would show",
+    (
+        _LABEL,
+        Column("parameter", "", "parameter of the effect", "text"),
+        Column(
+            "smallest_detectable", "SI", "smallest size found with 90 % probability; null if none is", nullable=True
+        ),
         Column("unit", "", "SI unit", "text"),
+        Column("typical", "SI", "size that makes a whitened gap of 1.5", nullable=True),
+        Column("detectable", "", "whether sizes within the bounds are", "bool"),
     ),
 )
 
-FIT_VALUES = Table(
-    "fit_values",
-    "Fitted values by key, for later stages to start from",
-    (_EXPLANATION, _KEY, Column("value", "SI", "fitted value")),
-)
-
-FIT_CURVATURE = Table(
-    "fit_curvature",
-    "Derivatives of the whitened residuals, in as many rows as parameters with the same inner products",
-    (_EXPLANATION, _KEY, _SAMPLE, Column("derivative", "1/SI", "of the residuals with respect to the parameter")),
-)
-
-SIGNATURES = Table(
-    "signatures",
-    "What parameters of the base and sizes of candidates change in the whitened residuals, at the recalibrated base",
+CONFUSABILITY = Table(
+    "confusability",
+    "How alike two effects look in the measured channels beside the nuisances",
     (
-        Column("label", "", "candidate; 'base' for the nuisances", "text"),
-        Column("start", "1", "which start of the candidate's shapes, counted from 0", "int"),
-        Column("name", "", "nuisance's key, name of a size, or 'origin': the residuals at zero size", "text"),
-        _SAMPLE,
-        Column("derivative", "1/SI", "of the whitened residual; of 'origin' its value"),
+        Column("first", "", "effect", "text"),
+        Column("second", "", "effect", "text"),
+        Column("cosine", "1", "largest cosine between what the two can change", nullable=True),
+        Column("merged", "", "whether the campaign cannot tell them apart", "bool"),
     ),
 )
 
-SIGNATURE_SHAPES = Table(
-    "signature_shapes",
-    "Shapes of candidates at which their signatures were taken",
+ADVICE = Table(
+    "advice",
+    "Further speeds and channels, the most helpful first",
     (
-        Column("label", "", "candidate", "text"),
-        Column("start", "1", "which start of its shapes, counted from 0", "int"),
-        Column("name", "", "shape", "text"),
-        Column("value", "SI", "its value"),
+        Column("change", "", "what is added to the campaign", "text"),
+        Column("newly_detectable", "", "effects that then show, separated by ', '", "text"),
+        Column("separated", "", "pairs 'a | b' that are then told apart, separated by ', '", "text"),
+        Column("gain", "1", "by how much the smallest detectable sizes shrink, median over effects", nullable=True),
     ),
-)
-
-SCREENED = Table(
-    "screened",
-    "What the most promising explanations would explain if the motion depended on them linearly",
-    (
-        _EXPLANATION,
-        Column("kind", "", "single or pair; failed where it cannot be simulated", "text"),
-        Column("chi2", "1", "sum of squared whitened residuals that would be left", nullable=True),
-        Column("bic", "1", "Bayesian information criterion", nullable=True),
-        Column("reason", "", "why it cannot be simulated", "text", nullable=True),
-    ),
-)
-
-THRESHOLDS = Table(
-    "thresholds",
-    "What campaigns in which nothing is hidden exceed with the stated rate",
-    (
-        Column("rate", "1", "share of null campaigns that exceed each threshold"),
-        Column("omnibus", "1", "chi2 over its degrees of freedom"),
-        Column("directed", "1", "largest gain of BIC by one candidate"),
-    ),
-)
-
-RANKING = Table(
-    "ranking",
-    "Every explanation that was fitted, best first",
-    (
-        *FITS.columns,
-        Column("delta_bic", "1", "BIC of the base less its own; larger is better", nullable=True),
-        Column("explained_share", "1", "share of the base's chi2 beyond noise that is gone", nullable=True),
-        Column("passes", "", "leaves no more than null campaigns do", "bool"),
-        Column("admissible", "", "all its effects are there, and none is a nuisance within its range", "bool"),
-        Column("place", "", "named, equivalent, or empty", "text"),
-        Column("remark", "", "why it is not admissible, or what the fit says", "text", nullable=True),
-    ),
-)
-
-DECISION = Table(
-    "decision",
-    "The verdict as far as the fits carry it",
-    (
-        Column("verdict", "", "as in verdict.json", "text"),
-        Column("because", "", "the reason in a sentence", "text"),
-        Column("nuisances", "", "fit whose nuisances hold: nominal or base", "text"),
-    ),
-)
-
-FIT_RESIDUALS = Table(
-    "fit_residuals",
-    "Whitened residuals of every explanation",
-    (_EXPLANATION, _SAMPLE, Column("residual", "1", "independent and of variance 1 where the explanation is true")),
 )
 
 RESIDUALS = Table(

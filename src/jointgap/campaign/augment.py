@@ -1,0 +1,88 @@
+"""Stage augment: the mechanism with what was found written in, ready for every other stage."""
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from jointgap import tables
+from jointgap.campaign.decide import Outcome
+from jointgap.campaign.fits import effect_parameters
+from jointgap.campaign.force import missing_force
+from jointgap.config import Mechanism
+from jointgap.config.campaign import Campaign
+from jointgap.discrepancy.fit import Fit
+from jointgap.rig import rig_file
+
+_WIDTH = 110
+
+
+def mechanisms(campaign: Campaign, base: Fit, outcome: Outcome) -> tuple[Mechanism, Mechanism]:
+    """The recalibrated mechanism without and with the effects of the verdict.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    base : Fit
+        The recalibrated base.
+    outcome : Outcome
+
+    Raises
+    ------
+    InputError
+        Values that make the mechanism impossible.
+    """
+    chosen = outcome.chosen
+    augmented = rig_file(campaign.mechanism, chosen.explanation, chosen.mapping)
+    plain = base if chosen.explanation else chosen
+    return rig_file(campaign.mechanism, (), plain.mapping), augmented
+
+
+def augment(campaign: Campaign, base: Fit, outcome: Outcome) -> tuple[str, pd.DataFrame]:
+    """The augmented mechanism as a YAML file, and what its effects push and turn with.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    base : Fit
+        The recalibrated base.
+    outcome : Outcome
+
+    Returns
+    -------
+    text : str
+        `jointgap.config.load_mechanism` accepts it; the uncertainties stand in comments.
+    force : DataFrame
+        Table `jointgap.tables.MISSING_FORCE`; empty where no effect is named.
+
+    Raises
+    ------
+    InputError, SimulationError
+        The mechanism with what was found cannot be simulated.
+    """
+    plain, augmented = mechanisms(campaign, base, outcome)
+    body = yaml.safe_dump(augmented.model_dump(mode="json"), sort_keys=False, width=_WIDTH, allow_unicode=True)
+    speeds = {run.id: run.speed for run in campaign.runs if run.role != "confirm"}
+    columns = [column.name for column in tables.MISSING_FORCE.columns]
+    physical = any(not candidate.sensor for candidate in outcome.chosen.explanation)
+    force = missing_force(plain, augmented, speeds) if physical else pd.DataFrame(columns=columns)
+    return "\n".join([*(f"# {line}" for line in _header(campaign, outcome)), body]), force
+
+
+def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
+    chosen = outcome.chosen
+    lines = [f"The mechanism of campaign {campaign.name} with what was found: {outcome.verdict}."]
+    covariance = chosen.covariance()
+    of_effects = {f"{c.label}.{p.name}" for c in chosen.explanation for p in c.coordinates}
+    for i, p in enumerate(chosen.parameters):
+        if p.key not in of_effects:
+            lines.append(
+                f"{p.key}: {chosen.values[i]:.6g} +- {np.sqrt(covariance[i, i]):.2g} {p.unit}".removesuffix(" 1")
+            )
+    for candidate in chosen.explanation:
+        for name, one in effect_parameters(chosen, candidate, covariance).items():
+            low, high = one["interval_90"]
+            sensor = " (a fault of the sensor, no part of the mechanism)" if candidate.sensor else ""
+            lines.append(
+                f"{candidate.label}, {name}: {one['value']:.6g} +- {one['sd']:.2g}, 90 % {low:.6g} to {high:.6g}{sensor}"
+            )
+    return [*lines, "Values that belong to one run, and standard errors, are for reading only. All numbers are SI."]

@@ -1,0 +1,112 @@
+"""One campaign on its way to a verdict: what its stages have handed on so far."""
+
+from functools import cached_property
+from pathlib import Path
+
+from jointgap.campaign import fits, noise, screen
+from jointgap.campaign.decide import Outcome
+from jointgap.campaign.folder import OF_FITS, OF_NOISE, Folder
+from jointgap.config.campaign import Campaign, load_campaign
+from jointgap.discrepancy.calibrate import Thresholds
+from jointgap.discrepancy.differences import Differences
+from jointgap.discrepancy.fit import Fit
+from jointgap.discrepancy.naming import shortlist
+from jointgap.discrepancy.noise import FoundNoise
+from jointgap.discrepancy.problem import Problem
+from jointgap.discrepancy.protocol import Candidate, Model
+from jointgap.discrepancy.recalibrate import Recalibrated
+from jointgap.measure import Measurements, from_frame
+from jointgap.rig import rig_model
+from jointgap.rig.library import library
+
+
+class Case:
+    """A campaign and its results folder.
+
+    What a stage hands on is read from its tables when it is first asked for; a stage that runs in this process sets it.
+
+    Parameters
+    ----------
+    campaign : Path
+        A campaign file.
+    folder : Path
+        ``results/campaigns/{campaign}``.
+
+    Raises
+    ------
+    InputError
+        The campaign file is not one.
+    """
+
+    def __init__(self, campaign: Path, folder: Path):
+        self.campaign: Campaign = load_campaign(campaign)
+        self.folder = Folder(folder)
+
+    @cached_property
+    def measurements(self) -> Measurements:
+        """What the stage measure read."""
+        remarks = tuple(self.folder.read("remarks")["remark"])
+        return from_frame(self.folder.read("measured"), self.campaign, remarks)
+
+    @cached_property
+    def model(self) -> Model:
+        """The rig's model with the measured data."""
+        return rig_model(self.campaign, self.measurements)
+
+    @cached_property
+    def library(self) -> list[Candidate]:
+        """Terms that a law for a missing force may have."""
+        return list(library(self.model))
+
+    @cached_property
+    def noise(self) -> dict[tuple[str, str], FoundNoise]:
+        """Noise of every series, without that of the numerics."""
+        return noise.from_frames(*(self.folder.read(name, "noise") for name in OF_NOISE))
+
+    @cached_property
+    def whole_noise(self) -> dict[tuple[str, str], FoundNoise]:
+        """Noise of every series, with that of the numerics."""
+        return noise.from_frames(*(self.folder.read(name, "recalibrate") for name in OF_NOISE))
+
+    @cached_property
+    def recalibrated(self) -> Recalibrated:
+        """The base that every explanation is compared with."""
+        problem = Problem(self.model, self.whole_noise)
+        (nominal,), (base,) = (
+            fits.from_frames(self.folder.read_all(OF_FITS, f"recalibrate/{which}"), problem)
+            for which in ("nominal", "base")
+        )
+        return Recalibrated(problem, Differences(problem), nominal, base)
+
+    @cached_property
+    def screening(self) -> screen.Screening:
+        """Signatures, thresholds, and what to fit."""
+        limits = self.folder.read("thresholds").to_dict("records")[0]
+        known = screen.from_frames(
+            *(self.folder.read(name) for name in ("signatures", "signature_shapes", "screened")),
+            self.recalibrated.base,
+            self.model.candidates,
+        )
+        return screen.Screening(known, Thresholds(**limits), shortlist(known))
+
+    def fits(self, parts: int) -> tuple[list[Fit], dict[str, float]]:
+        """What the parts of the stage fit found, and how long each took [s]."""
+        found, seconds = [], {}
+        for part in range(parts):
+            frames = self.folder.read_all(OF_FITS, f"fit/{part}")
+            found += fits.from_frames(frames, self.recalibrated.problem)
+            seconds |= dict(zip(frames["fits"]["explanation"], frames["fits"]["seconds"], strict=True))
+        return found, seconds
+
+    def outcome(self, stage: str) -> Outcome:
+        """What the stage decide or regress settled."""
+        row = self.folder.read("decision", stage).iloc[0]
+        problem = self.recalibrated.problem
+        # terms of a law are no candidates of the model, but the library is made only where they are needed
+        frames = self.folder.read_all(OF_FITS, stage)
+        more = self.library if (frames["fits"]["kind"] == "formula").any() else ()
+        found = fits.from_frames(frames, problem, more)
+        plain = self.recalibrated.nominal if row["nuisances"] == "nominal" else self.recalibrated.base
+        named = row["verdict"].startswith("named")
+        chosen, equivalent = (found[0], []) if named else (plain, found)
+        return Outcome(row["verdict"], row["because"], chosen, equivalent, self.folder.read("ranking", stage))

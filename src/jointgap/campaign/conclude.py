@@ -1,0 +1,81 @@
+"""Stage conclude: the verdict with all that belongs to it, in words and pictures."""
+
+from typing import Any
+
+from jointgap.campaign import summary, verdict
+from jointgap.campaign.case import Case
+from jointgap.campaign.confirm import gap_of
+from jointgap.campaign.folder import SUMMARIES, VERDICT
+from jointgap.campaign.preflight import groups, separated_by, undetectable
+from jointgap.campaign.stages import FALSE_ALARM_RATE, preflight
+from jointgap.discrepancy.fit import Fit
+from jointgap.tables import write_text
+
+_PICTURED = {
+    "bins": "map_bins",
+    "windows": "map_windows",
+    "gaps": "gaps",
+    "residuals": "residuals",
+    "force": "missing_force",
+    "optimum": "campaign_optimum",
+    "confusability": "confusability",
+    "effects": "detectable",
+}
+"""Tables by what figures and summary call them."""
+
+
+def conclude(case: Case) -> dict[str, Any]:
+    """Write ``verdict.json``; its content.
+
+    Parameters
+    ----------
+    case : Case
+        All stages up to confirm have run.
+    """
+    folder = case.folder
+    detectable, confusability, gaps = (folder.read(name) for name in ("detectable", "confusability", "gaps"))
+    outcome = case.outcome("regress")
+    found = verdict.document(
+        case.campaign.name,
+        outcome,
+        case.recalibrated.base,
+        folder.read("map_windows"),
+        {role: gap_of(gaps, role) for role in ("identify", "confirm")},
+        {"undetectable": undetectable(detectable), "merged": groups(confusability)},
+        FALSE_ALARM_RATE,
+        _separated_by(case, outcome.equivalent),
+    )
+    write_text(folder.path / VERDICT, verdict.text(found))
+    return found
+
+
+def show(case: Case) -> None:
+    """Draw the figures and write the one-page summary of a verdict that is there."""
+    from jointgap.figures import style
+    from jointgap.figures.campaign import CATALOGUE, draw
+
+    folder = case.folder
+    found = verdict.read(folder.path / VERDICT)
+    frames = {name: folder.read(table) for name, table in _PICTURED.items() if folder.place(table).is_file()}
+    frames["fits"] = folder.read("ranking", "regress")
+    for name in CATALOGUE:
+        style.save(draw(name, frames, found), folder.path / "figures" / name)
+    remarks = (*folder.read("remarks")["remark"], *_noise_remarks(case))
+    markdown, page = (folder.path / name for name in SUMMARIES)
+    write_text(markdown, summary.markdown(found, frames, remarks))
+    write_text(page, summary.html(found, frames, remarks, str(folder.path / "figures")))
+
+
+def _noise_remarks(case: Case) -> list[str]:
+    memory = case.folder.read("noise_memory", "noise").query("lag == 0")
+    return [f"Run {row.run}: {text}." for row in memory.itertuples() for text in row.remarks.split("; ") if text]
+
+
+def _separated_by(case: Case, equivalent: list[Fit]) -> str:
+    """Which experiment would tell the explanations apart, in a sentence; empty where there is but one."""
+    if not equivalent:
+        return ""
+    if not case.folder.place("advice").is_file():
+        preflight(case)
+    explanations = [{candidate.label for candidate in fit.explanation} for fit in equivalent]
+    return separated_by(case.folder.read("advice"), explanations)

@@ -1,0 +1,89 @@
+"""A campaign's results folder: where each table lies. One list for the rules and the command line."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from jointgap import tables
+from jointgap.campaign.fits import Frames
+from jointgap.tables import Table
+
+PLACES = {
+    "measured": "measure/measured.parquet",
+    "remarks": "measure/remarks.parquet",
+    "look": "measure/look.parquet",
+    "detectable": "preflight/detectable.parquet",
+    "confusability": "preflight/confusability.parquet",
+    "advice": "preflight/advice.parquet",
+    "noise": "{stage}/noise.parquet",
+    "noise_memory": "{stage}/noise_memory.parquet",
+    "map_bins": "locate/bins.parquet",
+    "map_windows": "locate/windows.parquet",
+    "map_tests": "locate/tests.parquet",
+    "map_orders": "locate/orders.parquet",
+    "map_scaling": "locate/scaling.parquet",
+    "signatures": "screen/signatures.parquet",
+    "signature_shapes": "screen/shapes.parquet",
+    "screened": "screen/screened.parquet",
+    "thresholds": "screen/thresholds.parquet",
+    "fits": "{stage}/fits.parquet",
+    "fit_values": "{stage}/values.parquet",
+    "fit_curvature": "{stage}/curvature.parquet",
+    "fit_residuals": "{stage}/residuals.parquet",
+    "ranking": "{stage}/ranking.parquet",
+    "decision": "{stage}/decision.parquet",
+    "fit_parameters": "{stage}/parameters.parquet",
+    "residuals": "confirm/residuals.parquet",
+    "gaps": "confirm/gaps.parquet",
+    "missing_force": "augment/force.parquet",
+    "campaign_optimum": "rechain/optimum.parquet",
+}
+"""Path of each table within ``results/campaigns/{campaign}``; ``{stage}`` where several stages write one."""
+
+MECHANISM, VERDICT = "mechanism.yaml", "verdict.json"
+SUMMARIES = ("summary.md", "summary.html")
+
+OF_FITS = ("fits", "fit_values", "fit_curvature", "fit_residuals")
+"""Tables that together hold fits."""
+
+OF_NOISE = ("noise", "noise_memory")
+"""Tables that together hold the noise."""
+
+OF_OUTCOME = (*OF_FITS, "ranking", "decision", "fit_parameters")
+"""Tables of a verdict as far as the fits carry it."""
+
+_TABLES = {table.name: table for table in vars(tables).values() if isinstance(table, Table)}
+
+
+class Folder:
+    """Tables of one campaign, read from and written to their places.
+
+    Parameters
+    ----------
+    path : Path
+        ``results/campaigns/{campaign}``.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def place(self, name: str, stage: str = "") -> Path:
+        """Where the table `name` lies; `stage` for one that several stages write."""
+        return self.path / PLACES[name].format(stage=stage)
+
+    def read(self, name: str, stage: str = "") -> pd.DataFrame:
+        """The frame of a table; errors as `jointgap.tables.read`."""
+        return tables.read(_TABLES[name], self.place(name, stage))
+
+    def write(self, name: str, frame: pd.DataFrame, stage: str = "") -> None:
+        """Write the frame of a table; errors as `jointgap.tables.write`."""
+        tables.write(_TABLES[name], frame, self.place(name, stage))
+
+    def read_all(self, names: tuple[str, ...], stage: str) -> Frames:
+        """Frames of several tables that one stage wrote, by name."""
+        return {name: self.read(name, stage) for name in names}
+
+    def write_all(self, frames: Frames, stage: str) -> None:
+        """Write several tables of one stage."""
+        for name, frame in frames.items():
+            self.write(name, frame, stage)

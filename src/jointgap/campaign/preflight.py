@@ -1,0 +1,123 @@
+"""Stage preflight: what a campaign can show and tell apart, from its plan alone, and what would help most."""
+
+import math
+from collections.abc import Iterable
+
+import pandas as pd
+
+from jointgap.config.campaign import CHANNELS, Campaign, Channel
+from jointgap.discrepancy.preflight import Preflight, advise
+from jointgap.discrepancy.preflight import preflight as planned
+from jointgap.rig import rig_model
+
+_FASTER, _SLOWER = 1.5, 0.5
+"""Further speeds that are tried, as shares of the fastest and of the slowest."""
+
+_SEPARATOR = " | "
+
+
+def preflight(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
+    """What the campaign's speeds and channels can show; its data need not exist.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    rate : float
+        False alarms allowed.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        Tables `jointgap.tables.DETECTABLE` and `jointgap.tables.CONFUSABILITY`, by name.
+
+    Raises
+    ------
+    InputError, SimulationError
+        The model cannot be simulated as it stands.
+    """
+    return _frames(planned(rig_model(campaign, None), None, rate))
+
+
+def advised(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
+    """As `preflight`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most."""
+    plan = rig_model(campaign, None)
+    found, advice = advise(rig_model(extended(campaign), None), [series.key for series in plan.series], None, rate)
+    told = {name: advice[name].map(", ".join) for name in ("newly_detectable", "separated")}
+    return _frames(found) | {"advice": advice.assign(**told)}
+
+
+def extended(campaign: Campaign) -> Campaign:
+    """The campaign with a slower and a faster run and every channel that a rig can have."""
+    speeds = sorted(run.speed for run in campaign.runs)
+    runs = [
+        campaign.runs[0].model_copy(
+            update={"id": f"{speed * 30 / math.pi:.0f}_rpm", "file": "-", "speed": speed, "role": "identify"}
+        )
+        for speed in (_SLOWER * speeds[0], _FASTER * speeds[-1])
+    ]
+    inputs = ("time", "crank_angle", "crank_speed")  # what the drive prescribes says nothing new
+    channels = {
+        name: Channel(column=f"({name})", unit=unit.replace("^", "**"))
+        for name, unit in CHANNELS.items()
+        if name not in (*campaign.channels, *inputs)
+    }
+    return campaign.model_copy(update={"runs": (*campaign.runs, *runs), "channels": campaign.channels | channels})
+
+
+def _frames(found: Preflight) -> dict[str, pd.DataFrame]:
+    return {"detectable": found.effects, "confusability": pairs(found.cosines, found.merged)}
+
+
+def pairs(cosines: pd.DataFrame, merged: Iterable[Iterable[str]]) -> pd.DataFrame:
+    """A matrix of cosines as one row for each two effects.
+
+    Parameters
+    ----------
+    cosines : DataFrame
+        Labels x labels.
+    merged : lists of labels
+        Groups that the campaign cannot tell apart.
+    """
+    together = {frozenset((a, b)) for group in merged for a in group for b in group if a != b}
+    labels = list(cosines.columns)
+    rows = [
+        (first, second, cosines.loc[first, second], frozenset((first, second)) in together)
+        for first in labels
+        for second in labels
+    ]
+    return pd.DataFrame(rows, columns=["first", "second", "cosine", "merged"])
+
+
+def groups(confusability: pd.DataFrame) -> list[list[str]]:
+    """Groups of effects that a campaign cannot tell apart, from table `jointgap.tables.CONFUSABILITY`."""
+    found: list[list[str]] = []
+    for first, rows in confusability[confusability["merged"]].groupby("first", sort=False):
+        group = sorted({first, *rows["second"]})
+        if group not in found:
+            found.append(group)
+    return found
+
+
+def undetectable(detectable: pd.DataFrame) -> list[str]:
+    """Effects that no size within their bounds shows, from table `jointgap.tables.DETECTABLE`."""
+    seen = detectable.groupby("label", sort=False)["detectable"].any()
+    return list(seen.index[~seen])
+
+
+def separated_by(advice: pd.DataFrame, explanations: list[set[str]]) -> str:
+    """Which further experiment would tell explanations apart, in a sentence.
+
+    Parameters
+    ----------
+    advice : DataFrame
+        Table `jointgap.tables.ADVICE`.
+    explanations : list of sets of labels
+        Best first.
+    """
+    first, *others = explanations
+    sought = {frozenset((a, b)) for other in others for a in first - other for b in other - first}
+    for row in advice.itertuples():
+        told = {frozenset(pair.split(_SEPARATOR)) for pair in row.separated.split(", ") if pair}
+        if sought & told:
+            return f"A further {row.change} would separate them."
+    return "No single further speed or channel that was tried would separate them: vary a mass or a load between runs."

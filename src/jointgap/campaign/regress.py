@@ -1,0 +1,67 @@
+"""Stage regress: a force law as a formula, where no effect of the list explains what is missing."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from jointgap.campaign.decide import Outcome
+from jointgap.campaign.fits import to_frames
+from jointgap.discrepancy.calibrate import Thresholds
+from jointgap.discrepancy.decide import reduced
+from jointgap.discrepancy.fit import FAILED, Fit
+from jointgap.discrepancy.protocol import Candidate
+from jointgap.discrepancy.recalibrate import Recalibrated
+from jointgap.discrepancy.regress import regress as regressed
+
+UNEXPLAINED = "unexplained"
+
+
+def regress(found: Recalibrated, limits: Thresholds, library: Sequence[Candidate], outcome: Outcome) -> Outcome:
+    """The outcome with a law for what is missing, where one passes the gate of the listed effects.
+
+    Parameters
+    ----------
+    found : Recalibrated
+    limits : Thresholds
+    library : sequence of Candidate
+        Terms of a law.
+    outcome : Outcome
+        Of the listed effects; given back as it is unless it is ``unexplained``.
+    """
+    if outcome.verdict != UNEXPLAINED:
+        return outcome
+    proposed = regressed(found.problem, found.base, library, limits, found.differences)
+    fits = [*([] if proposed.fit is None else [proposed.fit]), *proposed.rivals, *proposed.others]
+    unique = proposed.accepted and not proposed.rivals
+    rows = _rows(found, limits, list({one.label: one for one in fits}.values()), proposed.fit.label if unique else "")
+    ranking = pd.concat([outcome.ranking, rows], ignore_index=True)
+    if not proposed.accepted:
+        return Outcome(
+            UNEXPLAINED, f"{outcome.because}; {proposed.because}", outcome.chosen, outcome.equivalent, ranking
+        )
+    if proposed.rivals:
+        alike = ", ".join(one.label for one in (proposed.fit, *proposed.rivals))
+        because = f"{outcome.because}; several laws explain it equally well: {alike}"
+        return Outcome(UNEXPLAINED, because, outcome.chosen, outcome.equivalent, ranking)
+    passes = reduced(proposed.fit) <= limits.omnibus
+    verdict = "named" if passes else "named_with_remaining_misfit"
+    because = f"no effect of the list explains it, but {proposed.law.words} does: {proposed.because}"
+    return Outcome(verdict, because, proposed.fit, [], ranking)
+
+
+def _rows(found: Recalibrated, limits: Thresholds, fits: list[Fit], named: str) -> pd.DataFrame:
+    """Laws as rows of the table ranking."""
+    base = found.base
+    spare = base.chi2 - (base.residual.size - len(base.parameters))
+    lost = np.array([one.status == FAILED for one in fits], dtype=bool)
+    return to_frames(fits)["fits"].assign(
+        delta_bic=[np.nan if gone else base.bic - one.bic for one, gone in zip(fits, lost, strict=True)],
+        explained_share=[
+            np.nan if gone else (base.chi2 - one.chi2) / spare for one, gone in zip(fits, lost, strict=True)
+        ],
+        passes=[bool(reduced(one) <= limits.omnibus) for one in fits],
+        admissible=~lost,
+        place=["named" if one.label == named else "" for one in fits],
+        remark=[one.reason or None for one in fits],
+    )

@@ -1,0 +1,128 @@
+"""The stages on files: each takes what it needs of a case and writes its tables."""
+
+import pandas as pd
+
+from jointgap.campaign import confirm as confirming
+from jointgap.campaign import decide as deciding
+from jointgap.campaign import fit as fitting
+from jointgap.campaign import fits
+from jointgap.campaign import noise as scattering
+from jointgap.campaign import preflight as planning
+from jointgap.campaign import regress as regressing
+from jointgap.campaign import screen as screening
+from jointgap.campaign.augment import augment as augmented
+from jointgap.campaign.case import Case
+from jointgap.campaign.decide import Outcome
+from jointgap.campaign.folder import MECHANISM
+from jointgap.discrepancy.locate import locate as located
+from jointgap.discrepancy.noise import numerics_noise
+from jointgap.discrepancy.recalibrate import recalibrate as recalibrated
+from jointgap.measure import read_measurements, to_frame
+from jointgap.tables import write_text
+
+FALSE_ALARM_RATE = 0.01
+"""Share of campaigns with nothing hidden in which something is found nevertheless."""
+
+SEED = 0
+
+
+def measure(case: Case) -> None:
+    """Read what was measured, and look at it."""
+    case.measurements = read_measurements(case.campaign)
+    remarks = pd.DataFrame({"remark": pd.Series(case.measurements.remarks, dtype=object)})
+    case.folder.write("remarks", remarks)
+    case.folder.write("measured", to_frame(case.measurements))
+
+
+def preflight(case: Case, advice: bool = True) -> None:
+    """Say which effects the campaign can show and tell apart, from its plan alone; with `advice`, what would help most."""
+    planned = planning.advised if advice else planning.preflight
+    for name, frame in planned(case.campaign, FALSE_ALARM_RATE).items():
+        case.folder.write(name, frame)
+
+
+def noise(case: Case) -> None:
+    """Find the noise of every series."""
+    case.noise = scattering.noise(case.model)
+    for name, frame in zip(("noise", "noise_memory"), scattering.to_frames(case.noise), strict=True):
+        case.folder.write(name, frame, "noise")
+
+
+def recalibrate(case: Case) -> None:
+    """Fit the nuisances within their ranges, and count in what other numerics would predict."""
+    found = case.recalibrated = recalibrated(case.model, case.noise)
+    whole = numerics_noise(case.model, found.base.mapping, case.noise)  # of held-out runs too
+    case.whole_noise = whole | {part.series.key: part.noise for part in found.problem.parts}
+    for name, frame in zip(("noise", "noise_memory"), scattering.to_frames(case.whole_noise), strict=True):
+        case.folder.write(name, frame, "recalibrate")
+    for which, fit in (("nominal", found.nominal), ("base", found.base)):
+        case.folder.write_all(fits.to_frames([fit]), f"recalibrate/{which}")
+
+
+def locate(case: Case) -> None:
+    """Map where the recalibrated base disagrees with the measurement."""
+    found = located(case.recalibrated.problem, case.recalibrated.base.residual, FALSE_ALARM_RATE)
+    for name in ("bins", "windows", "tests", "orders", "scaling"):
+        case.folder.write(f"map_{name}", getattr(found, name))
+
+
+def screen(case: Case) -> None:
+    """Simulate every candidate at a small size, and choose what is worth a fit."""
+    dof = scattering.degrees_of_freedom(case.noise)
+    found = case.screening = screening.screen(case.recalibrated, FALSE_ALARM_RATE, dof, SEED)
+    derivatives, shapes = screening.to_frames(found.known)
+    case.folder.write("signatures", derivatives)
+    case.folder.write("signature_shapes", shapes)
+    case.folder.write("thresholds", pd.DataFrame([vars(found.limits)]))
+    case.folder.write("screened", found.frame())
+
+
+def fit(case: Case, part: int = 0, parts: int = 1) -> None:
+    """Fit one part of the chosen explanations by forward simulation."""
+    chosen = (*case.screening.chosen.singles, *case.screening.chosen.pairs)
+    found, seconds = fitting.fits(case.recalibrated, case.screening.known, chosen, part, parts)
+    case.folder.write_all(fits.to_frames(found, seconds), f"fit/{part}")
+
+
+def decide(case: Case, parts: int = 1) -> Outcome:
+    """Choose among the fits of all parts."""
+    found, seconds = case.fits(parts)
+    screened = case.screening
+    outcome = deciding.decide(case.recalibrated, screened.known, found, seconds, screened.limits)
+    _settled(case, outcome, "decide")
+    return outcome
+
+
+def regress(case: Case) -> Outcome:
+    """Look for a force law where no effect of the list explains what is missing."""
+    outcome = case.outcome("decide")
+    if outcome.verdict == regressing.UNEXPLAINED:
+        outcome = regressing.regress(case.recalibrated, case.screening.limits, case.library, outcome)
+    _settled(case, outcome, "regress")
+    return outcome
+
+
+def _settled(case: Case, outcome: Outcome, stage: str) -> None:
+    named = outcome.verdict.startswith("named")
+    kept = [outcome.chosen] if named else outcome.equivalent
+    case.folder.write_all(fits.to_frames(kept), stage)
+    case.folder.write("fit_parameters", fits.parameter_frame([outcome.chosen, *outcome.equivalent]), stage)
+    case.folder.write("ranking", outcome.ranking, stage)
+    case.folder.write("decision", outcome.frame(), stage)
+
+
+def confirm(case: Case) -> None:
+    """Predict held-out runs with and without the effects of the verdict."""
+    outcome = case.outcome("regress")
+    base = case.recalibrated.base
+    named = outcome.chosen if outcome.chosen.explanation else None
+    found = confirming.confirm(case.model, case.whole_noise, base, named, SEED)
+    case.folder.write("residuals", found.residuals)
+    case.folder.write("gaps", found.gaps)
+
+
+def augment(case: Case) -> None:
+    """Write the mechanism with the effects of the verdict, and the force that they add."""
+    text, force = augmented(case.campaign, case.recalibrated.base, case.outcome("regress"))
+    write_text(case.folder.path / MECHANISM, text)
+    case.folder.write("missing_force", force)

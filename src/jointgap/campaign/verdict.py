@@ -1,0 +1,156 @@
+"""verdict.json: what was found, in the form that people script against."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from jointgap.campaign.decide import Outcome
+from jointgap.campaign.fits import effect_parameters, stated
+from jointgap.discrepancy.fit import Fit
+from jointgap.discrepancy.problem import label_of
+from jointgap.discrepancy.regress import effect_of, law_of
+from jointgap.errors import InputError
+
+SCHEMA_VERSION = 1
+
+_FOUND = "discovered_"
+
+
+def document(
+    campaign: str,
+    outcome: Outcome,
+    base: Fit,
+    windows: pd.DataFrame,
+    gap: Mapping[str, Mapping[str, float]],
+    preflight: Mapping[str, Sequence],
+    false_alarm_rate: float,
+    separated_by: str = "",
+) -> dict[str, Any]:
+    """The content of ``verdict.json``.
+
+    Parameters
+    ----------
+    campaign : str
+    outcome : Outcome
+    base : Fit
+        The recalibrated base.
+    windows : DataFrame
+        Table `jointgap.tables.MAP_WINDOWS`.
+    gap : mapping
+        Of identify and confirm, each with before and after.
+    preflight : mapping
+        ``undetectable`` and ``merged``.
+    false_alarm_rate : float
+    separated_by : str
+        Which experiment would separate equivalent explanations, in a sentence.
+    """
+    gains = _gains(outcome, base)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "campaign": campaign,
+        "verdict": outcome.verdict,
+        "because": outcome.because,
+        "effects": effects(outcome.chosen, gains),
+        "equivalent": [effects(one, gains) for one in outcome.equivalent],
+        "separated_by": separated_by,
+        "nuisances": _nuisances(outcome.chosen),
+        "where": [
+            {
+                "run": row["run"],
+                "channel": row["channel"],
+                "crank_angle_deg": [row["start_deg"], row["end_deg"]],
+                "p_adjusted": row["p_adjusted"],
+            }
+            for row in windows.to_dict("records")
+        ],
+        "gap": {role: dict(one) for role, one in gap.items()},
+        "preflight": {key: list(value) for key, value in preflight.items()},
+        "false_alarm_rate": false_alarm_rate,
+    }
+
+
+def text(verdict: Mapping[str, Any]) -> str:
+    """The document as JSON text; what is not a number is null."""
+    return json.dumps(_finite(verdict), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def read(path) -> dict[str, Any]:
+    """The document in a file.
+
+    Raises
+    ------
+    InputError
+        No such file, or not a verdict.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: is no verdict ({error}); run the campaign's stages first") from error
+    if not isinstance(found, dict) or found.get("schema_version") != SCHEMA_VERSION:
+        raise InputError(f"{path}: is no verdict of schema_version {SCHEMA_VERSION}; run the campaign's stages again")
+    return found
+
+
+def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
+    """The effects of one explanation; terms of a law are one effect.
+
+    Parameters
+    ----------
+    fit : Fit
+    gains : mapping of label to float
+        BIC by label of an explanation.
+    """
+    covariance = fit.covariance()
+    laws = [candidate for candidate in fit.explanation if candidate.name.startswith(_FOUND)]
+    found = [
+        _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_parameters(fit, candidate, covariance))
+        for candidate in fit.explanation
+        if candidate not in laws
+    ]
+    if laws:
+        law = law_of(tuple(laws), fit.mapping)
+        keys = [p.key for p in fit.parameters]
+        parameters: dict[str, Any] = {"formula": {"value": law.formula}}
+        for name, key in law.keys.items():
+            place = keys.index(key)
+            p = fit.parameters[place]
+            sd = float(np.sqrt(covariance[place, place]))
+            parameters[name] = stated(law.coefficients[name], sd, p.low, p.high)
+        found.append(_effect(effect_of(laws[0]), law.site, fit, laws, gains, parameters))
+    return found
+
+
+def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
+    """One effect; its delta_bic is what leaving it out costs."""
+    left = label_of(tuple(candidate for candidate in fit.explanation if candidate not in own))
+    without = gains.get(left, gains["base"])
+    return {"name": name, "site": site, "delta_bic": without - fit.bic, "parameters": parameters}
+
+
+def _gains(outcome: Outcome, base: Fit) -> dict[str, float]:
+    known = outcome.ranking.dropna(subset=["bic"])
+    return {"base": base.bic} | dict(zip(known["explanation"], known["bic"], strict=True))
+
+
+def _nuisances(fit: Fit) -> dict[str, dict[str, float]]:
+    of_effects = {f"{c.label}.{p.name}" for c in fit.explanation for p in c.coordinates}
+    sd = np.sqrt(np.diag(fit.covariance()))
+    return {
+        p.key: {"value": float(fit.values[i]), "sd": float(sd[i])}
+        for i, p in enumerate(fit.parameters)
+        if p.key not in of_effects
+    }
+
+
+def _finite(value: Any) -> Any:
+    """`value` with null for numbers that are not finite, and plain numbers for numpy's."""
+    if isinstance(value, Mapping):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return int(value) if isinstance(value, np.integer) else value

@@ -1,0 +1,61 @@
+"""All stages of a campaign in one process."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+from jointgap.campaign import stages, verdict
+from jointgap.campaign.case import Case
+from jointgap.campaign.conclude import conclude
+from jointgap.campaign.folder import VERDICT
+from jointgap.tables import write_text
+
+ORDER = (
+    "measure",
+    "preflight",
+    "noise",
+    "recalibrate",
+    "locate",
+    "screen",
+    "fit",
+    "decide",
+    "regress",
+    "confirm",
+    "augment",
+)
+"""The stages, as they follow each other."""
+
+
+_OPTIONS = {"preflight": {"advice": False}}  # advice is sought where the verdict needs it
+
+
+def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
+    """Find where model and measurement of a campaign disagree and what is missing.
+
+    Parameters
+    ----------
+    campaign : Path
+        A campaign file.
+    folder : Path
+        Where the tables of all stages, the augmented mechanism and ``verdict.json`` are written.
+
+    Returns
+    -------
+    dict
+        The content of ``verdict.json``; with ``seconds``, the time on the clock that each stage took.
+
+    Raises
+    ------
+    InputError
+        Campaign or data cannot be used; the message says what to do.
+    SimulationError
+        The model as it stands cannot be simulated.
+    """
+    case, seconds = Case(Path(campaign), Path(folder)), {}
+    for name in ORDER:
+        begin = time.monotonic()
+        getattr(stages, name)(case, **_OPTIONS.get(name, {}))
+        seconds[name] = round(time.monotonic() - begin, 3)
+    found = conclude(case) | {"seconds": seconds}
+    write_text(case.folder.path / VERDICT, verdict.text(found))
+    return found

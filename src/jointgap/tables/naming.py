@@ -1,0 +1,130 @@
+"""Tables of the naming of effects: signatures, fits, and how they are weighed."""
+
+from jointgap.tables.columns import Column, Table
+
+_SAMPLE = Column("sample", "1", "place in the series, counted from 0", "int")
+_EXPLANATION = Column(
+    "explanation", "", "effects added to the model, 'a + b'; 'base' for the model as it stands", "text"
+)
+_KEY = Column("key", "", "what the fit calls the parameter: name, name@run, or effect.coordinate", "text")
+
+FITS = Table(
+    "fits",
+    "Every explanation that was fitted, the model as it stands among them",
+    (
+        _EXPLANATION,
+        Column("kind", "", "base, single, pair or formula", "text"),
+        Column("status", "", "converged, stopped or failed", "text"),
+        Column("reason", "", "why it stopped or failed", "text", nullable=True),
+        Column("chi2", "1", "sum of squared whitened residuals", nullable=True),
+        Column("samples", "1", "residuals counted", "int"),
+        Column("parameters", "1", "parameters fitted", "int"),
+        Column("bic", "1", "Bayesian information criterion", nullable=True),
+        Column("simulations", "1", "simulated runs that the fit took", "int"),
+        Column("seconds", "s", "time that the fit took", nullable=True),
+    ),
+)
+
+FIT_PARAMETERS = Table(
+    "fit_parameters",
+    "Fitted parameters of every explanation, nuisances and effects",
+    (
+        _EXPLANATION,
+        _KEY,
+        Column("parameter", "", "nuisance, or parameter of an effect as a verdict states it", "text"),
+        Column("effect", "", "label of the effect; null for a nuisance", "text", nullable=True),
+        Column("run", "", "the one run that it belongs to; null where all share it", "text", nullable=True),
+        Column("value", "SI", "fitted value", nullable=True),
+        Column("sd", "SI", "its standard error", nullable=True),
+        Column("low_90", "SI", "lower end of the 90 % interval", nullable=True),
+        Column("high_90", "SI", "upper end of the 90 % interval", nullable=True),
+        Column("unit", "", "SI unit", "text"),
+    ),
+)
+
+FIT_VALUES = Table(
+    "fit_values",
+    "Fitted values by key, for later stages to start from",
+    (_EXPLANATION, _KEY, Column("value", "SI", "fitted value")),
+)
+
+FIT_CURVATURE = Table(
+    "fit_curvature",
+    "Derivatives of the whitened residuals, in as many rows as parameters with the same inner products",
+    (_EXPLANATION, _KEY, _SAMPLE, Column("derivative", "1/SI", "of the residuals with respect to the parameter")),
+)
+
+SIGNATURES = Table(
+    "signatures",
+    "What parameters of the base and sizes of candidates change in the whitened residuals, at the recalibrated base",
+    (
+        Column("label", "", "candidate; 'base' for the nuisances", "text"),
+        Column("start", "1", "which start of the candidate's shapes, counted from 0", "int"),
+        Column("name", "", "nuisance's key, name of a size, or 'origin': the residuals at zero size", "text"),
+        _SAMPLE,
+        Column("derivative", "1/SI", "of the whitened residual; of 'origin' its value"),
+    ),
+)
+
+SIGNATURE_SHAPES = Table(
+    "signature_shapes",
+    "Shapes of candidates at which their signatures were taken",
+    (
+        Column("label", "", "candidate", "text"),
+        Column("start", "1", "which start of its shapes, counted from 0", "int"),
+        Column("name", "", "shape", "text"),
+        Column("value", "SI", "its value"),
+    ),
+)
+
+SCREENED = Table(
+    "screened",
+    "What the most promising explanations would explain if the motion depended on them linearly",
+    (
+        _EXPLANATION,
+        Column("kind", "", "single or pair; failed where it cannot be simulated", "text"),
+        Column("chi2", "1", "sum of squared whitened residuals that would be left", nullable=True),
+        Column("bic", "1", "Bayesian information criterion", nullable=True),
+        Column("reason", "", "why it cannot be simulated", "text", nullable=True),
+    ),
+)
+
+THRESHOLDS = Table(
+    "thresholds",
+    "What campaigns in which nothing is hidden exceed with the stated rate",
+    (
+        Column("rate", "1", "share of null campaigns that exceed each threshold"),
+        Column("omnibus", "1", "chi2 over its degrees of freedom"),
+        Column("directed", "1", "largest gain of BIC by one candidate"),
+    ),
+)
+
+RANKING = Table(
+    "ranking",
+    "Every explanation that was fitted, best first",
+    (
+        *FITS.columns,
+        Column("delta_bic", "1", "BIC of the base less its own; larger is better", nullable=True),
+        Column("explained_share", "1", "share of the base's chi2 beyond noise that is gone", nullable=True),
+        Column("passes", "", "leaves no more than null campaigns do", "bool"),
+        Column("admissible", "", "all its effects are there, and none is a nuisance within its range", "bool"),
+        Column("place", "", "named, equivalent, or empty", "text"),
+        Column("remark", "", "why it is not admissible, or what the fit says", "text", nullable=True),
+    ),
+)
+
+DECISION = Table(
+    "decision",
+    "The verdict as far as the fits carry it",
+    (
+        Column("verdict", "", "as in verdict.json", "text"),
+        Column("because", "", "the reason in a sentence", "text"),
+        Column("nuisances", "", "fit whose nuisances hold: nominal or base", "text"),
+    ),
+)
+
+FIT_RESIDUALS = Table(
+    "fit_residuals",
+    "Whitened residuals of every explanation",
+    (_EXPLANATION, _SAMPLE, Column("residual", "1", "independent and of variance 1 where the explanation is true")),
+)
