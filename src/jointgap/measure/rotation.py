@@ -92,17 +92,18 @@ def _check_rising(path: Path, column: str, time: np.ndarray, rows: np.ndarray) -
 def _check_time_alone(path: Path, campaign: Campaign, run: CampaignRun, time: np.ndarray, least: float) -> None:
     """Whether times make the `least` revolutions, and enough samples in each, at the nominal speed."""
 
-    def fits(factor: float) -> bool:
-        turns = factor * run.speed * (time[-1] - time[0]) / TURN * time.size / (time.size - 1)
-        return turns >= least and LEAST_PER_TURN * turns <= time.size
+    span = time[-1] - time[0]
+    turns = run.speed * span * time.size / (time.size - 1) / TURN  # the last sample stands for a step too
 
-    if fits(1.0):
+    def fits(factor: float, least: float = LEAST_TURNS) -> bool:
+        return least <= factor * turns <= time.size / LEAST_PER_TURN
+
+    if fits(1.0, least):
         return
     channel = campaign.channels["time"]
     known = [unit for unit in UNITS["time"] if fits(channel_factor("time", unit) / campaign.factor("time"))]
-    span = time[-1] - time[0]
     raise InputError(
-        f"{path}, column {channel.column}: {time.size} samples over {span:.4g} s are {run.speed * span / TURN:.4g} revolutions at the "
+        f"{path}, column {channel.column}: {time.size} samples over {span:.4g} s are {turns:.4g} revolutions at the "
         f"nominal {_rpm(run.speed)}; at least one revolution and {LEAST_PER_TURN:g} samples in each are needed; "
         f"{_proposal('time', channel.unit, known)}"
     )
@@ -184,7 +185,7 @@ def _proposal(name: str, unit: str, others) -> str:
     others = [other for other in others if other != unit]
     if others:
         return f"channels.{name}.unit is '{unit}': did you mean '{others[0]}'?"
-    return f"check channels.{name}.unit = '{unit}' and the run's speed"
+    return f"check channels.{name}.unit = '{unit}' and the run's speed, or measure again"
 
 
 def _rpm(speed: float) -> str:

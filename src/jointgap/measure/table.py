@@ -124,7 +124,7 @@ def _hidden_headings(numbered: list[tuple[int, str]], header_row: int, wanted: S
     for number, line in numbered:
         if number >= header_row:
             break
-        bare = line.lstrip(f" {_COMMENT}")
+        bare = line.lstrip(f" {_COMMENT}")[: csv.field_size_limit()]
         if any(set(wanted) <= set(_split(bare, mark)) for mark in SEPARATORS):
             return f"row {number} has them in a comment: remove the '{_COMMENT}' there"
     return ""
