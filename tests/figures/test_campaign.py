@@ -167,10 +167,10 @@ def test_the_map_shows_the_mean_of_every_bin(drawings, tables):
 
 def test_the_explanation_of_the_verdict_stands_first_and_failed_fits_are_left_out(drawings):
     data = drawings["ranking"].data
-    gain = data[data["panel"] == "gain over the base model"]
-    assert list(gain[gain["series"] == "named"]["label"]) == ["slider_coulomb_friction"]
-    assert gain[gain["series"] == "named"]["y"].item() == 0.0
-    assert "rod_flexibility" not in set(gain["label"])
+    behind = data[data["panel"] == "behind the best"].set_index("label")
+    assert behind.loc["slider_coulomb_friction", ["series", "x", "y"]].tolist() == ["named", 0.0, 0.0]
+    assert behind.loc["the model as it stands", "x"] == 6842.0
+    assert "rod_flexibility" not in behind.index
 
 
 def test_merged_effects_are_neighbours_in_the_matrix(drawings):

@@ -53,7 +53,7 @@ def confusability(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]
     for (row, column), value in np.ndenumerate(cosine):
         if row != column and value >= _TOLD_FROM:
             ink = "white" if value > 0.6 else "black"
-            panel.axes.text(column, row, _two_digits(value), ha="center", va="center", color=ink, fontsize=6.0)
+            panel.axes.text(column, row, _short_of_one(value), ha="center", va="center", color=ink, fontsize=6.0)
     for group in _merged(verdict, number):
         places = sorted(number[label] for label in group)
         edge = Rectangle((places[0] - 0.5, places[0] - 0.5), len(places), len(places), fill=False, linewidth=1.8)
@@ -89,8 +89,9 @@ def _alike_beside_each_other(cosine: np.ndarray, groups: list[list[int]]) -> lis
     return list(leaves_list(linkage(squareform(distance, checks=False), "average", optimal_ordering=True)))
 
 
-def _two_digits(value: float) -> str:
-    return "1" if value >= 0.995 else f"{value:.2f}".lstrip("0")
+def _short_of_one(value: float) -> str:
+    """Two digits after the point, three where these would be 1.00."""
+    return "1" if value >= 0.9995 else f"{value:.{3 if value >= 0.995 else 2}f}".lstrip("0")
 
 
 def detectable(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> Drawing:
@@ -122,4 +123,4 @@ def detectable(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -
 def _size(effect) -> str:
     if not effect.detectable:
         return "no size shows"
-    return f"{effect.smallest_detectable:.2g} {effect.unit}".removesuffix(" 1")
+    return f"{effect.smallest_detectable:.2g} {effect.unit}".removesuffix(" 1").replace("**", "^")

@@ -7,39 +7,55 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
+from jointgap.discrepancy.decide import RIVAL
 from jointgap.figures.campaign.parts import in_words, listed
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.sheet import Panel, Quantity, Sheet, tick_label
 
-SHOWN = 16
-"""The best explanations that are shown; all stand in the table of fits."""
+SHOWN = 8
+"""The best explanations by one effect that are shown, and the best by more; all stand in the table of the ranking."""
 
-_KINDS = {"single": ("one effect", "after"), "pair": ("two effects", "pair"), "formula": ("formula", "formula")}
+BASE = "the model as it stands"
+
+_KINDS = {
+    "base": (BASE, "limit"),
+    "single": ("one effect", "after"),
+    "pair": ("two effects", "pair"),
+    "formula": ("formula", "formula"),
+}
 _EXPLANATION = Quantity("explanation", "")
-_LINEAR_TO = 10.0  # of BIC: less is no evidence to speak of
 
 
 def ranking(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> Drawing:
-    """The best explanations by what they gain in BIC over the recalibrated model, and the share of the misfit they explain."""
-    fits = tables["fits"]
-    best = fits[fits["delta_bic"].notna()]
-    best = best.sort_values("delta_bic", ascending=False).head(SHOWN).reset_index(drop=True)
+    """The best explanations by how far they are behind the best one in BIC, and by the share of the misfit they explain."""
+    best = _shown(tables["fits"])
     names = [in_words(label).replace(" + ", " +\n") for label in best["explanation"]]
     sheet = Sheet(1.35 + 0.31 * max(3, len(best)), 1, 2, width_ratios=(1.25, 1.0))
-    gain = sheet.panel((0, 0), "gain over the base model", Quantity("gain in BIC", "1"), _EXPLANATION)
+    behind = sheet.panel((0, 0), "behind the best", Quantity("BIC above the best", "1"), _EXPLANATION)
     share = sheet.panel((0, 1), "misfit explained", Quantity("explained share", "1"), _EXPLANATION)
-    for panel, values in ((gain, best["delta_bic"]), (share, best["explained_share"].clip(-0.1, 1.1))):
+    distance = best["delta_bic"].max() - best["delta_bic"]
+    for panel, values in ((behind, distance), (share, best["explained_share"].clip(-0.1, 1.1))):
         _marks(panel, best, values)
         listed(panel, names)
-    gain.axes.axvline(0.0, color="#777777", linewidth=0.8)
-    _symmetric(gain, best["delta_bic"].to_numpy(dtype=float))
-    gain.axes.set_ylabel("")
-    share.upright("all of the misfit", 1.0)
+        panel.axes.set_ylabel("")
+    behind.upright("told apart from here on", RIVAL)
+    _scale(behind, distance.max())
+    share.upright("all of the misfit", 1.0, named=False)
     share.axes.set_xlim(-0.12, 1.12)
     share.axes.tick_params(labelleft=False)
-    share.axes.set_ylabel("")
     sheet.legend()
     return sheet.drawing()
+
+
+def _shown(fits: pd.DataFrame) -> pd.DataFrame:
+    """The best of the fits, best first, and the base, which all of them are compared with."""
+    fitted = fits[(fits["kind"] != "base") & fits["delta_bic"].notna()].sort_values("delta_bic", ascending=False)
+    alone = fitted["kind"] == "single"
+    base = {"explanation": BASE, "kind": "base", "delta_bic": 0.0, "explained_share": 0.0, "place": ""}
+    rows = [fitted[alone].head(SHOWN), fitted[~alone].head(SHOWN), pd.DataFrame([base])]
+    columns = list(base)
+    kept = pd.concat([frame[columns] for frame in rows if len(frame)], ignore_index=True)
+    return kept.sort_values("delta_bic", ascending=False, kind="stable", ignore_index=True)
 
 
 def _marks(panel: Panel, best: pd.DataFrame, values: pd.Series) -> None:
@@ -55,13 +71,12 @@ def _marks(panel: Panel, best: pd.DataFrame, values: pd.Series) -> None:
             panel.marks(words, values[own], place[own], "named", labels=labels, marker="D", markersize=6.0)
 
 
-def _symmetric(panel: Panel, values: np.ndarray) -> None:
-    """An abscissa that is linear up to +-`_LINEAR_TO` and logarithmic beyond."""
-    low, high = min(values.min(initial=0.0), 0.0), max(values.max(initial=0.0), _LINEAR_TO)
+def _scale(panel: Panel, farthest: float) -> None:
+    """An abscissa that is linear up to `RIVAL` and logarithmic beyond."""
     decades = 10.0 ** np.arange(1, 12)
-    ticks = [0.0, *decades[decades <= 1.5 * high], *-decades[decades <= -1.5 * low]]
-    panel.axes.set_xscale("symlog", linthresh=_LINEAR_TO, linscale=0.7)
-    panel.axes.xaxis.set_major_locator(FixedLocator(ticks[:: max(1, len(ticks) // 6)]))
+    ticks = [0.0, *decades[decades <= 1.5 * max(farthest, RIVAL)]]
+    panel.axes.set_xscale("symlog", linthresh=RIVAL, linscale=0.7)
+    panel.axes.xaxis.set_major_locator(FixedLocator(ticks))
     panel.axes.xaxis.set_major_formatter(FuncFormatter(tick_label))
     panel.axes.xaxis.set_minor_locator(NullLocator())
-    panel.axes.set_xlim(1.6 * low - 3.0, 1.8 * high)
+    panel.axes.set_xlim(-1.5, 1.8 * max(farthest, RIVAL))
