@@ -96,12 +96,22 @@ def test_wild_samples_and_gaps_do_not_change_the_noise():
     assert ratios == pytest.approx(np.ones(len(ratios)), abs=0.15)
 
 
+def test_an_angle_that_steps_back_by_its_own_noise_tells_the_cycles_as_well():
+    model, rng = toy(seed=6, samples=300), np.random.default_rng(1)
+    read = [replace(s, angle=s.angle + np.deg2rad(0.5) * rng.standard_normal(s.angle.size)) for s in model.series]
+    assert (np.diff(read[0].angle) < 0).any()
+    noise = estimate_noise(replace(model, series=read), residuals(model))
+    for series in model.series:
+        assert noise[series.key].found == pytest.approx(series.stated_noise[0], rel=0.1)
+        assert not noise[series.key].remarks
+
+
 def test_a_single_cycle_tells_the_noise_by_its_roughness_but_not_its_memory():
     ratios = []
     for seed in range(8):
         noise, true = found(cycles=1.0, samples=144, stated=False, seed=seed)
         ratios += [one.sd[0] / sd for one, sd in zip(noise, true, strict=True)]
-        assert all(one.autocorrelation == () and "fewer than two cycles" in one.remarks[0] for one in noise)
+        assert all(one.autocorrelation == () and "too few cycles" in one.remarks[0] for one in noise)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.05)
 
 

@@ -8,6 +8,7 @@ import pytest
 from jointgap.discrepancy.fit import fit
 from jointgap.discrepancy.preflight import advise, assumed_noise, preflight
 from jointgap.discrepancy.problem import Problem
+from jointgap.discrepancy.protocol import Candidate
 from jointgap.errors import InputError, SimulationError
 from tests.discrepancy.toy import SPEEDS, Toy, candidate_of, stated_noise, toy
 
@@ -27,6 +28,34 @@ def test_effects_that_are_one_force_at_one_speed_are_merged_and_three_speeds_tel
     three = preflight(planned())
     assert three.merged == []
     assert three.cosines.loc["spring", "centrifugal"] < 0.9
+
+
+def test_a_one_sided_effect_and_a_two_sided_one_that_are_the_same_are_merged():
+    either_way = candidate_of("constant_force")
+    force = replace(either_way.coordinates[0], low=0.0)
+    push = replace(either_way, site="push", choice=True, coordinates=(force,))
+    found = preflight(replace(planned(), candidates=(push, either_way, candidate_of("viscous"))))
+    assert found.merged == [["constant_force:push", "constant_force"]]
+
+
+def test_an_effect_is_not_merged_with_one_that_holds_it_and_more():
+    stiffness, force = (candidate_of(label).coordinates[0] for label in ("spring", "constant_force"))
+
+    class Preloaded(Toy):
+        def simulate(self, run, values, effects=(), numerics=0):
+            plain = []
+            for candidate, at in effects:
+                if candidate.name == "preloaded_spring":
+                    plain += [(candidate_of(label), at) for label in ("spring", "constant_force")]
+                else:
+                    plain.append((candidate, at))
+            return super().simulate(run, values, plain, numerics)
+
+    spring = Candidate("preloaded_spring", "slider", (stiffness, force), ("stiffness_N_m", "force_N"))
+    model = planned()
+    found = preflight(Preloaded(model.series, model.nuisances, (spring, candidate_of("constant_force")), model.speeds))
+    assert found.cosines.loc["preloaded_spring", "constant_force"] == pytest.approx(1.0, abs=1e-6)
+    assert found.merged == []
 
 
 def test_the_matrix_of_cosines_is_symmetric_with_ones_on_its_diagonal():

@@ -119,13 +119,17 @@ def cycle_differences(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndarr
     """
     difference, share = np.full(residual.size, np.nan), np.full(residual.size, np.nan)
     placed = np.flatnonzero(np.isfinite(angle))
-    if placed.size < 2 or not (np.diff(angle[placed]) > 0).all():
+    if placed.size < 2 or not angle[placed[-1]] > angle[placed[0]]:
         return difference, share
-    at, value = angle[placed], residual[placed]
+    at, value = (
+        np.maximum.accumulate(angle[placed]),
+        residual[placed],
+    )  # an angle as measured may step back by its own noise
     later = at + 2 * np.pi
     inside = later <= at[-1] + 1e-9
     right = np.clip(np.searchsorted(at, later[inside] - 1e-9), 1, at.size - 1)
-    weight = np.clip((later[inside] - at[right - 1]) / (at[right] - at[right - 1]), 0.0, 1.0)
+    apart = at[right] - at[right - 1]
+    weight = np.clip((later[inside] - at[right - 1]) / np.where(apart > 0.0, apart, 1.0), 0.0, 1.0)
     weight = np.where(weight > 1.0 - 1e-6, 1.0, np.where(weight < 1e-6, 0.0, weight))
     before, after = value[right - 1], value[right]
     # A sample of no weight may be missing.

@@ -80,7 +80,7 @@ def _noise_of(series: Series, residual: np.ndarray) -> FoundNoise:
         autocorrelation = cycles.memory(scatter, None if stated is None else _rms(stated))
     else:
         remarks.append(
-            f"fewer than two cycles of {series.channel}: its noise counts as independent from sample to sample"
+            f"too few cycles of {series.channel} are known: its noise counts as independent from sample to sample"
         )
     if stated is not None:
         sd, source = stated, "stated"

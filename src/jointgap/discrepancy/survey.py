@@ -152,15 +152,24 @@ class Survey:
         return self._subspaces[replaced]
 
     def _mistaken(self, label: str, other: str) -> bool:
-        """Whether at least half of what `label` typically does is fitted as well by `other`, within all bounds."""
-        verdicts = []
-        for one in self.known.of(label):
-            for size, p in enumerate(one.sizes):
-                amount = self._smallest(one, size, self._gap, GAP**2 - 1.0)
-                if np.isfinite(amount):
-                    signs = (1.0, -1.0) if p.low < 0.0 else (1.0,)
-                    verdicts += [self._fitted(one, size, sign * amount, other) < RIVAL for sign in signs]
-        return bool(verdicts) and 2 * sum(verdicts) >= len(verdicts)
+        """Whether `other` fits as well what `label` typically does, within all bounds.
+
+        For every size that the effect has: an effect with a further one is more than the effect without. For at least half of
+        the shapes and signs: a bias that may go both ways is mistaken for a friction that goes one way.
+        """
+        known = self.known.of(label)
+        for size, p in enumerate(known[0].sizes):
+            amounts = [(one, self._smallest(one, size, self._gap, GAP**2 - 1.0)) for one in known]
+            signs = (1.0, -1.0) if p.low < 0.0 else (1.0,)
+            mistaken = [
+                self._fitted(one, size, sign * amount, other) < RIVAL
+                for one, amount in amounts
+                if np.isfinite(amount)
+                for sign in signs
+            ]
+            if not mistaken or 2 * sum(mistaken) < len(mistaken):
+                return False
+        return True
 
     def _fitted(self, one: Signature, size: int, amount: float, other: str) -> float:
         """chi2 that `other` leaves of an effect that is there."""
