@@ -13,14 +13,14 @@ from jointgap.discrepancy.protocol import Effects
 from jointgap.dynamics.ensemble import cores
 from jointgap.rig.clock import TURN, planned_clock
 from jointgap.rig.simulation import RunPlan, channels_read
-from jointgap.rig.statistics import CycleStatistics, scatter
+from jointgap.rig.statistics import CycleStatistics, cycle_variance, persistence
 
 _NEARBY = 1e-7  # [m] between two starts
 _APART = 0.3  # of the noise: what they may differ by for samples to be compared
 _NOISE = 0.02  # of a channel's standard deviation where the noise is not stated
-_MEMBERS, _CYCLES, _SETTLING = 4, 12, 2
+_MEMBERS, _CYCLES, _SETTLING = 4, 12, 1
 _LEARNT = 5  # times as many cycles once, to learn how statistics scatter
-_PER_CYCLE = 120
+_PER_CYCLE = 96
 _PRIOR = 60  # cycles that the simulated scatter counts for
 
 
@@ -33,15 +33,18 @@ class ChaoticRun:
     plan : RunPlan
         Of one member of the simulated ensemble.
     statistics : CycleStatistics
-    scatter : (m,) array
+    variance : (m,) array
         Of the simulated statistics from cycle to cycle.
+    persistence : float
+        How many times the variance of a mean is what it would be if cycles were independent.
     noise : mapping of str to float
         Of the samples, by channel; it is added to what is simulated.
     """
 
     plan: RunPlan
     statistics: CycleStatistics
-    scatter: np.ndarray
+    variance: np.ndarray
+    persistence: float
     noise: Mapping[str, float]
 
 
@@ -106,7 +109,8 @@ def chaotic_run(
     known = {channel: sd or 0.0 for channel, sd in known.items()}
     noisy = [_noisy(read[channel], known[channel], place) for place, channel in enumerate(channels)]
     learnt = CycleStatistics.of(channels, angle, noisy)
-    return ChaoticRun(member, learnt, scatter(learnt.independent(learnt.cycles(angle, noisy))), known)
+    rows = learnt.independent(learnt.cycles(angle, noisy))
+    return ChaoticRun(member, learnt, cycle_variance(rows), persistence(rows, len(rows) // (_LEARNT * _MEMBERS)), known)
 
 
 def measured_statistics(
@@ -130,14 +134,14 @@ def measured_statistics(
     rows = own.cycles(angle, [measured[channel] for channel in own.channels])
     found = own.independent(rows)
     count = np.maximum(np.isfinite(found).sum(axis=0), 1)
-    variance, several = chaotic.scatter**2, count >= 3
+    simulated, several = chaotic.variance, count >= 3
+    variance = simulated.copy()
     if several.any():
         # few cycles tell their own scatter badly: its ratio to the simulated one, over all bins, and a bit of each bin's own
-        ratio = np.square(scatter(found)[several]) / variance[several]
-        common = float(np.median(ratio))
+        ratio = cycle_variance(found[:, several]) / simulated[several]
         weight = count[several] / (count[several] + _PRIOR)
-        variance[several] *= weight * ratio + (1.0 - weight) * common
-    error = np.sqrt(variance / count + chaotic.scatter**2 / (_MEMBERS * _CYCLES))
+        variance[several] *= weight * ratio + (1.0 - weight) * np.median(ratio)
+    error = np.sqrt(chaotic.persistence * (variance / count + simulated / (_MEMBERS * _CYCLES)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a bin without samples
         mean = np.nanmean(found, axis=0)

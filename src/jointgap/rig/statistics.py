@@ -15,7 +15,7 @@ import numpy as np
 
 BINS = 24
 KINDS = ("mean", "spread")
-_FINE = 240  # angles of the usual course
+_FINE = 72  # angles of the usual course
 _BENT = 3.0  # robust standard deviations
 _BEFORE = 2  # bins that a prediction looks back
 _TURN = 2.0 * np.pi
@@ -28,7 +28,7 @@ class CycleStatistics:
     Attributes
     ----------
     channels : tuple of str
-    course : (channels, 240) array
+    course : (channels, 72) array
         Usual course of each channel over a revolution [unit].
     bend : (channels,) array
         k [unit].
@@ -54,7 +54,13 @@ class CycleStatistics:
             By channel.
         """
         fine = (np.floor(angle / _TURN * _FINE).astype(int)) % _FINE
-        course = np.array([[np.median(value[fine == place]) for place in range(_FINE)] for value in values])
+        known = np.unique(fine)
+        course = np.array(
+            [
+                np.interp(np.arange(_FINE), known, [np.median(value[fine == place]) for place in known])
+                for value in values
+            ]
+        )
         found = cls(tuple(channels), course, np.ones(len(channels)), [])
         away = [np.abs(value - one) for value, one in zip(values, found._usual(angle), strict=True)]
         bend = np.array(
@@ -98,16 +104,19 @@ class CycleStatistics:
         return found
 
     def noise(self, angle, measured, simulated_angle, simulated) -> np.ndarray:
-        """Standard deviation [unit] of what the quietest bins of measured channels have beyond noise-free simulated ones."""
-        shape = (len(self.channels), 2, BINS)
-        with np.errstate(invalid="ignore"):
-            found, clean = (
-                np.nanmean(self.cycles(at, values), axis=0).reshape(shape)[:, 1]
-                for at, values in ((angle, measured), (simulated_angle, simulated))
-            )
-        quiet = np.argsort(clean, axis=1)[:, : BINS // 4]
-        excess = np.take_along_axis(found**2 - clean**2, quiet, axis=1)
-        return np.sqrt(np.maximum(np.median(excess, axis=1), 0.0) * (np.pi / 2.0))  # mean size of a normal number
+        """Standard deviation [unit] of noise: what measured channels spread beyond noise-free simulated ones.
+
+        Bins count by how well they tell, so that the quiet ones do.
+        """
+        squares, variances = [], []
+        for at, values in ((angle, measured), (simulated_angle, simulated)):
+            rows = self.cycles(at, values).reshape(-1, len(self.channels), 2, BINS)[:, :, 1]
+            mean = np.nanmean(rows, axis=0)
+            squares.append(mean**2)
+            variances.append(4.0 * mean**2 * cycle_variance(rows) / np.isfinite(rows).sum(axis=0))
+        weight = 1.0 / (variances[0] + variances[1])
+        excess = np.sum(weight * (squares[0] - squares[1]), axis=1) / np.sum(weight, axis=1)
+        return np.sqrt(np.maximum(excess, 0.0) * (np.pi / 2.0))  # of a normal number's mean size
 
     def split(self, row: np.ndarray) -> dict[str, np.ndarray]:
         """Statistics by the name of their series, (BINS,) each."""
@@ -134,14 +143,19 @@ def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.n
     return found
 
 
-def scatter(rows: np.ndarray) -> np.ndarray:
-    """Standard deviation from cycle to cycle, such that its square over the number of cycles is the variance of their mean.
+def cycle_variance(rows: np.ndarray) -> np.ndarray:
+    """Variance from cycle to cycle of statistics (cycles, m), shape (m,)."""
+    return np.maximum(np.nanvar(rows, axis=0, ddof=1), 1e-300)
 
-    Chaotic cycles that follow each other are not quite independent: blocks of three say by how much, on average.
+
+def persistence(rows: np.ndarray, block: int) -> float:
+    """How many times the variance of the mean of many cycles is what it would be if they were independent, on average.
+
+    Parameters
+    ----------
+    rows : (cycles, m) array
+    block : int
+        Cycles of one block; blocks are taken for independent.
     """
-    single = np.nanvar(rows, axis=0, ddof=1)
-    blocks = rows[: len(rows) // 3 * 3].reshape(-1, 3, rows.shape[1]).mean(axis=1)
-    if len(blocks) >= 8:
-        ratio = np.nanmedian(3.0 * np.nanvar(blocks, axis=0, ddof=1) / np.maximum(single, 1e-300))
-        single = single * np.clip(ratio, 1.0, 3.0)
-    return np.sqrt(np.maximum(single, 1e-300))
+    blocks = np.nanmean(rows[: len(rows) // block * block].reshape(-1, block, rows.shape[1]), axis=1)
+    return max(float(np.mean(block * np.nanvar(blocks, axis=0, ddof=1) / cycle_variance(rows))), 1.0)
