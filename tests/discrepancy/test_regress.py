@@ -102,6 +102,14 @@ def test_a_force_that_no_sum_of_two_terms_comes_near_is_not_put_into_a_formula()
     assert "only" in found.because or "chance" in found.because
 
 
+def test_a_law_that_only_comes_near_is_not_accepted():
+    problem, base = measured(lambda x, v, angle: -0.2 * v**7)
+    assert "v^7" not in TERMS
+    found = regress(problem, base, LIBRARY, LIMITS)
+    assert not found.accepted
+    assert "only" in found.because
+
+
 def test_a_term_that_cannot_be_simulated_is_reported_and_the_others_go_on():
     problem, base = measured(lambda x, v, angle: -0.3 * v**3)
     laws = {**TERMS, "bad": lambda x, v, angle: np.full_like(x, np.nan)}

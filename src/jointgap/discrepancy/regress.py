@@ -13,19 +13,23 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jointgap.discrepancy.calibrate import Thresholds
-from jointgap.discrepancy.decide import RIVAL, SHARE, rank
+from jointgap.discrepancy.decide import RIVAL, rank, reduced
 from jointgap.discrepancy.differences import Differences
 from jointgap.discrepancy.fit import FAILED, Fit, fit
 from jointgap.discrepancy.problem import Explanation, Problem
 from jointgap.discrepancy.protocol import Candidate
 from jointgap.discrepancy.screen import Screen, Screened, signatures
+from jointgap.errors import InputError, SimulationError
 
 COEFFICIENTS = ("c1", "c2")
 """Names of the coefficients in a formula, as many as a law may have terms."""
 
+_SHARE = 0.99  # of the misfit that a law has to explain where it leaves more than noise: it is then within 10 % (rms)
 _SAME = 0.1  # laws of one effect whose share in the measurements differs by less are one law in two forms
 
-_FITTED = 8  # of the sums that would explain most if all were linear, so many are simulated
+_FITTED = 6  # of the sums of one size that would explain most if all were linear, so many are simulated
+_OF_EACH = 3  # single terms of each effect, and pairs that add to the best one: where joints are loose, the linear order misleads
+_FARTHEST = 16.0  # times the linear answer, at which a law is looked for
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,7 @@ class Regressed:
     fit : Fit or None
         The best sum, simulated and fitted together with the nuisances; None where no sum could be simulated.
     accepted : bool
-        Whether it may be reported: it passes the gate of the effects on the list.
+        Whether it may be reported: it passes the gate of the effects on the list, with a larger share asked of it.
     because : str
         The reason in a sentence.
     rivals : list of Fit
@@ -104,8 +108,8 @@ def regress(
 ) -> Regressed:
     """Find the law, of at most two terms of one effect, that takes the place of what is missing.
 
-    All sums are ranked by what they would explain if the motion answered linearly; the best are fitted by forward simulation and
-    compared by BIC, with the number of sums that were open to choice counted in (the extended criterion of Chen and Chen,
+    All sums are ranked by what they would explain if the motion answered linearly. The best are fitted by forward simulation,
+    from the multiple of the linear answer that fits best (a loose joint answers to a little force more than in proportion), and compared by BIC, with the number of sums that were open to choice counted in (the extended criterion of Chen and Chen,
     Biometrika 95 (2008) 759-771). A second term must improve it as much as a second effect must.
 
     Parameters
@@ -116,7 +120,7 @@ def regress(
     library : sequence of Candidate
         See the module.
     limits : Thresholds
-        Of the campaign: the law passes where it leaves no more than they allow, or explains the share that an effect has to.
+        Of the campaign: the law passes where it leaves no more than they allow, or explains 99 % of the misfit.
     differences : Differences, optional
         Shared with other fits of the problem.
 
@@ -136,8 +140,14 @@ def regress(
         """What the choice among all sums of so many terms is worth, beside the BIC's own k ln n."""
         return 2.0 * math.log(counts[len(explanation)])
 
-    sums.sort(key=lambda one: one.bic + price(one.explanation))
-    fits = [_fitted(problem, one, known.known(one.signatures), differences) for one in sums[:_FITTED]]
+    sums.sort(key=lambda one: one.bic)
+
+    def fitted(chosen: Sequence[Screened]) -> list[Fit]:
+        return [_fitted(problem, one, known.known(one.signatures), differences) for one in chosen]
+
+    fits = fitted(_singles(sums))
+    alone = min(fits, key=lambda one: one.bic)
+    fits += fitted(_pairs(sums, alone, reduced(alone) <= limits.omnibus))
     cost = {one.label: one.bic + price(one.explanation) for one in fits}
     fits.sort(key=lambda one: cost[one.label])
     best = fits[0]
@@ -148,6 +158,7 @@ def regress(
     rivals = [one for one in rest if cost[one.label] - cost[best.label] < RIVAL and _differs(one, best, base)]
     accepted, because = _gate(base, best, cost[best.label], limits)
     others = [one for one in rest if one not in rivals]
+    best = fit(problem, best.explanation, best.mapping, differences=differences, refresh=True)  # for its intervals
     return Regressed(best, accepted, because, rivals, others, known.failed)
 
 
@@ -190,8 +201,39 @@ def _subsets(found):
                 yield chosen
 
 
+def _singles(sums: Sequence[Screened]) -> list[Screened]:
+    """The single terms that explain most, among them some of each effect; `sums` is best first."""
+    singles = [one for one in sums if len(one.signatures) == 1]
+    chosen = singles[:_FITTED]
+    for effect in {effect_of(one.explanation[0]) for one in singles}:
+        of_effect = [one for one in singles if effect_of(one.explanation[0]) == effect]
+        chosen += [one for one in of_effect[:_OF_EACH] if one not in chosen]
+    return chosen
+
+
+def _pairs(sums: Sequence[Screened], alone: Fit, enough: bool) -> list[Screened]:
+    """The pairs that add to the best single term, and the best others where it is not enough; `sums` is best first."""
+    pairs = [one for one in sums if len(one.signatures) > 1]
+    adding = [one for one in pairs if {c.label for c in alone.explanation} < {c.label for c in one.explanation}]
+    chosen = adding[:_OF_EACH]
+    return chosen if enough else chosen + [one for one in pairs[:_FITTED] if one not in chosen]
+
+
 def _fitted(problem: Problem, one: Screened, known: Mapping[str, np.ndarray], differences: Differences) -> Fit:
-    return fit(problem, one.explanation, one.start, known, differences, refresh=True)
+    """The fit from the best of 1, 2, 4 ... times the linear answer."""
+    sizes = {f"{candidate.label}.{name}" for candidate in one.explanation for name in candidate.sizes}
+    start, multiple, least = one.start, 1.0, np.inf
+    while multiple <= _FARTHEST:
+        trial = {key: value * multiple if key in sizes else value for key, value in one.start.items()}
+        try:
+            chi2 = float(np.sum(problem.residual(trial, one.explanation) ** 2))
+        except (InputError, SimulationError):
+            break
+        if chi2 >= least:
+            break
+        start, least, multiple = trial, chi2, 2.0 * multiple
+    near = multiple <= 2.0  # derivatives at the base are good enough
+    return fit(problem, one.explanation, start, known if near else None, differences)
 
 
 def _differs(one: Fit, best: Fit, base: Fit) -> bool:
@@ -209,6 +251,6 @@ def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds) -> tuple[bool, 
         return False, f"the best sum, {best.label}, is not better than chance"
     if ranked.passes:
         return True, "with it the model leaves noise alone"
-    if ranked.share >= SHARE:
+    if ranked.share >= _SHARE:
         return True, f"it explains {ranked.share:.1%} of the misfit"
-    return False, f"the best sum, {best.label}, explains {ranked.share:.1%} only"
+    return False, f"the best sum, {best.label}, explains {ranked.share:.1%} of the misfit only"
