@@ -15,17 +15,44 @@ roughness of impacts, larger ones curvature."""
 _STATISTICS = 1.5
 """Statistics of chaotic motion scatter by about 1 each: there the whole change is made this many times their scatter."""
 
+_ABOVE = 5.0  # how far the change over a step stands above the model's roughness
+
+_TINY = 1e-6  # of a parameter's step: what such a change of the parameter changes in the motion is roughness
+
+_PROBED = 2  # parameters that are changed so
+
 _NEAR = 4.0  # a step whose change is within this factor of the target is good enough
 
 
 class Differences:
-    """Derivatives of a problem's residuals; remembers which steps were good."""
+    """Derivatives of a problem's residuals; remembers which steps were good.
+
+    Attributes
+    ----------
+    roughness : float
+        Length of the change of the whitened residuals that means nothing (`probe`); 0 until it is found.
+    """
 
     def __init__(self, problem: Problem):
         self.problem = problem
         statistics = sum(part.place.stop - part.place.start for part in problem.parts if part.series.statistic)
         self.target = max(_TARGET, _STATISTICS * np.sqrt(statistics))
         self._steps: dict[str, float] = {}
+        self.roughness = 0.0
+
+    def probe(self, parameters: Sequence[Parameter], values: Mapping[str, float], residual: np.ndarray) -> None:
+        """Find how rough the model is: the whitened change, as a length, where parameters are changed by next to nothing.
+
+        Where contacts begin and end a hair earlier, an integration takes other steps; no derivative can be had from smaller
+        changes than `roughness`, and no fit is better than it.
+        """
+        shared = [p for p in parameters if p.run is None][:_PROBED] or list(parameters[:_PROBED])
+        changes = []
+        for p in shared:
+            step = _TINY * p.step * (1.0 if values[p.key] + _TINY * p.step <= p.high else -1.0)
+            changes.append(np.linalg.norm(self.problem.residual({**values, p.key: values[p.key] + step}) - residual))
+        self.roughness = float(max(changes, default=0.0))
+        self.target = max(self.target, _ABOVE * self.roughness)
 
     def jacobian(
         self,

@@ -156,8 +156,9 @@ def fit(
     # `fresh`: the Jacobian was made at x. `trusted`: it foretold the last step well, so it may say that the end is reached.
     fresh, trusted, damping = not known, True, 0.0
     status, reason = STOPPED, f"no end after {_MOST_STEPS} steps"
+    rough = differences.roughness * (2.0 + differences.roughness)  # of chi2, where residuals are about noise
     for _ in range(_MOST_STEPS):
-        worth = _GAIN * max(1.0, r @ r / r.size)
+        worth = max(_GAIN * max(1.0, r @ r / r.size), rough)
         step, left = bounded_step(jacobian, r, low - x, high - x, damping)
         promised = r @ r - left
         if promised < worth and (fresh or trusted):

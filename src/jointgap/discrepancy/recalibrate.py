@@ -11,7 +11,7 @@ from jointgap.discrepancy.noise import numerics_noise
 from jointgap.discrepancy.problem import Problem
 from jointgap.discrepancy.protocol import Model
 from jointgap.discrepancy.whiten import Noise
-from jointgap.errors import SimulationError
+from jointgap.errors import InputError, SimulationError
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,11 @@ def recalibrate(model: Model, noise: Mapping[tuple[str, str], Noise]) -> Recalib
         The model cannot be simulated as it stands.
     """
     first = Problem(model, noise)
-    start = fit(first, differences=Differences(first))
+    start = fit(first, differences=_differences(first, {p.key: p.nominal for p in first.nuisances}))
     if start.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {start.reason}")
     problem = Problem(model, numerics_noise(model, start.mapping, noise))
-    differences = Differences(problem)
+    differences = _differences(problem, start.mapping)
     own = [p for p in problem.nuisances if p.run is not None]
     nominal = fit(
         problem,
@@ -58,6 +58,16 @@ def recalibrate(model: Model, noise: Mapping[tuple[str, str], Noise]) -> Recalib
     )
     base = fit(problem, start=start.mapping, differences=differences, refresh=True)
     return Recalibrated(problem, differences, nominal, base)
+
+
+def _differences(problem: Problem, values: Mapping[str, float]) -> Differences:
+    """Differences that know how rough the model is at `values`, if it can be simulated there."""
+    differences = Differences(problem)
+    try:
+        differences.probe(problem.nuisances, values, problem.residual(values))
+    except (InputError, SimulationError):
+        pass  # the fit that starts there says why
+    return differences
 
 
 def other_numerics(problem: Problem, base: Fit) -> np.ndarray:
