@@ -108,9 +108,10 @@ def regress(
 ) -> Regressed:
     """Find the law, of at most two terms of one effect, that takes the place of what is missing.
 
-    All sums are ranked by what they would explain if the motion answered linearly. The best are fitted by forward simulation,
-    from the multiple of the linear answer that fits best (a loose joint answers to a little force more than in proportion), and compared by BIC, with the number of sums that were open to choice counted in (the extended criterion of Chen and Chen,
-    Biometrika 95 (2008) 759-771). A second term must improve it as much as a second effect must.
+    All sums are ranked by what they would explain if the motion answered linearly. The best are fitted by forward simulation, from
+    the multiple of the linear answer that fits best (a loose joint answers to a little force more than in proportion). They are
+    compared by BIC with the number of sums that were open to choice counted in (the extended criterion of Chen and Chen,
+    Biometrika 95 (2008) 759-771); a second term must improve it by as much as tells two explanations apart.
 
     Parameters
     ----------
