@@ -61,6 +61,18 @@ def test_what_a_bump_leaves_in_the_memory_of_noise_does_not_widen_its_window():
     assert (windows["start_deg"].tolist(), windows["end_deg"].tolist()) == ([100.0], [140.0])
 
 
+def test_hardly_a_window_is_shown_where_data_without_noise_would_agree():
+    heights, windows, wrong = (0.5, 1.0, 2.0, 4.0), 0, 0
+    for seed, height in enumerate(heights * 3):
+        model = with_bump(toy(seed=seed, autocorrelation=0.5), ("mid", "torque"), 205.0, 255.0, height)
+        found = mapped(model, 0.5, 1).windows
+        windows += len(found)
+        there = (found["channel"] == "torque") & (found["run"] == "mid") & found["start_deg"].between(200, 250)
+        wrong += int((~there).sum())
+    assert windows >= 6  # all of the larger two
+    assert wrong <= 0.05 * windows
+
+
 def test_a_bias_without_end_is_one_window_around_the_circle():
     windows = mapped(with_bump(toy(seed=2), ("mid", "torque"), 0.0, 359.9999, 6.0)).windows
     assert windows[["run", "channel", "start_deg", "end_deg"]].to_numpy().tolist() == [["mid", "torque", 0.0, 360.0]]

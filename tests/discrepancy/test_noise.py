@@ -153,4 +153,7 @@ def test_numerics_that_predict_the_same_add_nothing_and_others_their_difference(
     added = numerics_noise(other, {}, noise)
     assert added["mid", "torque"].numerics == pytest.approx(np.full(360, 0.5))
     assert (added["mid", "guide_force"].numerics == 0.0).all()
+    statistics = replace(other, series=[replace(s, statistic=True) for s in model.series])
+    wide = {key: replace(one, sd=np.full(360, 0.4)) for key, one in noise.items()}
+    assert numerics_noise(statistics, {}, wide)["mid", "torque"].numerics == pytest.approx(np.full(360, 0.3))
     assert added["mid", "torque"].effective_samples == noise["mid", "torque"].effective_samples

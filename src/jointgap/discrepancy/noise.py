@@ -137,14 +137,15 @@ def numerics_noise(model: Model, values: Mapping[str, float], noise: Mapping[Key
     -------
     dict of (run, channel) to Noise
         ``numerics`` is the root mean square, over the other numerics and five neighbouring samples, of their difference from
-        the usual ones; 0 where it is negligible.
+        the usual ones; 0 where it is negligible. Statistics of chaotic motion scatter by about their noise with any change:
+        of theirs, what is beyond it.
 
     Raises
     ------
     InputError, SimulationError
         The usual numerics fail at these values. Others that fail are left out.
     """
-    found = dict(noise)
+    found, statistics = dict(noise), {series.key for series in model.series if series.statistic}
     for run in runs_of(model):
         at = {p.name: values.get(p.key, p.nominal) for p in model.nuisances if p.run in (None, run)}
         usual = model.simulate(run, at)
@@ -159,11 +160,14 @@ def numerics_noise(model: Model, values: Mapping[str, float], noise: Mapping[Key
         for channel, each in squares.items():
             if each and (run, channel) in found:
                 here = found[run, channel]
-                found[run, channel] = replace(here, numerics=_smoothed(np.mean(each, axis=0), here.sd))
+                found[run, channel] = replace(
+                    here, numerics=_spread(np.mean(each, axis=0), here.sd, (run, channel) in statistics)
+                )
     return found
 
 
-def _smoothed(square: np.ndarray, sd: np.ndarray) -> np.ndarray:
+def _spread(square: np.ndarray, sd: np.ndarray, statistic: bool) -> np.ndarray:
     window = np.ones(min(5, square.size))
-    spread = np.sqrt(np.convolve(square, window, mode="same") / np.convolve(np.ones(square.size), window, mode="same"))
+    smooth = np.convolve(square, window, mode="same") / np.convolve(np.ones(square.size), window, mode="same")
+    spread = np.sqrt(np.maximum(smooth - sd**2, 0.0) if statistic else smooth)
     return np.where(spread > _NEGLIGIBLE * sd, spread, 0.0)
