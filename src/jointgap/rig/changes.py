@@ -37,6 +37,8 @@ def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechani
             for name, key in (("joint_friction", "friction"), ("restitution", "restitution"))
             if pin in PINS
         }
+        if "friction_speed" in values:
+            contact["friction_speed"] = values["friction_speed"]
         change: dict[str, Any] = {"contact": joint.contact.model_copy(update=contact)}
         if f"{pin}_clearance" in values:
             change["bearing_radius"] = joint.journal_radius + values[f"{pin}_clearance"]

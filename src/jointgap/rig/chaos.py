@@ -1,5 +1,6 @@
 """Which channels of a run are chaotic, and what many simulated cycles make of them."""
 
+import math
 import warnings
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -11,16 +12,15 @@ from jointgap.config import Mechanism
 from jointgap.config.campaign import Campaign
 from jointgap.discrepancy.protocol import Effects
 from jointgap.dynamics.ensemble import cores
-from jointgap.rig.clock import TURN, planned_clock
+from jointgap.rig.clock import TURN
 from jointgap.rig.simulation import RunPlan, channels_read
 from jointgap.rig.statistics import CycleStatistics, cycle_variance, persistence
 
 _NEARBY = 1e-7  # [m] between two starts
 _APART = 0.3  # of the noise: what they may differ by for samples to be compared
 _NOISE = 0.02  # of a channel's standard deviation where the noise is not stated
-_MEMBERS, _CYCLES, _SETTLING = 4, 12, 1
-_LEARNT = 5  # times as many cycles once, to learn how statistics scatter
-_PER_CYCLE = 96
+_CYCLES, _LEARNT = 48, 240  # simulated every time, and once to learn how statistics scatter
+_LONGEST, _SETTLING = 12, 1  # cycles of one simulation, and those that it drops besides
 _PRIOR = 60  # cycles that the simulated scatter counts for
 
 
@@ -33,6 +33,10 @@ class ChaoticRun:
     plan : RunPlan
         Of one member of the simulated ensemble.
     statistics : CycleStatistics
+    members : int
+        Simulations of an evaluation.
+    cycles : int
+        Cycles of them all.
     variance : (m,) array
         Of the simulated statistics from cycle to cycle.
     persistence : float
@@ -45,6 +49,8 @@ class ChaoticRun:
     statistics: CycleStatistics
     variance: np.ndarray
     persistence: float
+    members: int
+    cycles: int
     noise: Mapping[str, float]
 
 
@@ -95,12 +101,11 @@ def chaotic_run(
     noise : mapping of channel to float or None
         As stated; where it is not, it is what the quietest bins have beyond the simulation.
     """
-    member = replace(plan, channels=channels)
-    if plan.pieces is None and campaign.drive == "constant_speed":
-        own = plan.clock
-        clock = planned_clock(own.speed, own.first_angle, own.encoded, _CYCLES + _SETTLING, _PER_CYCLE)
-        member = replace(member, clock=clock)
-    angle, read = _members(campaign, member, values, (), 0, _LEARNT * _MEMBERS)
+    # the samples of the record's first cycles: narrow features that keep to an angle are met, or missed, as they were measured
+    cycles = min(_LONGEST, max(int(plan.clock.turned / TURN) - _SETTLING, 1))
+    member = replace(plan, channels=channels, clock=plan.clock.first((cycles + _SETTLING) * TURN))
+    many, members = math.ceil(_LEARNT / cycles), math.ceil(_CYCLES / cycles)
+    angle, read = _members(campaign, member, values, (), 0, many)
     clean = CycleStatistics.of(channels, angle, list(read.values()))
     known = {channel: noise.get(channel) for channel in channels}
     if any(np.isfinite(measured[channel]).any() for channel in channels):
@@ -110,7 +115,9 @@ def chaotic_run(
     noisy = [_noisy(read[channel], known[channel], place) for place, channel in enumerate(channels)]
     learnt = CycleStatistics.of(channels, angle, noisy)
     rows = learnt.independent(learnt.cycles(angle, noisy))
-    return ChaoticRun(member, learnt, cycle_variance(rows), persistence(rows, len(rows) // (_LEARNT * _MEMBERS)), known)
+    return ChaoticRun(
+        member, learnt, cycle_variance(rows), persistence(rows, len(rows) // many), members, members * cycles, known
+    )
 
 
 def measured_statistics(
@@ -141,7 +148,7 @@ def measured_statistics(
         ratio = cycle_variance(found[:, several]) / simulated[several]
         weight = count[several] / (count[several] + _PRIOR)
         variance[several] *= weight * ratio + (1.0 - weight) * np.median(ratio)
-    error = np.sqrt(chaotic.persistence * (variance / count + simulated / (_MEMBERS * _CYCLES)))
+    error = np.sqrt(chaotic.persistence * (variance / count + simulated / chaotic.cycles))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a bin without samples
         mean = np.nanmean(found, axis=0)
@@ -153,7 +160,7 @@ def simulated_statistics(
     campaign: Campaign, chaotic: ChaoticRun, values: Mapping[str, float], effects: Effects, numerics: int
 ) -> dict[str, np.ndarray]:
     """Statistics of the chaotic channels, by the name of their series: the same for the same arguments."""
-    angle, read = _members(campaign, chaotic.plan, values, effects, numerics, _MEMBERS)
+    angle, read = _members(campaign, chaotic.plan, values, effects, numerics, chaotic.members)
     own = chaotic.statistics
     values_ = [_noisy(read[channel], chaotic.noise[channel], place) for place, channel in enumerate(own.channels)]
     return own.split(np.nanmean(own.independent(own.cycles(angle, values_)), axis=0))
@@ -179,7 +186,7 @@ def _members(campaign, plan, values, effects, numerics, count) -> tuple[np.ndarr
     with ThreadPoolExecutor(min(cores(), count)) as pool:
         found = list(pool.map(member, range(count)))
     settled = plan.clock.angle >= plan.clock.angle[0] + _SETTLING * TURN
-    turns = np.ceil((plan.clock.angle[-1] - plan.clock.angle[0]) / TURN) + 1.0
+    turns = math.ceil(plan.clock.turned / TURN) + 1
     angle = np.concatenate([plan.clock.angle[settled] + place * turns * TURN for place in range(count)])
     return angle, {channel: np.concatenate([one[channel][settled] for one in found]) for channel in plan.channels}
 

@@ -1,7 +1,7 @@
 """Where in time and crank angle the samples of a run lie, as far as the record itself tells."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,6 +56,16 @@ class Clock:
         """Times since the first sample [s]."""
         return self.time - self.time[0]
 
+    @property
+    def turned(self) -> float:
+        """How far the crank turns in the record [rad]."""
+        return float(self.angle.max() - self.angle.min())
+
+    def first(self, turned: float) -> "Clock":
+        """The record's samples until the crank has `turned` [rad]."""
+        kept = self.angle < self.angle[0] + turned
+        return replace(self, time=self.time[kept], read=self.read[kept], angle=self.angle[kept])
+
     def line(self, angle: np.ndarray) -> tuple[float, float]:
         """Value at the first sample and slope over time of the straight line through `angle` where the angle was read."""
         known = np.isfinite(self.read)
@@ -63,15 +73,9 @@ class Clock:
         return float(first), float(slope)
 
 
-def planned_clock(
-    speed: float,
-    first_angle: float,
-    encoded: bool,
-    revolutions: int = PLANNED_REVOLUTIONS,
-    per_revolution: int = PLANNED_PER_REVOLUTION,
-) -> Clock:
+def planned_clock(speed: float, first_angle: float, encoded: bool) -> Clock:
     """Samples of a run that is yet to be measured, at even times."""
-    elapsed = np.arange(revolutions * per_revolution) * (TURN / speed / per_revolution)
+    elapsed = np.arange(PLANNED_REVOLUTIONS * PLANNED_PER_REVOLUTION) * (TURN / speed / PLANNED_PER_REVOLUTION)
     angle = first_angle + speed * elapsed
     return Clock(
         elapsed, angle if encoded else np.full(elapsed.size, np.nan), angle, first_angle, speed, 0.0, 0.0, True

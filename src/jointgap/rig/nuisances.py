@@ -11,6 +11,9 @@ from jointgap.discrepancy.protocol import Parameter
 from jointgap.rig.clock import Clock
 
 _STEP = 0.02  # of the width of a nuisance's bounds
+REGULARISED = 4.0
+"""By what factor friction may be regularised over a lower or a higher speed than the contact says."""
+
 FIRST_ANGLE_REACH = np.pi / 6
 """How far [rad] a first angle that was searched for may be off."""
 
@@ -23,7 +26,18 @@ def shared(campaign: Campaign) -> tuple[Parameter, ...]:
         if nominals:
             low, high = campaign.bounds(key, nominals[0])
             found.append(_parameter(key, nominals[0], low, high, NUISANCES[key] or "1"))
+    if (width := friction_speed(campaign.mechanism)) is not None:
+        found.append(_parameter("friction_speed", width, width / REGULARISED, width * REGULARISED, "m/s"))
     return tuple(found)
+
+
+def friction_speed(mechanism: Mechanism) -> float | None:
+    """Sliding speed [m/s] over which the pins' friction is regularised; None where no loose pin has friction.
+
+    Nobody measures it, and it moves what is read near reversals by many times the noise: so it is fitted as a nuisance.
+    """
+    contacts = [mechanism.joint(pin).contact for pin in mechanism.loose]
+    return next((contact.friction_speed for contact in contacts if contact.friction > 0), None)
 
 
 def of_run(campaign: Campaign, run: CampaignRun, clock: Clock, first_angle_searched: bool) -> tuple[Parameter, ...]:
