@@ -10,7 +10,8 @@ ORDERS = 4
 """The noise remembers at most so many samples."""
 
 _LEAST = 32  # differences; fewer tell nothing of a memory
-_LINE = 3.0  # times the smooth spectrum: what stands out more is a motion, not noise
+_LINES, _SURE = 24, 1e-4  # at most so many lines are taken out, of a probability below that in noise
+_MEMORIES = np.linspace(-0.9, 0.96, 32)[:, None]  # of first-order processes that are tried as a background
 _ROUGHNESS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)  # fourth differences, of white noise's own variance
 
 
@@ -59,12 +60,12 @@ def from_cycles(residual: np.ndarray, angle: np.ndarray) -> Scatter | None:
         return Scatter(
             _robust_sd(difference[known] / np.sqrt(1 + (1 - share[known]) ** 2 + share[known] ** 2)), None, 0
         )
-    spectrum = _spectrum(_without_outliers(difference), lags)
+    smooth = _without_outliers(_without_lines(_without_outliers(difference, 5.0)), 3.0)
+    spectrum = _spectrum(smooth, lags)
     frequency = np.linspace(0.0, np.pi, spectrum.size)
     # Interpolation between two samples damps what changes from one to the next.
     mixed = float(np.mean(share[known] * (1.0 - share[known])))
     spectrum = spectrum / (2.0 - 2.0 * mixed * (1.0 - np.cos(frequency)))
-    spectrum = _without_lines(spectrum)
     return Scatter(float(np.sqrt(_mean(spectrum))), spectrum, int(known.sum()))
 
 
@@ -165,18 +166,39 @@ def _covariance(spectrum: np.ndarray, lags: int) -> np.ndarray:
     return np.fft.irfft(spectrum)[: lags + 1]
 
 
-def _without_lines(spectrum: np.ndarray) -> np.ndarray:
-    """The spectrum, cut where it stands out of that of the first-order process nearest to it."""
-    cosine = np.cos(np.linspace(0.0, np.pi, spectrum.size))
-    found = spectrum
-    for _ in range(20):
-        variance, first = _covariance(found, 1)
-        if not variance > 0.0:
-            return found
-        rho = first / variance
-        smooth = variance * (1 - rho**2) / (1 + rho**2 - 2 * rho * cosine)
-        found = np.minimum(spectrum, _LINE * smooth)
-    return found
+def _without_lines(values: np.ndarray) -> np.ndarray:
+    """Values without the sinusoids that stand out of a first-order process: those are a motion, not noise.
+
+    One after the other, the surest first, until what is left is as noise has it.
+    """
+    known = np.isfinite(values)
+    place, left = np.flatnonzero(known), values.copy()
+    points = 4 * values.size  # a line between two frequencies of the plain periodogram is not missed
+    frequency = 2 * np.pi * np.arange(1, points // 2) / points
+    for _ in range(_LINES):
+        power = np.abs(np.fft.rfft(np.where(known, left, 0.0), points)[1 : points // 2]) ** 2
+        if not power.any():
+            return left
+        share = power / _background(power, frequency)
+        top = int(np.argmax(share))
+        if share.size * np.exp(-share[top]) > _SURE:
+            return left
+        phase = frequency[top] * place
+        waves = np.column_stack([np.cos(phase), np.sin(phase)])
+        left[place] -= waves @ np.linalg.lstsq(waves, left[place], rcond=None)[0]
+    return left
+
+
+def _background(power: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+    """Spectrum of the first-order process nearest to a periodogram in logarithms, whose median a few lines do not move."""
+    plain = slice(3, None, 4)
+    seen = np.log(np.maximum(power[plain], np.finfo(float).tiny))
+    shapes = -np.log(1 + _MEMORIES**2 - 2 * _MEMORIES * np.cos(frequency[plain]))
+    level = np.median(seen - shapes, axis=1, keepdims=True)
+    best = int(np.argmin(np.abs(seen - shapes - level).sum(axis=1)))
+    rho = _MEMORIES[best, 0]
+    mean = np.exp(level[best, 0]) / np.log(2.0)  # of an exponential distribution with that median
+    return mean / (1 + rho**2 - 2 * rho * np.cos(frequency))
 
 
 def _level(spectrum: np.ndarray, mean: float) -> float:
@@ -197,6 +219,7 @@ def _robust_sd(values: np.ndarray) -> float:
     return robust if robust > 1e-6 * plain else plain  # coarsely rounded readings hardly ever differ
 
 
-def _without_outliers(values: np.ndarray) -> np.ndarray:
-    limit = 3.0 * _robust_sd(values[np.isfinite(values)])
+def _without_outliers(values: np.ndarray, most: float) -> np.ndarray:
+    """Values cut at `most` standard deviations."""
+    limit = most * _robust_sd(values[np.isfinite(values)])
     return np.clip(values, -limit, limit)
