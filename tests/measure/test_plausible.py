@@ -86,3 +86,21 @@ def test_a_coarse_reading_is_not_taken_for_a_clipped_one(levels):
     wave = np.sin(np.linspace(0.0, 400.0, 10000))
     assert clipped(np.round(wave * levels) / levels) is None
     assert clipped(wave) is None
+
+
+def test_a_value_that_stands_for_no_data_is_named_with_its_row(tmp_path):
+    given = table(200)
+    given.loc[[50, 60], "M"] = -9999.0
+    found = read_rig(tmp_path, slow=given).remarks
+    assert any("column M, row 52: -9999 N*m is far from all else (so are 2 samples)" in remark for remark in found)
+
+
+def test_an_angle_that_the_encoder_misread_is_named_with_its_row(tmp_path):
+    given = table(200)
+    given["theta"] += 0.3 * np.random.default_rng(0).standard_normal(len(given))  # deg
+    assert read_rig(tmp_path, slow=given).remarks == ()
+    given.loc[50, "theta"] += 90.0
+    assert any(
+        "column theta, row" in remark and "encoder misread" in remark
+        for remark in read_rig(tmp_path, slow=given).remarks
+    )

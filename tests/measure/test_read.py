@@ -181,6 +181,7 @@ def changed(column, row, value):
         (table(SLOW), {"channels": {"time": {"unit": "min"}}}, ["240 samples over 53.77 s", "did you mean 's'?"]),
         (table(SLOW), {"channels": {"crank_angle": {"unit": "rad"}}}, ["column theta", "did you mean 'deg'?"]),
         (table(SLOW).assign(theta=lambda t: np.radians(t.theta)), {}, ["column theta", "did you mean 'rad'?"]),
+        (table(SLOW, turns=1.4), run_with(role="split"), ["1.394 revolutions leave less than one for fitting"]),
         (table(SLOW), run_with(speed="90 rpm"), ["mean speed of 200 rpm, but the run's is 90 rpm", "the run's speed"]),
     ],
 )

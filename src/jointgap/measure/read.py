@@ -7,9 +7,10 @@ import numpy as np
 from jointgap.config.campaign import CHANNELS, Campaign, CampaignRun
 from jointgap.config.quantities import unit_factor
 from jointgap.errors import InputError
-from jointgap.measure.plausible import clipped, inconsistent
+from jointgap.measure.angle import TURN
+from jointgap.measure.plausible import clipped, inconsistent, jerks, wild
 from jointgap.measure.recording import Measurements, Recording, noise_of
-from jointgap.measure.rotation import checked_rotation
+from jointgap.measure.rotation import LEAST_TURNS, checked_rotation
 from jointgap.measure.table import Columns, read_columns
 
 LEAST_SAMPLES = 12
@@ -49,9 +50,26 @@ def _recording(campaign: Campaign, run: CampaignRun, remarks: list[str]) -> Reco
         _check_varies(path, campaign.channels[name].column, found)
         if (remark := clipped(found)) is not None:
             remarks.append(f"{path}, column {campaign.channels[name].column}: {name} {remark}")
+        if (places := wild(found)).size:
+            remarks.append(
+                f"{path}, column {campaign.channels[name].column}, row {rows[places[0]]}: {found[places[0]]:g} {CHANNELS[name]} is far from "
+                f"all else (so {_are(places.size)}); leave the cell empty if it stands for 'no data'"
+            )
+    if "time" in values and "crank_angle" in values and (places := jerks(time, angle)).size:
+        column = campaign.channels["crank_angle"].column
+        remarks.append(
+            f"{path}, column {column}, row {rows[places[0]]}: the angle is far off its neighbours' (so {_are(places.size)}); "
+            "leave the cell empty if the encoder misread it"
+        )
     held_out = np.full(rows.size, run.role == "confirm")
     if run.role == "split":
-        held_out = turned > turned[0] + 2.0 / 3.0 * (turned[-1] - turned[0])
+        total = turned[-1] - turned[0]
+        if total < 1.5 * TURN * LEAST_TURNS:
+            raise InputError(
+                f"{path}: {total / TURN:.4g} revolutions leave less than one for fitting when the last third of the run '{run.id}' is "
+                "held out; give a longer record, or another role than split"
+            )
+        held_out = turned > turned[0] + 2.0 / 3.0 * total
     recording = Recording(run.id, time, angle, channels, noise_of(campaign, run.id), held_out)
     remarks += [f"{path}: {remark}" for remark in inconsistent(campaign, run, recording, turned)]
     return recording
@@ -97,6 +115,10 @@ def _placed(
         column = campaign.channels[place].column
         remarks.append(f"{path}, column {column}: {lack} no {place.replace('_', ' ')}, left out")
     return {name: found[kept] for name, found in values.items()}, columns.rows[kept]
+
+
+def _are(count: int) -> str:
+    return "is 1 sample" if count == 1 else f"are {count} samples"
 
 
 def _check_varies(path: Path, column: str, values: np.ndarray) -> None:
