@@ -1,0 +1,69 @@
+"""Makes the measured data of config/campaigns/demonstration.yaml: a rig that does not exist, with something hidden in it.
+
+    python -m examples.demonstration
+
+The rig is the mechanism of the campaign, but for what `HIDDEN` says; the campaign file does not know it. Data come from a finer
+tolerance than a fit uses and from a friction with another width at rest, with the noise of sensors; at times of their own, a gap and
+a wrapping encoder included.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Mechanism, Simulate
+from jointgap.config.campaign import load_campaign
+from jointgap.dynamics import simulate
+
+CAMPAIGN = Path("config/campaigns/demonstration.yaml")
+
+HIDDEN = {"name": "discovered_slider_force", "parameters": {"formula": "-f*tanh(v/0.004)", "coefficients": {"f": 6.0}}}
+"""Coulomb friction of 6 N between slider and guide."""
+
+OFF_NOMINAL = {"slider": {"mass": 1.02}, "rod": {"mass": 0.99}}
+"""True values over nominal ones, inside of the ranges that the campaign states."""
+
+NOISE = 0.03  # of a channel's standard deviation
+ANGLE_NOISE = 0.1  # deg
+REVOLUTIONS, SAMPLES_PER_REVOLUTION = 4, 97
+SEED = 20
+
+
+def rig(nominal: Mechanism) -> Mechanism:
+    """The mechanism that is measured."""
+    data = nominal.model_dump()
+    for body, factors in OFF_NOMINAL.items():
+        data[body] |= {key: factor * data[body][key] for key, factor in factors.items()}
+    return Mechanism.model_validate(data | {"effects": [*data["effects"], HIDDEN]})
+
+
+def measured(mechanism: Mechanism, speed: float, random: np.random.Generator) -> pd.DataFrame:
+    """One run as a data logger would write it."""
+    settled, per_turn = 3, 40 * SAMPLES_PER_REVOLUTION
+    options = Simulate(speed=speed, revolutions=settled + REVOLUTIONS, samples_per_revolution=per_turn, tolerance=1e-12)
+    samples = simulate(mechanism, options).samples
+    begin = settled * per_turn + int(random.integers(per_turn // 3))
+    kept = samples.iloc[begin:-1:40].reset_index(drop=True)
+    channels = {"torque_Nm": kept["crank_torque"], "acc_g": kept["slider_acceleration"] / 9.80665}
+    noisy = {name: values + random.normal(0.0, NOISE * values.std(), len(kept)) for name, values in channels.items()}
+    angle = np.degrees(kept["crank_angle"]) + random.normal(0.0, ANGLE_NOISE, len(kept))
+    frame = pd.DataFrame(
+        {"t_ms": 1e3 * (kept["time"] - kept["time"].iloc[0]), "angle_deg": np.mod(angle, 360.0), **noisy}
+    )
+    frame.loc[frame.index[100:110], "acc_g"] = np.nan  # the sensor's cable was loose
+    return frame.round({"t_ms": 4, "angle_deg": 2, "torque_Nm": 4, "acc_g": 4})
+
+
+def main() -> None:
+    """Write the runs' files."""
+    campaign, random = load_campaign(CAMPAIGN), np.random.default_rng(SEED)
+    mechanism = rig(campaign.mechanism)
+    for run in campaign.runs:
+        place = campaign.folder / run.file
+        place.parent.mkdir(parents=True, exist_ok=True)
+        measured(mechanism, run.speed, random).to_csv(place, index=False)
+
+
+if __name__ == "__main__":
+    main()
