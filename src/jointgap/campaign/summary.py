@@ -12,6 +12,8 @@ from jointgap.campaign.words import effect_in_words, joined, number, parameter_r
 _MOST_WINDOWS = 5
 _WEAK = 1.2  # a gap after of up to this is called noise: the seed of noise alone moves it by less
 
+_ONE_SIDED = 0.7  # share of the root mean square that is the mean: above, measurement and model differ to one side
+
 _PLAIN = ("no_disagreement", "parameters_only", "named")
 """Verdicts whose sentence holds the reason."""
 
@@ -122,7 +124,8 @@ def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
         own = gaps[(gaps["channel"] == "all") & (gaps["role"] == "confirm") & (gaps["run"] != "all")]
         when = ("before", "after") if added else ("before",)
         rows = tuple((row["run"], *(_interval(row, each) for each in when)) for row in own.to_dict("records"))
-        told.append(Rows(("held-out run", *(f"gap {each} (90 % interval)" for each in when)), rows))
+        heads = [f"gap {each} (90 % interval)" for each in when] if added else ["gap (90 % interval)"]
+        told.append(Rows(("held-out run", *heads), rows))
     return [*told, Picture("gaps"), *([Picture("residuals")] if added else [])]
 
 
@@ -149,12 +152,7 @@ def _where(verdict: Mapping[str, Any], windows: pd.DataFrame | None) -> list[Blo
         for one in verdict["where"]
     ]
     if windows is not None and len(windows):
-        largest = windows.reindex(windows["mean"].abs().sort_values(ascending=False).index)
-        places = [
-            place_of(row.run, row.channel, row.start_deg, row.end_deg)
-            + f", on average {abs(row.mean):.1f} standard deviations of the noise {'above' if row.mean > 0 else 'below'} the simulation"
-            for row in largest.itertuples(index=False)
-        ]
+        places = [_window(row) for row in windows.sort_values("rms", ascending=False).itertuples(index=False)]
     if not places:
         return [
             Heading("Where it shows"),
@@ -169,6 +167,17 @@ def _where(verdict: Mapping[str, Any], windows: pd.DataFrame | None) -> list[Blo
         Listing((*places[:_MOST_WINDOWS], *further)),
         Picture("disagreement"),
     ]
+
+
+def _window(row) -> str:
+    """One window of the map, and by how much measurement and model differ there."""
+    size = f"by {row.rms:.1f} standard deviations of the noise (root mean square)"
+    side = ("", ", mostly above the model", ", mostly below the model")[int((row.mean > 0) - (row.mean < 0))]
+    return (
+        place_of(row.run, row.channel, row.start_deg, row.end_deg)
+        + f", {size}"
+        + side * (abs(row.mean) > _ONE_SIDED * row.rms)
+    )
 
 
 def _why(verdict: Mapping[str, Any]) -> list[Block]:
@@ -241,4 +250,5 @@ def _two(value: float) -> str:
 
 
 def _capital(sentence: str) -> str:
-    return sentence[:1].upper() + sentence[1:].rstrip(".")
+    first = sentence if "_" in sentence.split(" ")[0] else sentence[:1].upper() + sentence[1:]  # names stay as they are
+    return first.rstrip(".")

@@ -73,8 +73,9 @@ def number(value: float | str | None) -> str:
 
 
 def place_of(run: str, channel: str, start: float, end: float) -> str:
-    """``run slow, crank torque, 350 to 10 deg``."""
-    return f"run {run}, {channel.replace('_', ' ')}, {start:.0f} to {end:.0f} deg of crank angle"
+    """``run slow, crank torque, 350 to 10 deg of crank angle``."""
+    where = "all crank angles" if end - start >= 360.0 else f"{start:.0f} to {end:.0f} deg of crank angle"
+    return f"run {run}, {channel.replace('_', ' ')}, {where}"
 
 
 def joined(parts: Iterable[str]) -> str:
