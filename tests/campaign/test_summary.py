@@ -107,13 +107,16 @@ def test_the_explanations_that_cannot_be_told_apart_are_listed_with_the_experime
 
 
 def test_the_largest_windows_come_first_and_the_rest_are_counted():
-    rows = [("fast", "crank_torque", 10.0 * k, 10.0 * k + 10.0, 1.0 + k, 1.0, 1e-3) for k in range(8)]
+    rows = [("fast", "crank_torque", 10.0 * k, 10.0 * k + 10.0, 1.0 + k, 1.5 + k, 1e-3) for k in range(7)]
+    rows.append(("slow", "crank_torque", 0.0, 360.0, 0.0, 9.0, 1e-3))
     columns = ["run", "channel", "start_deg", "end_deg", "mean", "rms", "p_adjusted"]
     text = summary.markdown(NAMED, {"windows": pd.DataFrame(rows, columns=columns)})
-    first = (
-        "- run fast, crank torque, 70 to 80 deg of crank angle, on average 8.0 standard deviations of the noise above"
+    largest = (
+        "- run slow, crank torque, all crank angles, by 9.0 standard deviations of the noise (root mean square)\n"
+        "- run fast, crank torque, 60 to 70 deg of crank angle, by 7.5 standard deviations of the noise (root mean square), "
+        "mostly above the model"
     )
-    assert first in text
+    assert largest in text
     assert "- and 3 more windows" in text
 
 
