@@ -65,7 +65,8 @@ def screen(found: Recalibrated, rate: float, noise_dof: float = np.inf, seed: in
         Of the null campaigns.
     """
     known = signatures(found.problem, found.base, found.differences)
-    limits = thresholds(found.problem, known, other_numerics(found.problem, found.base), rate, noise_dof, seed)
+    numerics = other_numerics(found.problem, found.base)
+    limits = thresholds(found.problem, known, numerics, rate, noise_dof, found.differences.roughness, seed)
     return Screening(known, limits, shortlist(known))
 
 

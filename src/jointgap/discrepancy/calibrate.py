@@ -22,12 +22,16 @@ class Thresholds:
     omnibus : float
         Of the base's chi2 over its degrees of freedom.
     directed : float
-        Of the largest gain of chi2 by one candidate, less ln n for each of its coordinates.
+        Of the largest gain of chi2 by one candidate, less ln n for each of its coordinates; at least what another choice of
+        numerics changes, for any candidate may happen to resemble that.
+    rough : float
+        chi2 that a fit may gain by the model's roughness.
     """
 
     rate: float
     omnibus: float
     directed: float
+    rough: float = 0.0
 
 
 def thresholds(
@@ -36,6 +40,7 @@ def thresholds(
     numerics: np.ndarray,
     rate: float = 0.01,
     noise_dof: float = np.inf,
+    roughness: float = 0.0,
     seed: int = 0,
 ) -> Thresholds:
     """Thresholds of one campaign, from null campaigns in which the motion answers to everything linearly.
@@ -53,6 +58,8 @@ def thresholds(
         False alarms allowed.
     noise_dof : float
         Degrees of freedom from which the noise was estimated; infinite where it is stated.
+    roughness : float
+        `jointgap.discrepancy.differences.Differences.roughness`.
     seed : int
     """
     size = known.residual.size
@@ -80,4 +87,7 @@ def thresholds(
         gain = drawn[:, at : at + space.shape[1]].sum(axis=1) - count * np.log(size)
         gains, at = np.maximum(gains, gain), at + space.shape[1]
     dof = max(size - subspaces.nuisances.shape[1], 1)
-    return Thresholds(rate, float(np.quantile(chi2, 1 - rate) / dof), float(np.quantile(gains, 1 - rate)))
+    changed = float(np.max(np.sum(numerics**2, axis=0), initial=0.0))
+    rough = roughness * (2.0 + roughness)
+    directed = max(float(np.quantile(gains, 1 - rate)), changed, rough)
+    return Thresholds(rate, float(np.quantile(chi2, 1 - rate) / dof), directed, rough)

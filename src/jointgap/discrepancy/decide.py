@@ -102,12 +102,12 @@ def decide(
     if best is None or (base_passes and _gain(base, best.fit) <= limits.directed):
         if not base_passes:
             return Decision("unexplained", base, because="no candidate explains the disagreement", **told)
-        if reduced(nominal) <= limits.omnibus and nominal.bic - base.bic < RIVAL:
+        if reduced(nominal) <= limits.omnibus and nominal.bic - base.bic < RIVAL + limits.rough:
             return Decision("no_disagreement", nominal, because="the model as it stands leaves noise alone", **told)
         return Decision(
             "parameters_only", base, because="with parameters within their ranges the model leaves noise alone", **told
         )
-    equals = [one for one in good if one is not best and _rivals(one.fit, best.fit)]
+    equals = [one for one in good if one is not best and _rivals(one.fit, best.fit, RIVAL + limits.rough)]
     if equals:
         alike = [best.fit, *(one.fit for one in equals)]
         if best.passes or best.share >= SHARE:
@@ -184,7 +184,7 @@ def _best(good: Sequence[Ranked], limits: Thresholds) -> Ranked | None:
     return best
 
 
-def _rivals(one: Fit, best: Fit) -> bool:
+def _rivals(one: Fit, best: Fit, apart: float) -> bool:
     """Whether `one` is another explanation that is as good as `best`: not one that merely adds to it."""
     names, named = ({c.label for c in fit.explanation} for fit in (one, best))
-    return one.bic - best.bic < RIVAL and not names > named and len(names) <= len(named)
+    return one.bic - best.bic < apart and not names > named and len(names) <= len(named)

@@ -9,6 +9,7 @@ from jointgap.discrepancy.decide import Decision, decide
 from jointgap.discrepancy.fit import FAILED, Fit, fit
 from jointgap.discrepancy.recalibrate import Recalibrated
 from jointgap.discrepancy.screen import Screen, Screened, Signatures
+from jointgap.discrepancy.start import fit_screened
 
 SINGLES = 8
 """Candidates that are fitted alone."""
@@ -41,9 +42,7 @@ def shortlist(known: Signatures) -> Shortlist:
 
 def fitted(base: Recalibrated, known: Signatures, chosen: Iterable[Screened]) -> list[Fit]:
     """Forward-simulated fits of screened explanations, each from where its signatures say."""
-    return [
-        fit(base.problem, one.explanation, one.start, known.known(one.signatures), base.differences) for one in chosen
-    ]
+    return [fit_screened(base.problem, one, known.known(one.signatures), base.differences) for one in chosen]
 
 
 def refined(base: Recalibrated, one: Fit) -> Fit:

@@ -19,7 +19,7 @@ from jointgap.discrepancy.fit import FAILED, Fit, fit
 from jointgap.discrepancy.problem import Explanation, Problem
 from jointgap.discrepancy.protocol import Candidate
 from jointgap.discrepancy.screen import Screen, Screened, signatures
-from jointgap.errors import InputError, SimulationError
+from jointgap.discrepancy.start import fit_screened
 
 COEFFICIENTS = ("c1", "c2")
 """Names of the coefficients in a formula, as many as a law may have terms."""
@@ -29,7 +29,6 @@ _SAME = 0.1  # laws of one effect whose share in the measurements differs by les
 
 _FITTED = 6  # of the sums of one size that would explain most if all were linear, so many are simulated
 _OF_EACH = 3  # single terms of each effect, and pairs that add to the best one: where joints are loose, the linear order misleads
-_FARTHEST = 16.0  # times the linear answer, at which a law is looked for
 
 
 @dataclass(frozen=True)
@@ -144,7 +143,7 @@ def regress(
     sums.sort(key=lambda one: one.bic)
 
     def fitted(chosen: Sequence[Screened]) -> list[Fit]:
-        return [_fitted(problem, one, known.known(one.signatures), differences) for one in chosen]
+        return [fit_screened(problem, one, known.known(one.signatures), differences) for one in chosen]
 
     fits = fitted(_singles(sums))
     alone = min(fits, key=lambda one: one.bic)
@@ -218,23 +217,6 @@ def _pairs(sums: Sequence[Screened], alone: Fit, enough: bool) -> list[Screened]
     adding = [one for one in pairs if {c.label for c in alone.explanation} < {c.label for c in one.explanation}]
     chosen = adding[:_OF_EACH]
     return chosen if enough else chosen + [one for one in pairs[:_FITTED] if one not in chosen]
-
-
-def _fitted(problem: Problem, one: Screened, known: Mapping[str, np.ndarray], differences: Differences) -> Fit:
-    """The fit from the best of 1, 2, 4 ... times the linear answer."""
-    sizes = {f"{candidate.label}.{name}" for candidate in one.explanation for name in candidate.sizes}
-    start, multiple, least = one.start, 1.0, np.inf
-    while multiple <= _FARTHEST:
-        trial = {key: value * multiple if key in sizes else value for key, value in one.start.items()}
-        try:
-            chi2 = float(np.sum(problem.residual(trial, one.explanation) ** 2))
-        except (InputError, SimulationError):
-            break
-        if chi2 >= least:
-            break
-        start, least, multiple = trial, chi2, 2.0 * multiple
-    near = multiple <= 2.0  # derivatives at the base are good enough
-    return fit(problem, one.explanation, start, known if near else None, differences)
 
 
 def _differs(one: Fit, best: Fit, base: Fit) -> bool:
