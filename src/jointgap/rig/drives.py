@@ -162,7 +162,12 @@ def motor_passage(
     if run.start == "at_rest":
         start_speed = _AT_REST
     elif run.start != "dead_centre":
-        slow = _SETTLED * motor.inertia * motor.no_load_speed / motor.stall_torque
+        crank = mechanism.crank
+        moved = (
+            mechanism.slider.mass + mechanism.rod.mass
+        ) * crank.length**2  # more than the mean of what the crank feels
+        inertia = motor.inertia + crank.inertia + crank.mass * crank.mass_centre**2 + moved
+        slow = _SETTLED * inertia * motor.no_load_speed / motor.stall_torque
         back = TURN * min(max(DROPPED, math.ceil(slow * speed / TURN)), _MOST_DROPPED)
     p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
     reach = 1.05 * max(clock.elapsed[-1] * motor.no_load_speed, TURN)

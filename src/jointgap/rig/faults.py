@@ -34,8 +34,10 @@ def sensor_candidates(spreads: Mapping[str, tuple[float, str]], encoder: bool, t
             )
         )
     for channel, (spread, unit) in spreads.items():
-        step = _SHARE * spread if spread > 0 else 1.0
-        found.append(_fault("sensor_bias", channel, size("bias", step, unit)))
+        if spread == 0.0:  # of a steady reading a bias is all that can be told
+            found.append(_fault("sensor_bias", channel, size("bias", _SHARE, unit)))
+            continue
+        found.append(_fault("sensor_bias", channel, size("bias", _SHARE * spread, unit)))
         found.append(_fault("sensor_gain", channel, size("gain_error", _SHARE, "1", -0.9, 9.0)))
         found.append(_fault("sensor_lag", channel, size("lag_s", _SHARE / turning, "s", 0.0, 1.0 / turning)))
     return found

@@ -100,7 +100,11 @@ class RigModel:
         run, plan = next(iter(self.plans.items()))
         turning = float(np.mean([one.clock.speed for one in self.plans.values()]))
         read = channels_read(self.campaign, plan, self.nominal(run))
-        spreads = {name: (float(np.std(read[name])), CHANNELS[name]) for name in read if name != "crank_angle"}
+        spreads = {
+            name: (float(np.ptp(read[name]) and np.std(read[name])), CHANNELS[name])
+            for name in read
+            if name != "crank_angle"
+        }
         scale = Scale.of(self.campaign.mechanism, turning)
         nuisances = {p.name: p for p in self.nuisances if p.run is None}
         constant = self.campaign.drive == "constant_speed"
