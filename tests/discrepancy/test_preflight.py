@@ -73,7 +73,7 @@ def test_a_fault_of_a_channel_that_is_not_measured_cannot_be_detected():
     assert "sensor_gain:acceleration" not in [label for group in found.merged for label in group]
 
 
-@pytest.mark.parametrize("label", ["coulomb", "viscous", "constant_force", "spring", "sensor_lag:torque"])
+@pytest.mark.parametrize("label", ["coulomb", "viscous", "spring", "added_mass", "sensor_lag:torque"])
 def test_a_typical_size_leaves_the_gap_of_one_and_a_half_after_recalibration(label):
     row = preflight(planned()).effects.set_index("label").loc[label]
     model = toy({label: {row["parameter"]: row["typical"]}}, seed=1, **PLAN)

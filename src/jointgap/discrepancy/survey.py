@@ -57,15 +57,15 @@ class Survey:
     def detectable_size(self, label: str) -> float:
         """Size that is found with a probability of 90 %, in the unit of the first size; infinite where none is.
 
-        The median over the shapes to start from. An effect that is a nuisance's own parameter is that much beyond its range.
+        The median over the shapes to start from. Of an effect that is a nuisance's own parameter, it lies beyond its range.
         """
         found = [self._smallest(one, 0, self._chi2, self._noncentrality(one)) for one in self.known.of(label)]
-        return float(np.median(found)) + self._hidden_range(label)
+        return float(np.median(found))
 
     def typical_size(self, label: str) -> float:
         """Size that leaves a gap of `GAP` after recalibration, as `detectable_size`."""
         found = [self._smallest(one, 0, self._gap, GAP**2 - 1.0) for one in self.known.of(label)]
-        return float(np.median(found)) + self._hidden_range(label)
+        return float(np.median(found))
 
     def cosine(self, label: str, other: str) -> float:
         """Largest cosine of anything that the two effects change, beyond what nuisances can."""
@@ -99,13 +99,6 @@ class Survey:
             optimize.brentq(lambda much: stats.ncx2.sf(asked, dimensions, much) - POWER, 1e-6, 20 * asked + 50)
         )
 
-    def _hidden_range(self, label: str) -> float:
-        """How far the nuisance that the effect stands for reaches, in the unit of the first size."""
-        one = self.known.of(label)[0]
-        first = next(iter(one.candidate.replaces), None)
-        own = next((p for p in self.known.parameters if p.name == first and p.unit == one.sizes[0].unit), None)
-        return 0.0 if own is None else own.high - own.nominal
-
     def _kept(self, *signatures: Signature) -> list[int]:
         """Places of the nuisances that no effect replaces."""
         replaced = {name for one in signatures for name in one.candidate.replaces}
@@ -113,16 +106,15 @@ class Survey:
 
     def _room(self, kept: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         low, high = bounds_of([self.known.parameters[i] for i in kept])
-        return low - self.known.values[kept], high - self.known.values[kept]
+        return low - self.known.values[list(kept)], high - self.known.values[list(kept)]
 
     def _left(self, one: Signature, size: int, amount: float, measure) -> float:
         """What recalibration cannot take up of an effect that is there, squared."""
-        kept = self._kept(one)
         jacobian, columns = self._chi2
         effect = -amount * columns[id(one)][:, size]
-        step, _ = bounded_step(jacobian[:, kept], effect, *self._room(kept))
+        step, _ = bounded_step(jacobian, effect, *self._room(range(jacobian.shape[1])))
         jacobian, columns = measure
-        return float(np.sum((jacobian[:, kept] @ step - amount * columns[id(one)][:, size]) ** 2))
+        return float(np.sum((jacobian @ step - amount * columns[id(one)][:, size]) ** 2))
 
     def _smallest(self, one: Signature, size: int, measure, target: float) -> float:
         """Amount of which at least `target` is left; infinite where bounds forbid it."""
@@ -176,7 +168,7 @@ class Survey:
         jacobian, columns = self._chi2
         left = []
         for rival in self.known.of(other):
-            kept = self._kept(one, rival)
+            kept = self._kept(rival)
             low, high = self._room(kept)
             rival_low, rival_high = bounds_of(rival.sizes)
             matrix = np.hstack([jacobian[:, kept], columns[id(rival)]])
