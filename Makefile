@@ -2,16 +2,17 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run smoke study report test test-slow lint bench dashboard clean set-up
+.PHONY: help run smoke study campaign blind report test test-slow lint bench dashboard clean set-up
 
 PROFILE ?= local
+SET ?= development
 CORES ?=
 ARGS ?=
 snakemake_options = --workflow-profile workflow/profiles/$(PROFILE) $(if $(CORES),--cores $(CORES)) $(ARGS)
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:.*## /\t/' | expand -t 12
-	@echo "variables: CORES=2 (default: all), PROFILE=local|slurm|ci, ARGS='more options of the tool'"
+	@echo "variables: CORES=2 (default: all), CAMPAIGN=file, PROFILE=local|slurm|ci, ARGS='more options of the tool'"
 
 set-up: ## packages into .venv, once; the other targets do it by themselves
 	@scripts/set-up
@@ -25,6 +26,14 @@ smoke: set-up ## the whole chain, small: about a minute, then results/smoke-repo
 
 study: set-up ## map clearance x speed x friction of the first scenario, then results/study-report.html
 	@scripts/in-venv scripts/run-workflow results/study-report.html $(snakemake_options) studied
+
+campaign: set-up ## what is missing in the model of CAMPAIGN=config/campaigns/mine.yaml, then results/campaign-report.html
+	@scripts/in-venv scripts/run-workflow results/campaign-report.html $(snakemake_options) \
+		$(if $(CAMPAIGN),--config 'campaigns=["$(CAMPAIGN)"]') -- campaigned
+
+blind: set-up ## campaigns with hidden effects, analysed and scored; SET=development|published|small
+	@scripts/in-venv scripts/run-workflow results/blind-report.html --snakefile workflow/blind/Snakefile \
+		--config set=$(SET) $(snakemake_options)
 
 report: set-up ## write results/report.html anew
 	@rm -f results/report.html

@@ -8,6 +8,21 @@ _MECHANISM = (
     *(f"config/{name}" for name in ("mechanism.py", "applied.py", "contact.py", "joints.py", "effects")),
     "formula.py",
 )
+_CAMPAIGN = (
+    *(
+        "campaign",
+        "discrepancy",
+        "rig",
+        "measure",
+        "dynamics",
+        "mechanism",
+        "surrogate",
+        "optimise",
+        "figures",
+        "formula.py",
+    ),
+    *("paper.py", "results.py", "config", "tables"),
+)
 CODE = {
     "simulate": ("dynamics", *_MECHANISM, "tables/simulate.py"),
     "surrogate": ("surrogate", "paper.py", "dynamics", *_MECHANISM, "tables/simulate.py", "tables/surrogate.py"),
@@ -22,7 +37,15 @@ CODE = {
         *("study", "dynamics", "ensemble", "statistics", "mechanism", *_MECHANISM, "tables/study.py"),
         *("figures", "results.py", "surrogate", "paper.py", "tables/figures.py"),
     ),
-    "track": ("track",),
+    "campaign": _CAMPAIGN,
+    "campaign_figures": (*_CAMPAIGN, "compare"),
+    "track": ("track", "campaign", "discrepancy"),
+    "blind_conceal": (
+        *(f"blind/{name}.py" for name in ("conceal", "draw", "files", "hidden", "motion", "numerics", "peer", "plan")),
+        *("blind/size.py", "blind/statistics.py", "dynamics", *_MECHANISM),
+    ),
+    "blind_analyse": ("blind/analyse.py", "blind/sparse.py", *_CAMPAIGN),
+    "blind_score": ("blind", "figures"),
 }
 
 

@@ -1,6 +1,5 @@
 """One trial: an effect hidden in the data of a rig, and the truth sealed elsewhere."""
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +14,6 @@ from jointgap.blind.plan import Plan
 from jointgap.blind.size import NEAR, Gauge, sized
 from jointgap.blind.statistics import StatisticGauge
 from jointgap.formula import compile_formula
-from jointgap.tables import write_text
 
 _DRAWS = 4
 """Rigs that are drawn for one effect; where none can show it, the last is kept, and the trial counts as undetectable."""
@@ -24,24 +22,23 @@ PIECES = 72
 """Pieces of the crank angle for which the truth tells how far the base is off."""
 
 
-def conceal(plan: Plan, seed: int, campaigns: Path, sealed: Path) -> None:
-    """Write ``campaigns/{id}/`` and ``sealed/{id}.json``, the latter last and whole.
+def conceal(plan: Plan, seed: int, folder: Path) -> dict:
+    """Write a campaign into `folder`, and return the truth that is to be sealed.
 
     Parameters
     ----------
     plan : Plan
     seed : int
         The set's.
-    campaigns, sealed : Path
-        Folders.
+    folder : Path
+        For the campaign.
     """
+    rng = np.random.default_rng([seed, 1, plan.number])
     if plan.kind == "exudyn":
         from jointgap.blind.peer import conceal_in_peer
 
-        truth = conceal_in_peer(plan, seed, campaigns / plan.id)
-    else:
-        truth = _concealed(plan, np.random.default_rng([seed, 1, plan.number]), campaigns / plan.id)
-    write_text(sealed / f"{plan.id}.json", json.dumps({"id": plan.id, **truth}, indent=1, allow_nan=False) + "\n")
+        return {"id": plan.id, **conceal_in_peer(plan, rng, folder)}
+    return {"id": plan.id, **_concealed(plan, rng, folder)}
 
 
 def drawn(plan: Plan, rng: np.random.Generator) -> tuple[Design, object, list[tuple[Hidden, float]], list[float]]:
@@ -56,9 +53,16 @@ def drawn(plan: Plan, rng: np.random.Generator) -> tuple[Design, object, list[tu
         effects = [catalogue[name](rig, rng) for name in plan.effects]
         found = [sized(gauge, one, plan.size) for one in effects]
         gaps = [gap for _, gap in found]
-        if draw == _DRAWS - 1 or all(abs(gap / plan.size - 1) < 2 * NEAR for gap in gaps):
+        if draw == _DRAWS - 1 or all(
+            _fits(plan, one, size, gap) for one, (size, gap) in zip(effects, found, strict=True)
+        ):
             return made, gauge, [(one, size) for one, (size, _) in zip(effects, found, strict=True)], gaps
     raise AssertionError("the last draw returns")
+
+
+def _fits(plan: Plan, one: Hidden, size: float, gap: float) -> bool:
+    """Whether the gap is what was asked for, or more where the effect cannot be smaller."""
+    return abs(gap / plan.size - 1) < 2 * NEAR or (size <= one.least and gap > plan.size)
 
 
 def _concealed(plan: Plan, rng: np.random.Generator, folder: Path) -> dict:

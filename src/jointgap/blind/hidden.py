@@ -122,7 +122,7 @@ def _film(joint: str) -> Callable:
             return None
         length = 2 * rig.mechanism["joints"][joint]["journal_radius"]
         law = lambda size: {"viscosity_Pa_s": size, "length_m": length}  # noqa: E731
-        return Hidden("lubricated_joint", joint, law, 0.02, 1.0, 2e-3)
+        return Hidden("lubricated_joint", joint, law, 0.1, 1.0, 0.03)
 
     return make
 

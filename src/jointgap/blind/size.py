@@ -149,20 +149,20 @@ class Gauge:
 
 
 def sized(gauge, one: Hidden, target: float) -> tuple[float, float]:
-    """Size of an effect at which its gap is about `target`, and the gap; the largest that it can be where it stays below.
+    """Size of an effect at which its gap is about `target`, and the gap; the nearest that can be had where none is.
 
     Secants in the logarithms of size and excess, kept between sizes that are too small and too large. Sizes that cannot be
     simulated are too large.
     """
     goal = target**2 - 1
     low, high, size = None, None, min(one.first, one.most)
-    best = (size, 1.0)
+    best = None
     for _ in range(16):
         try:
             gap = gauge.gap([(one, size)])
         except (InputError, SimulationError):
             gap = math.inf
-        if gap < math.inf and abs(math.log(gap / target)) <= abs(math.log(best[1] / target)):
+        if gap < math.inf and (best is None or abs(math.log(gap / target)) <= abs(math.log(best[1] / target))):
             best = size, gap
         if abs(gap / target - 1) < NEAR:
             break
@@ -184,4 +184,4 @@ def sized(gauge, one: Hidden, target: float) -> tuple[float, float]:
             size = math.exp(0.5 * (low[0] + high[0]))
         if low and high and high[0] - low[0] < 1e-3:
             break
-    return best
+    return best or (size, 1.0)

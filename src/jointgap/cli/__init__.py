@@ -5,10 +5,10 @@ import sys
 
 import click
 
-from jointgap.cli import effects, ensemble, stages, study, tools
+from jointgap.cli import blind, campaign, effects, ensemble, stages, study, tools
 from jointgap.cli.group import cli
 
-__all__ = ["cli", "effects", "ensemble", "main", "stages", "study", "tools"]
+__all__ = ["blind", "campaign", "cli", "effects", "ensemble", "main", "stages", "study", "tools"]
 
 
 def main() -> None:

@@ -1,0 +1,158 @@
+"""What a set of blind trials comes to: rates with their intervals, confusion, and how the baselines do."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+from scipy.stats import beta
+
+LEVEL = 0.95
+
+
+def interval(hits: int, count: int) -> tuple[float, float]:
+    """Clopper and Pearson's interval of a share, at `LEVEL`.
+
+    C. J. Clopper and E. S. Pearson, Biometrika 26 (1934) 404-413.
+    """
+    tail = (1 - LEVEL) / 2
+    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits else 0.0
+    high = float(beta.ppf(1 - tail, hits + 1, count - hits)) if hits < count else 1.0
+    return low, high
+
+
+def rates(trials: pd.DataFrame) -> pd.DataFrame:
+    """The figures of a set, one a row: what, group, hits, count, value, low, high.
+
+    Shares have Clopper and Pearson's interval; medians have the one that order statistics give.
+    """
+    single = trials[trials["kind"].isin(["single", "exudyn"]) & trials["detectable"]]
+    nothing, pairs = trials[trials["kind"] == "nothing"], trials[trials["kind"] == "pair"]
+    seen_pairs, off = pairs[pairs["detectable"]], trials[trials["kind"] == "off_list"]
+    hidden = trials[trials["kind"].isin(["single", "exudyn", "pair"])]
+    rows = [
+        *_grouped("right name", single, lambda one: one["outcome"] == "right"),
+        *_grouped("wrong name", single, lambda one: one["outcome"] == "wrong"),
+        *_grouped("ambiguous", single, lambda one: one["outcome"] == "ambiguous"),
+        *_grouped("unexplained", single, lambda one: one["outcome"] == "unexplained"),
+        *_grouped("missed", single, lambda one: one["outcome"] == "missed"),
+        _share("wrong name, effect off the list", off, off["outcome"] == "wrong"),
+        _share(
+            "unexplained or the force found, effect off the list", off, off["outcome"].isin(["unexplained", "right"])
+        ),
+        *_grouped("nothing found, nothing hidden", nothing, lambda one: one["outcome"] == "right"),
+        _share("both named and no third", seen_pairs, seen_pairs["outcome"] == "right"),
+        _share("undetectable", hidden, ~hidden["detectable"].astype(bool)),
+        _median("error of the size", single["error"]),
+        _of_values("size within the 90 % interval", single["covered"]),
+        _median("share of the excess closed", single["closed"]),
+        _median("gap after", single.loc[single["outcome"] == "right", "gap_after"]),
+        _of_sums("false windows", trials["false_windows"], trials["windows"]),
+        _of_sums("bins missed", trials["missed_bins"], trials["bins_off"]),
+        _median("seconds", trials["seconds"]),
+    ]
+    for baseline in ("greedy", "sparse"):
+        words = {"greedy": "greedy BIC", "sparse": "sparse regression"}[baseline]
+        asked = trials[trials[baseline] != "not asked"]
+        for what, group in (("right name", single), ("wrong name", single), ("false alarm", nothing)):
+            chosen = group.loc[group.index.intersection(asked.index)]
+            hit = {"right name": ("right",), "wrong name": ("wrong",), "false alarm": ("wrong",)}[what]
+            rows.append(_share(f"{words}: {what}", chosen, chosen[baseline].isin(hit)))
+        chosen = off.loc[off.index.intersection(asked.index)]
+        rows.append(_share(f"{words}: wrong name, effect off the list", chosen, chosen[baseline] == "wrong"))
+    return pd.DataFrame([row for row in rows if row["count"]])
+
+
+def confusion(trials: pd.DataFrame) -> pd.DataFrame:
+    """How often what was named, by what was hidden; sites left out, one row a true effect."""
+    kinds = trials[trials["kind"].isin(["single", "exudyn", "nothing", "off_list"])]
+    bare = {column: kinds[column].map(_without_sites) for column in ("hidden", "named")}
+    return pd.crosstab(bare["hidden"], bare["named"])
+
+
+def markdown(name: str, trials: pd.DataFrame) -> str:
+    """The summary as a page."""
+    found = rates(trials)
+    lines = [
+        f"# Blind trials: {name}",
+        "",
+        f"{len(trials)} campaigns. Shares with 95 % intervals of Clopper and Pearson, medians with those of order statistics.",
+        "",
+        "| what | group | of | value | 95 % |",
+        "| --- | --- | ---: | ---: | --- |",
+    ]
+    for row in found.itertuples():
+        lines.append(
+            f"| {row.what} | {row.group} | {row.count} | {_text(row.value)} | {_text(row.low)} - {_text(row.high)} |"
+        )
+    for base in ("ideal", "loose", "chaotic"):
+        part = trials[trials["base"] == base]
+        if len(part):
+            lines += ["", f"## What was named: base {base}", "", *_table(confusion(part))]
+    wrong = trials[trials["outcome"].isin(["wrong", "failed"])]
+    if len(wrong):
+        shown = ["id", "kind", "base", "size", "hidden", "verdict", "named", "reason"]
+        lines += ["", "## Wrong or failed", "", *_table(wrong[shown].set_index("id"))]
+    return "\n".join(lines) + "\n"
+
+
+def metrics(trials: pd.DataFrame) -> dict[str, float]:
+    """The figures by name, for a dashboard."""
+    return {f"{row.what}, {row.group}": float(row.value) for row in rates(trials).itertuples()}
+
+
+def _without_sites(names: str) -> str:
+    return " + ".join(sorted(name.partition(":")[0] for name in names.split(" + ")))
+
+
+def _grouped(what: str, trials: pd.DataFrame, hit: Callable[[pd.DataFrame], pd.Series]) -> list[dict]:
+    groups = {"all": trials}
+    groups |= {f"base {base}": trials[trials["base"] == base] for base in ("ideal", "loose", "chaotic")}
+    groups |= {f"gap {size:g}": trials[trials["size"] == size] for size in sorted(set(trials["size"])) if size}
+    groups |= {"from Exudyn": trials[trials["kind"] == "exudyn"]}
+    return [_share(what, group, hit(group), name) for name, group in groups.items()]
+
+
+def _share(what: str, trials: pd.DataFrame, hit: pd.Series, group: str = "all") -> dict:
+    return _of_counts(what, group, int(np.count_nonzero(hit)), len(trials))
+
+
+def _of_counts(what: str, group: str, hits: int, count: int) -> dict:
+    low, high = interval(hits, count) if count else (math.nan, math.nan)
+    value = hits / count if count else math.nan
+    return {"what": what, "group": group, "count": count, "value": value, "low": low, "high": high}
+
+
+def _of_values(what: str, values: pd.Series) -> dict:
+    """A share of values between 0 and 1, of which a trial may have a half."""
+    known = values.dropna()
+    return _of_counts(what, "all", round(known.sum()), len(known))
+
+
+def _of_sums(what: str, part: pd.Series, whole: pd.Series) -> dict:
+    return _of_counts(what, "all", int(part.sum()), int(whole.sum()))
+
+
+def _median(what: str, values: pd.Series) -> dict:
+    """Median with the interval between two of the sorted values, by the binomial distribution of how many lie below."""
+    known = np.sort(values.dropna().to_numpy(float))
+    count = known.size
+    found = {"what": f"{what}, median", "group": "all", "count": count}
+    if not count:
+        return found | dict.fromkeys(("value", "low", "high"), math.nan)
+    away = 0.5 * 1.96 * math.sqrt(count)
+    low, high = (min(max(round(0.5 * count + sign * away), 0), count - 1) for sign in (-1, 1))
+    return found | {"value": float(np.median(known)), "low": float(known[low]), "high": float(known[high])}
+
+
+def _text(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.3g}"
+
+
+def _table(frame: pd.DataFrame) -> list[str]:
+    lines = [f"| {frame.index.name} | {' | '.join(map(str, frame.columns))} |", "| --- " * (frame.shape[1] + 1) + "|"]
+    for name, row in frame.iterrows():
+        lines.append(
+            f"| {name} | {' | '.join(str(value) if value or isinstance(value, str) else '' for value in row)} |"
+        )
+    return lines
