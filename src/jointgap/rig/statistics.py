@@ -16,8 +16,9 @@ import numpy as np
 BINS = 24
 KINDS = ("mean", "spread")
 _FINE = 72  # angles of the usual course
-_BENT = 3.0  # robust standard deviations
+_BENT = 3.0  # mean sizes of a deviation
 _BEFORE = 2  # bins that a prediction looks back
+_EDGE = 1e-6  # of a bin, within which a sample lies on its edge and counts for the bin that begins
 _TURN = 2.0 * np.pi
 
 
@@ -63,12 +64,7 @@ class CycleStatistics:
         )
         found = cls(tuple(channels), course, np.ones(len(channels)), [])
         away = [np.abs(value - one) for value, one in zip(values, found._usual(angle), strict=True)]
-        bend = np.array(
-            [
-                max(_BENT * 1.4826 * float(np.median(one)), 1e-12 + 0.05 * float(np.std(value)))
-                for one, value in zip(away, values, strict=True)
-            ]
-        )
+        bend = np.array([max(_BENT * float(np.mean(one)), 1e-300) for one in away])
         found = cls(tuple(channels), course, bend, [])
         return cls(tuple(channels), course, bend, _predictions(found.cycles(angle, values), len(channels)))
 
@@ -80,7 +76,7 @@ class CycleStatistics:
     def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
         """Statistics of every cycle, shape (cycles, channels * 2 * BINS); NaN where a bin has no sample."""
         first = np.floor(np.min(angle) / _TURN)
-        place = np.floor((angle / _TURN - first) * BINS).astype(int)
+        place = np.floor((angle / _TURN - first) * BINS + _EDGE).astype(int)
         count = int(place.max()) // BINS + 1
         rows = np.full((count, len(self.channels), 2, BINS), np.nan)
         for i, (value, usual) in enumerate(zip(values, self._usual(angle), strict=True)):
