@@ -177,7 +177,11 @@ def changed(column, row, value):
             ["60 samples over 8.85 s", "30 revolutions", "4 samples in each", "check channels.time.unit"],
         ),
         (table(SLOW).drop(columns="M"), {}, ["no column 'M'", "known here: t, theta, x"]),
-        (table(SLOW), {"channels": {"time": {"unit": "ms"}}}, ["mean speed of 2e+05 rpm", "did you mean 's'?"]),
+        (
+            table(SLOW),
+            {"channels": {"time": {"unit": "ms"}}},
+            ["0.003 revolutions at the nominal 200 rpm", "did you mean 's'?"],
+        ),
         (table(SLOW), {"channels": {"time": {"unit": "min"}}}, ["240 samples over 53.77 s", "did you mean 's'?"]),
         (table(SLOW), {"channels": {"crank_angle": {"unit": "rad"}}}, ["column theta", "did you mean 'deg'?"]),
         (table(SLOW).assign(theta=lambda t: np.radians(t.theta)), {}, ["column theta", "did you mean 'rad'?"]),

@@ -57,7 +57,8 @@ def checked_rotation(
         angle = -angle
     if "time" in values:
         _check_rising(path, campaign.channels["time"].column, time, rows)
-        _check_time_alone(path, campaign, run, time, LEAST_TURNS if "crank_angle" not in values else 0.0)
+        most = SPEED_RATIOS[campaign.drive][1] if "crank_angle" in values else 1.0  # the angle says more, below
+        _check_time_alone(path, campaign, run, time, LEAST_TURNS / most)
     if "crank_angle" not in values:
         return time, absent, run.speed * (time - time[0])
     if np.count_nonzero(np.isfinite(angle)) < 2:
@@ -138,20 +139,14 @@ def _check_speed(
     where = f"{path}, column {campaign.channels['crank_angle'].column}"
     if -high * run.speed <= speed <= -low * run.speed:
         raise _falls(where, running_on(time, angle, run.speed))
-    for name in UNITS:
-        other = []
-        for unit in UNITS[name]:
-            factor = channel_factor(name, unit) / campaign.factor(name)
-            times, angles = (factor * time, angle) if name == "time" else (time, factor * angle)
-            ratio = _mean_speed(times, running_on(times, angles, run.speed)) / run.speed
-            per_turn = TURN / (run.speed * float(np.median(np.diff(times))))
-            if abs(ratio - 1.0) < NEAR and per_turn >= LEAST_PER_TURN:
-                other.append(unit)
-        if other:
-            break
+    others = []
+    for unit in UNITS["crank_angle"]:
+        angles = channel_factor("crank_angle", unit) / campaign.factor("crank_angle") * angle
+        if abs(_mean_speed(time, running_on(time, angles, run.speed)) / run.speed - 1.0) < NEAR:
+            others.append(unit)
     raise InputError(
         f"{where}: with the column {campaign.channels['time'].column} it makes a mean speed of {_rpm(speed)}, but the run's is "
-        f"{_rpm(run.speed)}; {_proposal(name, campaign.channels[name].unit, other)}"
+        f"{_rpm(run.speed)}; {_proposal('crank_angle', campaign.channels['crank_angle'].unit, others)}"
     )
 
 

@@ -55,8 +55,9 @@ def read_columns(path: Path, wanted: Sequence[str], form: Csv) -> Columns:
     """
     try:
         content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check 'file' of the run") from error
+    except (OSError, ValueError) as error:  # a zero byte in the name is a ValueError
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({why}); check 'file' of the run") from error
     for start, kind in _ARCHIVES.items():
         if content.startswith(start):
             raise InputError(f"{path}: is {kind}; save the samples as CSV or Parquet")
