@@ -1,6 +1,7 @@
 """Reading configurations: files, overrides and errors that name the key, the value and the mend."""
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,7 @@ def load_mechanism(path: Path | str) -> Mechanism:
 def _found(path: str, folders: tuple[Path, ...], key: str) -> Path:
     """The file at `path`, looked for in `folders`."""
     for folder in folders:
-        if (folder / path).is_file():
+        if os.path.isfile(folder / path):  # a Path's own is_file fails on a name that is too long
             return folder / path
     looked = ", ".join(str(folder) for folder in folders)
     raise InputError(f"{key}: no file '{path}' (looked in {looked}); give a path relative to one of these")
