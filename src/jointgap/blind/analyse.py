@@ -3,6 +3,7 @@
 import shutil
 import tempfile
 import time
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.blind.sparse import sparse
-from jointgap.errors import InputError, SimulationError
+from jointgap.campaign.verdict import read
 
 
 def analysed(campaign: Path, results: Path) -> dict[str, Any]:
@@ -36,9 +37,11 @@ def analysed(campaign: Path, results: Path) -> dict[str, Any]:
         place = Path(alone) / "campaign"
         shutil.copytree(campaign, place)
         try:
-            found["verdict"] = analyse(place / "campaign.yaml", Path(alone) / "results")
-        except (InputError, SimulationError) as error:
-            found["error"] = str(error)
+            analyse(place / "campaign.yaml", Path(alone) / "results")
+            found["verdict"] = read(Path(alone) / "results" / "verdict.json")
+        except Exception as error:  # whatever stops one trial counts against the naming, and the others go on
+            found["error"] = f"{type(error).__name__}: {error}"
+            found["traceback"] = traceback.format_exc()
         found["seconds"] = round(time.monotonic() - begin, 3)
         made = Path(alone) / "results"
         if "verdict" in found:

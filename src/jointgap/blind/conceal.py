@@ -70,14 +70,14 @@ def _concealed(plan: Plan, rng: np.random.Generator, folder: Path) -> dict:
     clean = {run: read(made.true, turn, made.numerics, tuple(made.sensors), hidden) for run, turn in made.runs.items()}
     written(rng, made, noisy(rng, made, clean), folder, plan.id)
     return {
-        **told(plan, made, hidden, gaps),
+        **told(plan, made, gaps),
         "numerics": vars(made.numerics),
         "difference": difference(made, gauge, hidden) if isinstance(gauge, Gauge) else None,
         "effects": [_effect(made, one, size) for one, size in hidden],
     }
 
 
-def told(plan: Plan, made: Design, hidden: Sequence, gaps: Sequence[float]) -> dict:
+def told(plan: Plan, made: Design, gaps: Sequence[float]) -> dict:
     """What the sealed truth of every trial holds."""
     return {
         "kind": plan.kind,
