@@ -23,6 +23,7 @@ rule all:
         animation=expand("results/{scenario}/figures/animation.gif", scenario=SCENARIOS),
         overview=["results/overview.md"] if len(LOOSE) > 1 else [],
         published=expand("results/{scenario}/track/published.json", scenario=LOOSE),
+        campaigns=expand("results/campaigns/{campaign}/track/published.json", campaign=CAMPAIGNS),
     message:
         "every scenario is complete"
 
@@ -35,3 +36,5 @@ include: "workflow/rules/figures.smk"
 include: "workflow/rules/compare.smk"
 include: "workflow/rules/study.smk"
 include: "workflow/rules/track.smk"
+include: "workflow/rules/campaign.smk"
+include: "workflow/rules/campaign_verdict.smk"

@@ -1,9 +1,10 @@
-# What the rules share: the scenarios of the configuration, typed and checked, and what each stage reads of them.
+# What the rules share: the scenarios and campaigns of the configuration, typed and checked, and what each stage reads of them.
 
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
+from jointgap.campaign.files import campaigns
 from jointgap.compare.family import family
 from jointgap.config import options_for, resolve
 from jointgap.errors import InputError
@@ -13,8 +14,10 @@ from jointgap.results import PLACES, parts, tables_of
 from jointgap.study import FIGURES as STUDY_FIGURES
 from jointgap.tables import JOINT_NUMBERS, outputs
 
+FOLDERS = (Path(), Path(workflow.current_basedir).parent.parent)
 try:
-    SCENARIOS = resolve(config, (Path(), Path(workflow.current_basedir).parent.parent))
+    SCENARIOS = resolve(config, FOLDERS)
+    CAMPAIGNS = campaigns(config.get("campaigns", []), FOLDERS)
 except InputError as error:
     raise WorkflowError(str(error)) from None
 
@@ -25,6 +28,7 @@ LOOSE = [name for name, scenario in SCENARIOS.items() if scenario.mechanism.appl
 wildcard_constraints:
     scenario="|".join(SCENARIOS),
     output="|".join(outputs(JOINT_NUMBERS)),
+    campaign="|".join(CAMPAIGNS) or "-",
 
 
 def options(stage):

@@ -52,7 +52,22 @@ OF_NOISE = ("noise", "noise_memory")
 OF_OUTCOME = (*OF_FITS, "ranking", "decision", "fit_parameters")
 """Tables of a verdict as far as the fits carry it."""
 
+_FURTHER = {
+    "noise": ((OF_NOISE, "noise"),),
+    "recalibrate": ((OF_NOISE, "recalibrate"), (OF_FITS, "recalibrate/nominal"), (OF_FITS, "recalibrate/base")),
+    "decide": ((OF_OUTCOME, "decide"),),
+    "regress": ((OF_OUTCOME, "regress"),),
+}
+"""Tables of a stage among those that several stages write, and under which name."""
+
 _TABLES = {table.name: table for table in vars(tables).values() if isinstance(table, Table)}
+
+
+def tables_of(stage: str) -> list[str]:
+    """Paths within the campaign's folder of the tables that `stage` writes; ``fit/0`` for the first part of the fits."""
+    own = [place for place in PLACES.values() if place.startswith(f"{stage}/")]
+    further = ((OF_FITS, stage),) if stage.startswith("fit/") else _FURTHER.get(stage, ())
+    return own + [PLACES[name].format(stage=under) for names, under in further for name in names]
 
 
 class Folder:

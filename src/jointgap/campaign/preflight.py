@@ -14,6 +14,7 @@ _FASTER, _SLOWER = 1.5, 0.5
 """Further speeds that are tried, as shares of the fastest and of the slowest."""
 
 _SEPARATOR = " | "
+_MOST_ADVICE = 3
 
 
 def preflight(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
@@ -41,7 +42,9 @@ def preflight(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
 def advised(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
     """As `preflight`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most."""
     plan = rig_model(campaign, None)
-    found, advice = advise(rig_model(extended(campaign), None), [series.key for series in plan.series], None, rate)
+    wider = rig_model(extended(campaign), None)
+    wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for
+    found, advice = advise(wider, [series.key for series in plan.series], None, rate)
     told = {name: advice[name].map(", ".join) for name in ("newly_detectable", "separated")}
     return _frames(found) | {"advice": advice.assign(**told)}
 
@@ -121,3 +124,20 @@ def separated_by(advice: pd.DataFrame, explanations: list[set[str]]) -> str:
         if sought & told:
             return f"A further {row.change} would separate them."
     return "No single further speed or channel that was tried would separate them: vary a mass or a load between runs."
+
+
+def in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame) -> str:
+    """What a preflight found, as lines of text; arguments are its tables."""
+    lines = ["Effects that these runs and channels show, from which size on:"]
+    for row in detectable[detectable["detectable"]].itertuples():
+        lines.append(f"  {row.label}: {row.parameter} {row.smallest_detectable:.3g} {row.unit}".removesuffix(" 1"))
+    if absent := undetectable(detectable):
+        lines.append(f"Not detectable at any size within bounds: {', '.join(absent)}")
+    for group in groups(confusability):
+        lines.append(f"Cannot be told apart: {', '.join(group)}")
+    for row in advice.head(_MOST_ADVICE).itertuples():
+        gains = [f"shows {row.newly_detectable}"] if row.newly_detectable else []
+        gains += [f"tells apart {row.separated}"] if row.separated else []
+        if gains:
+            lines.append(f"A further {row.change} {' and '.join(gains)}")
+    return "\n".join(lines)

@@ -11,6 +11,7 @@ from jointgap.campaign import preflight as planning
 from jointgap.campaign import regress as regressing
 from jointgap.campaign import screen as screening
 from jointgap.campaign.augment import augment as augmented
+from jointgap.campaign.augment import mechanisms
 from jointgap.campaign.case import Case
 from jointgap.campaign.decide import Outcome
 from jointgap.campaign.folder import MECHANISM
@@ -26,12 +27,20 @@ FALSE_ALARM_RATE = 0.01
 SEED = 0
 
 
-def measure(case: Case) -> None:
-    """Read what was measured, and look at it."""
+def measure(case: Case, pictures: bool = True) -> None:
+    """Read what was measured and, with `pictures`, look at it."""
     case.measurements = read_measurements(case.campaign)
     remarks = pd.DataFrame({"remark": pd.Series(case.measurements.remarks, dtype=object)})
     case.folder.write("remarks", remarks)
     case.folder.write("measured", to_frame(case.measurements))
+    if pictures:
+        from jointgap.figures import style
+        from jointgap.measure.look import look
+
+        numbers, drawings = look(case.campaign, case.measurements)
+        case.folder.write("look", numbers)
+        for run, drawing in drawings.items():
+            style.save(drawing, case.folder.path / "measure" / run)
 
 
 def preflight(case: Case, advice: bool = True) -> None:
@@ -126,3 +135,26 @@ def augment(case: Case) -> None:
     text, force = augmented(case.campaign, case.recalibrated.base, case.outcome("regress"))
     write_text(case.folder.path / MECHANISM, text)
     case.folder.write("missing_force", force)
+
+
+def rechain(case: Case) -> None:
+    """Optimise the link lengths again, before and after, at the speed of the fastest run for fitting."""
+    from jointgap.campaign.rechain import rechain as chained  # brings PyTorch along
+
+    models = dict(
+        zip(
+            ("base", "augmented"),
+            mechanisms(case.campaign, case.recalibrated.base, case.outcome("regress")),
+            strict=True,
+        )
+    )
+    speed = max(run.speed for run in case.campaign.runs if run.role != "confirm")
+    case.folder.write("campaign_optimum", chained(models, speed))
+
+
+def conclude(case: Case) -> None:
+    """Write the verdict, the summary and the figures."""
+    from jointgap.campaign import conclude as concluding
+
+    concluding.conclude(case)
+    concluding.show(case)

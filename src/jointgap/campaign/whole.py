@@ -26,7 +26,8 @@ ORDER = (
 """The stages, as they follow each other."""
 
 
-_OPTIONS = {"preflight": {"advice": False}}  # advice is sought where the verdict needs it
+_OPTIONS = {"measure": {"pictures": False}, "preflight": {"advice": False}}
+"""Advice is sought where the verdict needs it, and who wants pictures asks for them."""
 
 
 def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:

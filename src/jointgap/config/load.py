@@ -108,7 +108,7 @@ def resolve(
     Parameters
     ----------
     config : mapping
-        Base sections, ``scenarios`` (overrides by name) and ``run`` (names to run; all when absent).
+        Base sections, ``scenarios`` (overrides by name) and ``run`` (names to run; all when absent); ``campaigns`` is passed over.
     folders : tuple of Path
         Where mechanism files are looked for, first found wins.
     source : str
@@ -124,7 +124,7 @@ def resolve(
     InputError
         Unknown scenario or key, wrong type, impossible value.
     """
-    known = {"run", "scenarios", *Scenario.model_fields}
+    known = {"run", "scenarios", "campaigns", *Scenario.model_fields}
     for key in config:
         if key not in known:
             raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(str(key), known)}")
@@ -136,7 +136,7 @@ def resolve(
     names = config.get("run", list(scenarios))
     if not isinstance(names, list | tuple) or not names:
         raise InputError(f"{source}: run = {names!r} must be a list of scenario names")
-    base = {key: value for key, value in config.items() if key not in ("run", "scenarios")}
+    base = {key: value for key, value in config.items() if key not in ("run", "scenarios", "campaigns")}
     resolved = {}
     for name in names:
         if not isinstance(name, str | int) or name not in scenarios:
@@ -196,6 +196,11 @@ def json_schema() -> dict[str, Any]:
     boxes = schema["$defs"]["Optimise"]["properties"]["boxes"]
     boxes["additionalProperties"] = {"anyOf": [boxes["additionalProperties"], {"type": "null"}]}
     names = {"type": "array", "items": {"type": "string"}, "description": "scenarios to run; all when absent"}
+    campaigns = {
+        "type": "array",
+        "items": {"type": "string"},
+        "description": "paths of the campaign files to analyse; none when absent",
+    }
     overrides = {
         "type": "object",
         "minProperties": 1,
@@ -208,6 +213,6 @@ def json_schema() -> dict[str, Any]:
         "type": "object",
         "additionalProperties": False,
         "required": ["scenarios"],
-        "properties": {"run": names, "scenarios": overrides, **sections},
+        "properties": {"run": names, "scenarios": overrides, "campaigns": campaigns, **sections},
         "$defs": schema["$defs"],
     }

@@ -22,6 +22,29 @@ MEASURED = Table(
     ),
 )
 
+LOOK = Table(
+    "look",
+    "What measured data are like, by run and channel",
+    (
+        _RUN,
+        Column("channel", "", "channel", "text"),
+        Column("unit", "", "SI unit", "text"),
+        Column("role", "", "identify, confirm or split", "text"),
+        Column("samples", "1", "samples", "int"),
+        Column("gaps", "1", "samples without a value", "int"),
+        Column("cycles", "1", "whole revolutions", "int"),
+        Column("samples_per_revolution", "1", "samples per revolution"),
+        Column(
+            "mean_speed", "rad/s", "mean speed of the crank; null unless time and angle were measured", nullable=True
+        ),
+        Column("speed_spread", "rad/s", "standard deviation of the cycles' speeds", nullable=True),
+        Column("low", "SI", "smallest value"),
+        Column("high", "SI", "largest value"),
+        Column("scatter", "SI", "standard deviation of what does not repeat from cycle to cycle", nullable=True),
+        Column("stated_noise", "SI", "standard deviation of the noise as stated", nullable=True),
+    ),
+)
+
 REMARKS = Table(
     "remarks",
     "What a reader of the results should know of the data",

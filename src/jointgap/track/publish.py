@@ -13,6 +13,7 @@ from jointgap import __version__
 from jointgap.config import Scenario
 from jointgap.track.commit import commit
 from jointgap.track.content import records
+from jointgap.track.content.campaign import records as campaign_records
 from jointgap.track.record import Record
 from jointgap.track.store import Store, StoredRun, address_for, locked
 
@@ -70,7 +71,45 @@ def publish(
         A table cannot be read, or the store cannot be reached.
     """
     content = records(options, tables, figures, benchmarks)
-    shared = _Scenario(scenario_name, options.description, commit(), _user())
+    return _publish(scenario_name, options.description, content, tracking_uri, results_folder)
+
+
+def publish_campaign(name: str, folder: Path, tracking_uri: str | None, results_folder: Path) -> dict:
+    """Publish what was found in a campaign: a run for it, and under that one for each explanation that was fitted.
+
+    Parameters
+    ----------
+    name : str
+        Name of the campaign.
+    folder : Path
+        Its folder of results.
+    tracking_uri, results_folder
+        As in `publish`, as are what is given back and the errors.
+    """
+    content = campaign_records(folder)
+    return _publish(name, "What is missing in the model of a rig", content, tracking_uri, results_folder)
+
+
+def publish_scores(name: str, scores: Mapping[str, float], tracking_uri: str | None, results_folder: Path) -> dict:
+    """Publish the scores of one set of blind trials, so that sets can be compared.
+
+    Parameters
+    ----------
+    name : str
+        Name of the set.
+    scores : mapping of str to float
+        By name.
+    tracking_uri, results_folder
+        As in `publish`, as are what is given back and the errors.
+    """
+    content = [Record("blind", metrics=dict(scores))]
+    return _publish(name, "Blind trials: naming effects that were hidden", content, tracking_uri, results_folder)
+
+
+def _publish(
+    name: str, description: str, content: list[Record], tracking_uri: str | None, results_folder: Path
+) -> dict:
+    shared = _Scenario(name, description, commit(), _user())
     address = address_for(results_folder, tracking_uri)
     runs, deleted = {}, 0
     with locked(results_folder):
@@ -80,7 +119,7 @@ def publish(
             done, gone = _publish_stage(store, shared, stage, mine)
             runs |= done
             deleted += gone
-    return {"store": address, "scenario": scenario_name, "runs": runs, "deleted": deleted}
+    return {"store": address, "scenario": name, "runs": runs, "deleted": deleted}
 
 
 def _publish_stage(store: Store, shared: _Scenario, stage: str, content: list[Record]) -> tuple[dict, int]:

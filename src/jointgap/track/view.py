@@ -23,6 +23,12 @@ def addresses(store_address: str, base: str) -> dict[str, str]:
         experiment, runs = optima
         query = {"runs": [run.run_id for run in runs], "experiments": [experiment]}
         found["optima of all scenarios"] = f"{base}/#/compare-runs?{_query(query)}"
+    for stage, words in (("campaign", "verdicts of all campaigns"), ("blind", "scores of all blind trials")):
+        published = _published(store, stage)
+        if published:
+            experiment, runs = published
+            query = {"runs": [run.run_id for run in runs], "experiments": [experiment]}
+            found[words] = f"{base}/#/compare-runs?{_query(query)}"
     networks = _published(store, "surrogate")
     if networks:
         experiment, _ = networks

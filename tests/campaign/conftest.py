@@ -1,0 +1,43 @@
+"""The stages from noise to decision on a mechanism in closed form, made once."""
+
+from dataclasses import dataclass
+
+import pytest
+
+from jointgap.campaign import decide, fit, noise, screen
+from jointgap.campaign.decide import Outcome
+from jointgap.discrepancy.fit import Fit
+from jointgap.discrepancy.noise import FoundNoise, numerics_noise
+from jointgap.discrepancy.protocol import Model
+from jointgap.discrepancy.recalibrate import Recalibrated, recalibrate
+from tests.discrepancy.toy import toy
+
+TRUTH = 3.0  # N
+
+
+@dataclass(frozen=True)
+class Chain:
+    """What the stages found."""
+
+    model: Model
+    noise: dict[tuple[str, str], FoundNoise]
+    recalibrated: Recalibrated
+    screening: screen.Screening
+    fits: list[Fit]
+    outcome: Outcome
+
+
+@pytest.fixture(scope="session")
+def chain() -> Chain:
+    """Coulomb friction is hidden; the speeds are stated a little wrong."""
+    model = toy({"coulomb": {"force_N": TRUTH}}, {"slider_mass": 0.51}, noise=0.03, seed=3)
+    found = noise.noise(model)
+    base = recalibrate(model, found)
+    whole = numerics_noise(model, base.base.mapping, found)
+    whole |= {part.series.key: part.noise for part in base.problem.parts}
+    screening = screen.screen(base, 0.01, noise.degrees_of_freedom(found))
+    chosen = (*screening.chosen.singles, *screening.chosen.pairs)
+    fits, seconds = fit.fits(base, screening.known, chosen)
+    times = {one.label: each for one, each in zip(fits, seconds, strict=True)}
+    outcome = decide.decide(base, screening.known, fits, times, screening.limits)
+    return Chain(model, whole, base, screening, fits, outcome)

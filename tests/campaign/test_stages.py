@@ -1,0 +1,191 @@
+"""Stages of a campaign on a model in closed form: what they find, and that files hand it on unchanged."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from jsonschema import validate
+
+from benchmarks.project import ROOT
+from jointgap import tables
+from jointgap.campaign import confirm, fit, fits, noise, preflight, screen, verdict
+from jointgap.campaign.folder import OF_FITS, Folder, tables_of
+from jointgap.discrepancy.fit import FAILED
+from jointgap.discrepancy.problem import Problem
+from jointgap.errors import InputError, SimulationError
+from tests.campaign.conftest import TRUTH
+
+
+def test_the_hidden_effect_is_named_with_its_size_within_its_interval(chain):
+    assert chain.outcome.verdict == "named"
+    assert chain.outcome.chosen.label == "coulomb"
+    shown = fits.parameter_frame([chain.outcome.chosen]).set_index("key").loc["coulomb.force_N"]
+    assert shown["value"] == pytest.approx(TRUTH, abs=4 * shown["sd"])
+    assert shown["low_90"] < shown["value"] < shown["high_90"]
+
+
+def test_the_gap_on_held_out_runs_falls_to_that_of_noise(chain):
+    found = confirm.confirm(chain.model, chain.noise, chain.recalibrated.base, chain.outcome.chosen)
+    gap = confirm.gap_of(found.gaps, "confirm")
+    assert gap["before"] > 2.0
+    assert gap["after"] == pytest.approx(1.0, abs=0.1)
+    whole = found.gaps[found.gaps["role"] == "confirm"].query("run == 'all'").iloc[0]
+    assert whole["after_low"] < whole["after"] < whole["after_high"]
+    assert whole["closed"] == pytest.approx(1.0, abs=0.05)
+
+
+def test_gaps_are_those_of_the_residuals_that_are_handed_on(chain):
+    found = confirm.confirm(chain.model, chain.noise, chain.recalibrated.base, chain.outcome.chosen)
+    squares = found.residuals.assign(square=found.residuals["whitened_augmented"] ** 2)
+    held_out = squares[squares["held_out"]].groupby(["run", "channel"])["square"].mean()
+    assert confirm.gap_of(found.gaps, "confirm")["after"] == pytest.approx(np.sqrt(held_out.mean()))
+    assert confirm.gap_of(found.gaps, "identify")["before"] == pytest.approx(
+        chain.recalibrated.problem.gap(chain.recalibrated.base.residual)
+    )
+
+
+def test_without_an_effect_the_gap_after_is_the_gap_before(chain):
+    found = confirm.confirm(chain.model, chain.noise, chain.recalibrated.base)
+    gap = confirm.gap_of(found.gaps, "confirm")
+    assert gap["before"] == gap["after"]
+
+
+def test_what_a_held_out_run_has_for_itself_is_fitted_to_it_and_nothing_else(chain):
+    base = chain.recalibrated.base
+    held_out = Problem(chain.model, chain.noise, held_out=True)
+    values = confirm.own_fitted(held_out, base)
+    assert {key for key, value in values.items() if value != base.mapping.get(key)} == {"speed@fast"}
+
+
+def test_fits_come_back_from_files_with_the_same_intervals(chain, tmp_path):
+    folder = Folder(tmp_path)
+    folder.write_all(fits.to_frames(chain.fits, range(len(chain.fits))), "fit/0")
+    again = fits.from_frames(folder.read_all(OF_FITS, "fit/0"), chain.recalibrated.problem)
+    assert [one.label for one in again] == [one.label for one in chain.fits]
+    for one, other in zip(again, chain.fits, strict=True):
+        assert one.mapping == other.mapping
+        assert one.chi2 == other.chi2
+    named = next(one for one in again if one.label == chain.outcome.chosen.label)
+    same = next(one for one in chain.fits if one.label == named.label)
+    np.testing.assert_allclose(np.diag(named.covariance()), np.diag(same.covariance()), rtol=1e-6)
+
+
+def test_noise_comes_back_from_files(chain, tmp_path):
+    folder = Folder(tmp_path)
+    for name, frame in zip(("noise", "noise_memory"), noise.to_frames(chain.noise), strict=True):
+        folder.write(name, frame, "noise")
+    again = noise.from_frames(*(folder.read(name, "noise") for name in ("noise", "noise_memory")))
+    assert again.keys() == chain.noise.keys()
+    for key, one in again.items():
+        np.testing.assert_array_equal(one.spread, chain.noise[key].spread)
+        assert one.autocorrelation == chain.noise[key].autocorrelation
+        assert one.remarks == chain.noise[key].remarks
+
+
+def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain, tmp_path):
+    folder, known = Folder(tmp_path), chain.screening.known
+    for name, frame in zip(("signatures", "signature_shapes"), screen.to_frames(known), strict=True):
+        folder.write(name, frame)
+    folder.write("screened", chain.screening.frame())
+    again = screen.from_frames(
+        *(folder.read(name) for name in ("signatures", "signature_shapes", "screened")),
+        chain.recalibrated.base,
+        chain.model.candidates,
+    )
+    chosen = screen.shortlist(again)
+    assert [one.label for one in chosen.singles] == [one.label for one in chain.screening.chosen.singles]
+    assert [one.start for one in chosen.pairs] == [one.start for one in chain.screening.chosen.pairs]
+
+
+def test_parts_of_the_fits_together_are_all_of_them(chain):
+    chosen = chain.screening.chosen.singles
+    whole = {one.label for one in fit.fits(chain.recalibrated, chain.screening.known, chosen)[0]}
+    parts = [fit.fits(chain.recalibrated, chain.screening.known, chosen, part, 2)[0] for part in (0, 1)]
+    assert {one.label for part in parts for one in part} == whole
+    assert len(parts[0]) + len(parts[1]) == len(whole)
+
+
+def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, monkeypatch):
+    def fails(base, known, chosen):
+        if chosen[0].label == "viscous":
+            raise SimulationError("the slide flies off")
+        return fitted(base, known, chosen)
+
+    fitted = fit.fitted
+    monkeypatch.setattr(fit, "fitted", fails)
+    found, _ = fit.fits(chain.recalibrated, chain.screening.known, chain.screening.chosen.singles)
+    rows = fits.to_frames(found)["fits"].set_index("explanation")
+    assert rows.loc["viscous", "status"] == FAILED
+    assert rows.loc["viscous", "reason"] == "the slide flies off"
+    assert (rows["status"] != FAILED).sum() == len(rows) - 1
+
+
+def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain):
+    found = confirm.confirm(chain.model, chain.noise, chain.recalibrated.base, chain.outcome.chosen)
+    windows = pd.DataFrame(
+        [{"run": "slow", "channel": "torque", "start_deg": 350.0, "end_deg": 10.0, "p_adjusted": np.float64(1e-9)}]
+    )
+    gap = {role: confirm.gap_of(found.gaps, role) for role in ("identify", "confirm")}
+    made = verdict.document(
+        *("rig", chain.outcome, chain.recalibrated.base, windows, gap),
+        *({"undetectable": ["crank_unbalance"], "merged": [["a", "b"]]}, 0.01),
+    )
+    read = json.loads(verdict.text(made | {"seconds": {"fit": 1.0}}))
+    validate(read, json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text()))
+    (effect,) = read["effects"]
+    assert effect["name"] == "coulomb"
+    assert effect["parameters"]["force_N"]["value"] == pytest.approx(TRUTH, rel=0.05)
+    assert read["where"][0]["crank_angle_deg"] == [350.0, 10.0]
+    assert set(read["nuisances"]) == {"slider_mass", "crank_length", "speed@slow", "speed@mid"}
+
+
+def test_in_a_pair_each_effect_has_what_leaving_it_out_costs(chain):
+    pair = next(one for one in chain.fits if len(one.explanation) == 2 and "coulomb" in one.label)
+    bic = {"base": chain.recalibrated.base.bic} | {one.label: one.bic for one in chain.fits}
+    for effect, other in zip(verdict.effects(pair, bic), reversed(pair.explanation), strict=True):
+        assert effect["delta_bic"] == pytest.approx(bic.get(other.label, bic["base"]) - pair.bic)
+
+
+def test_look_alikes_survive_as_groups_and_advice_names_what_separates_them():
+    labels = ["a", "b", "c"]
+    cosines = pd.DataFrame(np.eye(3), index=labels, columns=labels)
+    assert preflight.groups(preflight.pairs(cosines, [["c", "a"]])) == [["a", "c"]]
+    advice = pd.DataFrame({"change": ["channel x", "run y"], "separated": ["b | c", "a | c, a | b"]})
+    assert preflight.separated_by(advice, [{"a"}, {"c"}]) == "A further run y would separate them."
+    assert "No single" in preflight.separated_by(advice, [{"a", "d"}, {"a", "e"}])
+
+
+def test_every_table_of_a_stage_has_one_place_and_a_description():
+    stages = (
+        "measure",
+        "preflight",
+        "noise",
+        "recalibrate",
+        "locate",
+        "screen",
+        "fit/0",
+        "decide",
+        "regress",
+        "confirm",
+    )
+    places = [path for stage in (*stages, "augment", "rechain") for path in tables_of(stage)]
+    assert len(places) == len(set(places)) > 30
+
+
+def test_a_label_of_no_candidate_is_refused(chain):
+    with pytest.raises(InputError, match="no candidate"):
+        fits.explanation_of("coulomb + ghost", chain.model.candidates)
+
+
+def test_a_file_that_is_no_verdict_is_refused(tmp_path):
+    place = tmp_path / "verdict.json"
+    for text in ("[]", "{", '{"schema_version": 2}'):
+        place.write_text(text)
+        with pytest.raises(InputError, match=r"verdict\.json"):
+            verdict.read(place)
+
+
+def test_tables_of_a_campaign_are_known_to_the_package_by_their_names():
+    names = [table.name for table in vars(tables).values() if isinstance(table, tables.Table)]
+    assert len(names) == len(set(names))

@@ -1,0 +1,215 @@
+# Campaigns: measured runs of a rig against its model, from the files to a verdict. `make campaign` runs one alone.
+
+from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, tables_of as campaign_tables_of
+from jointgap.figures.campaign import CATALOGUE as CAMPAIGN_FIGURES
+
+FIT_PARTS = 2  # jobs that share the fits; each takes seconds to start
+
+
+def campaign_place(path):
+    """Where something of a campaign lies."""
+    return f"results/campaigns/{{campaign}}/{path}"
+
+
+def handed_on(*stages):
+    """For input and output: the tables of stages of a campaign."""
+    return [campaign_place(path) for stage in stages for path in campaign_tables_of(stage)]
+
+
+def plan(wildcards):
+    """For input: the campaign file and the mechanism that it names."""
+    return CAMPAIGNS[wildcards.campaign].plan
+
+
+def recordings(wildcards):
+    """For input: the runs' files."""
+    return CAMPAIGNS[wildcards.campaign].data
+
+
+def fit_parts(wildcards):
+    """For input: what every part of the fits found."""
+    return [
+        path.format(campaign=wildcards.campaign)
+        for part in range(FIT_PARTS)
+        for path in handed_on(f"fit/{part}")
+    ]
+
+
+def campaign_section(wildcards):
+    """For the report: the campaign, after the scenarios."""
+    return f"Campaign {wildcards.campaign}"
+
+
+rule campaigned:
+    input:
+        expand("results/campaigns/{campaign}/track/published.json", campaign=CAMPAIGNS),
+    message:
+        "every campaign has its verdict"
+
+
+rule campaign_measure:
+    input:
+        plan=plan,
+        data=recordings,
+    output:
+        handed_on("measure"),
+    log:
+        campaign_place("logs/measure.log"),
+    benchmark:
+        campaign_place("benchmarks/measure.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=20,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+    message:
+        "campaign {wildcards.campaign}: read and look at the data"
+    shell:
+        "jointgap measure {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule campaign_preflight:
+    input:
+        plan=plan,
+    output:
+        handed_on("preflight"),
+    log:
+        campaign_place("logs/preflight.log"),
+    benchmark:
+        campaign_place("benchmarks/preflight.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=20,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+    message:
+        "campaign {wildcards.campaign}: what can be detected and told apart"
+    shell:
+        "jointgap preflight {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule campaign_noise:
+    input:
+        plan=plan,
+        tables=handed_on("measure"),
+    output:
+        handed_on("noise"),
+    log:
+        campaign_place("logs/noise.log"),
+    benchmark:
+        campaign_place("benchmarks/noise.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=20,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+    message:
+        "campaign {wildcards.campaign}: find the noise"
+    shell:
+        "jointgap noise {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule campaign_recalibrate:
+    input:
+        plan=plan,
+        tables=handed_on("measure", "noise"),
+    output:
+        handed_on("recalibrate"),
+    log:
+        campaign_place("logs/recalibrate.log"),
+    benchmark:
+        campaign_place("benchmarks/recalibrate.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=20,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+    message:
+        "campaign {wildcards.campaign}: re-fit uncertain parameters"
+    shell:
+        "jointgap recalibrate {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule campaign_locate:
+    input:
+        plan=plan,
+        tables=handed_on("measure", "noise", "recalibrate"),
+    output:
+        handed_on("locate"),
+    log:
+        campaign_place("logs/locate.log"),
+    benchmark:
+        campaign_place("benchmarks/locate.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=20,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+    message:
+        "campaign {wildcards.campaign}: map the disagreement"
+    shell:
+        "jointgap locate {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule campaign_screen:
+    input:
+        plan=plan,
+        tables=handed_on("measure", "noise", "recalibrate"),
+    output:
+        handed_on("screen"),
+    log:
+        campaign_place("logs/screen.log"),
+    benchmark:
+        campaign_place("benchmarks/screen.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=20,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+    message:
+        "campaign {wildcards.campaign}: screen the candidates"
+    shell:
+        "jointgap screen {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule campaign_fit:
+    input:
+        plan=plan,
+        tables=handed_on("measure", "noise", "recalibrate", "screen"),
+    output:
+        handed_on("fit/{part}"),
+    log:
+        campaign_place("logs/fit_{part}.log"),
+    benchmark:
+        campaign_place("benchmarks/fit_{part}.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=120,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+        parts=FIT_PARTS,
+    message:
+        "campaign {wildcards.campaign}: fit candidates, part {wildcards.part}"
+    shell:
+        "jointgap fit {input.plan[0]:q} --folder {params.folder:q} --part {wildcards.part} --parts {params.parts} > {log:q} 2>&1"

@@ -1,0 +1,209 @@
+# Campaigns, from the fits to a verdict; what the rules share: campaign.smk.
+
+
+rule campaign_decide:
+    input:
+        plan=plan,
+        tables=handed_on("measure", "noise", "recalibrate", "screen"),
+        fits=fit_parts,
+    output:
+        handed_on("decide"),
+    log:
+        campaign_place("logs/decide.log"),
+    benchmark:
+        campaign_place("benchmarks/decide.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=20,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+        parts=FIT_PARTS,
+    message:
+        "campaign {wildcards.campaign}: weigh the fits"
+    shell:
+        "jointgap decide {input.plan[0]:q} --folder {params.folder:q} --parts {params.parts} > {log:q} 2>&1"
+
+
+rule campaign_regress:
+    input:
+        plan=plan,
+        tables=handed_on("measure", "noise", "recalibrate", "screen", "decide"),
+    output:
+        handed_on("regress"),
+    log:
+        campaign_place("logs/regress.log"),
+    benchmark:
+        campaign_place("benchmarks/regress.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=60,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+    message:
+        "campaign {wildcards.campaign}: look for a force law if nothing else explains it"
+    shell:
+        "jointgap regress {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule campaign_confirm:
+    input:
+        plan=plan,
+        tables=handed_on("measure", "noise", "recalibrate", "regress"),
+    output:
+        handed_on("confirm"),
+    log:
+        campaign_place("logs/confirm.log"),
+    benchmark:
+        campaign_place("benchmarks/confirm.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=20,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+    message:
+        "campaign {wildcards.campaign}: predict the held-out runs"
+    shell:
+        "jointgap confirm {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule campaign_augment:
+    input:
+        plan=plan,
+        tables=handed_on("measure", "noise", "recalibrate", "regress"),
+    output:
+        handed_on("augment"),
+        mechanism=campaign_place(MECHANISM),
+    log:
+        campaign_place("logs/augment.log"),
+    benchmark:
+        campaign_place("benchmarks/augment.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=20,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+    message:
+        "campaign {wildcards.campaign}: write the augmented mechanism"
+    shell:
+        "jointgap augment {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule campaign_rechain:
+    input:
+        plan=plan,
+        tables=handed_on("measure", "noise", "recalibrate", "regress"),
+    output:
+        handed_on("rechain"),
+    log:
+        campaign_place("logs/rechain.log"),
+    benchmark:
+        campaign_place("benchmarks/rechain.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=2000,
+        runtime=60,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+    message:
+        "campaign {wildcards.campaign}: optimise again, before and after"
+    shell:
+        "jointgap rechain {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule campaign_conclude:
+    input:
+        plan=plan,
+        tables=handed_on(
+            "measure",
+            "preflight",
+            "noise",
+            "recalibrate",
+            "locate",
+            "regress",
+            "confirm",
+            "augment",
+            "rechain",
+        ),
+    output:
+        verdict=campaign_place(VERDICT),
+        summaries=campaign_place(SUMMARIES[0]),
+        page=report(
+            campaign_place(SUMMARIES[1]),
+            caption="../report/campaign_summary.rst",
+            category=campaign_section,
+            subcategory="Verdict",
+            labels={"figure": "The verdict on one page"},
+        ),
+        figures=[
+            report(
+                campaign_place(f"figures/{name}.png"),
+                caption=f"../report/campaign_{name}.rst",
+                category=campaign_section,
+                subcategory=figure.category,
+                labels={"figure": figure.title},
+            )
+            for name, figure in CAMPAIGN_FIGURES.items()
+        ],
+        more=expand(
+            campaign_place("figures/{figure}.{ending}"),
+            figure=CAMPAIGN_FIGURES,
+            ending=["svg", "parquet"],
+            allow_missing=True,
+        ),
+    log:
+        campaign_place("logs/conclude.log"),
+    benchmark:
+        campaign_place("benchmarks/conclude.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=2000,
+        runtime=20,
+    params:
+        code=code_digest("campaign_figures"),
+        folder=campaign_place(""),
+    message:
+        "campaign {wildcards.campaign}: verdict, summary and figures"
+    shell:
+        "jointgap conclude {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+
+
+rule campaign_track:
+    input:
+        plan=plan,
+        verdict=rules.campaign_conclude.output.verdict,
+        figures=rules.campaign_conclude.output.figures,
+        tables=handed_on("regress", "confirm"),
+    output:
+        published=campaign_place("track/published.json"),
+    log:
+        campaign_place("logs/track.log"),
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mlflow_store=1,
+        mem_mb=2000,
+        runtime=20,
+    params:
+        code=code_digest("track"),
+        folder=campaign_place(""),
+        store="results",
+    message:
+        "campaign {wildcards.campaign}: publish to MLflow"
+    shell:
+        "jointgap track-campaign {input.plan[0]:q} --folder {params.folder:q} --store {params.store:q}"
+        " --published {output.published:q} > {log:q} 2>&1"
