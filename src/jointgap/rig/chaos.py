@@ -141,7 +141,9 @@ def measured_statistics(
     rows = own.cycles(angle, [measured[channel] for channel in own.channels])
     found = own.independent(rows)
     count = np.maximum(np.isfinite(found).sum(axis=0), 1)
-    simulated, several = chaotic.variance, count >= 3
+    if not len(rows):  # yet to be measured
+        count[:] = max(round(float(np.ptp(angle)) / TURN), 1)
+    simulated, several = chaotic.variance, np.isfinite(found).sum(axis=0) >= 3
     variance = simulated.copy()
     if several.any():
         # few cycles tell their own scatter badly: its ratio to the simulated one, over all bins, and a bit of each bin's own

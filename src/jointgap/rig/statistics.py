@@ -4,7 +4,7 @@ Frictionless impacts amplify differences, so that no simulation follows a rig fo
 compared then are means over cycles, in bins of the crank angle, of two functions of what a channel reads beside its usual
 course: the deviation itself, and its size. Deviations are bent, k tanh(u / k), for rare spikes would otherwise hold nearly all of a
 mean's scatter. Neighbouring bins and channels scatter together; each statistic is therefore compared with what a
-linear prediction from a few that come before it (the same bin of the other channels, the bins before) lets expect, so that what is
+linear prediction from a few others (the bins before it, the same bins and their neighbours of the channels before) lets expect, so that what is
 left is independent.
 """
 
@@ -131,7 +131,7 @@ def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.n
     found = []
     for i, kind, place in np.ndindex(places.shape):
         others = [places[i, kind, place - back] for back in range(1, _BEFORE + 1) if place >= back]
-        others += [places[j, kind, place] for j in range(i)]
+        others += [places[j, kind, (place + near) % BINS] for j in range(i) for near in (-1, 0, 1)]
         others += [places[i, 0, place]] if kind else []
         chosen, own = np.array(others, dtype=int), places[i, kind, place]
         weights = np.linalg.lstsq(centred[:, chosen], centred[:, own], rcond=1e-6)[0]
