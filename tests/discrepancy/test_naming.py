@@ -5,7 +5,7 @@ import pytest
 
 from jointgap.discrepancy.calibrate import thresholds
 from jointgap.discrepancy.decide import Decision
-from jointgap.discrepancy.naming import fitted, shortlist, verdict
+from jointgap.discrepancy.naming import fitted, pairs, shortlist, verdict
 from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
 from jointgap.discrepancy.screen import signatures
 from tests.discrepancy.toy import stated_noise, toy
@@ -17,8 +17,8 @@ def named(effects=None, **how) -> tuple[Decision, float]:
     base = recalibrate(model, stated_noise(model))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    chosen = shortlist(known)
-    fits = fitted(base, known, [*chosen.singles, *chosen.pairs])
+    fits = [fitted(base, known, one) for one in shortlist(known, limits)]
+    fits += [fitted(base, known, *pair) for pair in pairs(base, known, fits, limits)]
     return verdict(base, known, fits, limits), base.problem.gap(base.base.residual)
 
 

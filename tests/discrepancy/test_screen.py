@@ -5,7 +5,6 @@ import pytest
 
 from jointgap.discrepancy.differences import Differences
 from jointgap.discrepancy.fit import fit
-from jointgap.discrepancy.naming import AMONG, PAIRS, SINGLES, shortlist
 from jointgap.discrepancy.problem import Problem
 from jointgap.discrepancy.screen import Screen, signatures
 from tests.discrepancy.toy import stated_noise, toy
@@ -59,12 +58,14 @@ def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows():
     assert min(abs(np.array(tried) - 6.37)) < 0.1
 
 
-def test_the_hidden_pair_is_first_among_the_pairs():
-    *_, known = screened({"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}, seed=5)
-    found = shortlist(known)
-    assert set(found.pairs[0].label.split(" + ")) == {"coulomb", "spring"}
-    assert len(found.singles) == SINGLES
-    assert len(found.pairs) == PAIRS + AMONG * (AMONG - 1) // 2
+def test_beside_one_of_two_hidden_effects_the_other_is_first():
+    problem, differences, _, known = screened({"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}, seed=5)
+    coulomb = next(one for one in Screen(known).singles() if one.label == "coulomb")
+    found = fit(problem, coulomb.explanation, coulomb.start, known.known(coulomb.signatures), differences)
+    partners = Screen(known.about(found), found.explanation).singles()
+    assert partners[0].label == "coulomb + spring"
+    assert partners[0].start["spring.stiffness_N_m"] == pytest.approx(5.0, rel=0.1)
+    assert "coulomb + coulomb" not in {one.label for one in partners}
 
 
 def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():

@@ -1,48 +1,74 @@
 """From a base to a verdict: the order in which explanations are sought, fitted and weighed."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 from jointgap.discrepancy.alike import Subspaces
 from jointgap.discrepancy.calibrate import Thresholds
-from jointgap.discrepancy.decide import Decision, decide
+from jointgap.discrepancy.decide import Decision, decide, reduced
 from jointgap.discrepancy.fit import FAILED, Fit, fit
 from jointgap.discrepancy.recalibrate import Recalibrated
 from jointgap.discrepancy.screen import Screen, Screened, Signatures
 from jointgap.discrepancy.start import fit_screened
 
 SINGLES = 8
-"""Candidates that are fitted alone."""
+"""Candidates that are fitted alone, at most."""
+
+NEAR = 30.0
+"""Where the base leaves no more than noise, effects are small and signatures exact: those whose BIC is this much above the
+best one's are not fitted."""
+
+FEWEST = 3
 
 AMONG = 4
-"""All pairs among this many of the best are fitted."""
-
-PAIRS = 8
-"""Pairs that are fitted beside those, the best by their signatures."""
+"""Where no single effect is enough, all pairs among this many of the best are fitted, and each with as many partners."""
 
 
-@dataclass(frozen=True)
-class Shortlist:
-    """Explanations that are worth a fit, best first."""
-
-    singles: list[Screened]
-    pairs: list[Screened]
-
-
-def shortlist(known: Signatures) -> Shortlist:
-    """Screen all candidates and all their pairs by signatures."""
-    screen = Screen(known)
-    singles = screen.singles()
-    pairs = screen.pairs(singles)
-    best = {one.label for one in singles[:AMONG]}
-    inner = [pair for pair in pairs if {c.label for c in pair.explanation} <= best]
-    further = [pair for pair in pairs if pair not in inner][:PAIRS]
-    return Shortlist(singles[:SINGLES], sorted(inner + further, key=lambda pair: pair.bic))
+def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
+    """Single effects that are worth a fit, best first."""
+    singles = Screen(known).singles()
+    free = known.residual.size - len(known.parameters)
+    if known.residual @ known.residual > limits.omnibus * free:
+        return singles[:SINGLES]
+    near = [one for one in singles if one.bic < singles[0].bic + NEAR]
+    return singles[: min(max(len(near), FEWEST), SINGLES)]
 
 
-def fitted(base: Recalibrated, known: Signatures, chosen: Iterable[Screened]) -> list[Fit]:
-    """Forward-simulated fits of screened explanations, each from where its signatures say."""
-    return [fit_screened(base.problem, one, known.known(one.signatures), base.differences) for one in chosen]
+def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> list[tuple[Screened, Fit]]:
+    """Pairs of effects that are worth a fit, each with the fit of one of the two that it starts from.
+
+    Where a single effect is enough, only partners that would add to it beyond chance; else all pairs among the best single
+    effects, and the partners that would add most to each of them.
+
+    Parameters
+    ----------
+    base : Recalibrated
+    known : Signatures
+    fits : sequence of Fit
+        Of the single effects.
+    limits : Thresholds
+    """
+    good = sorted((one for one in fits if one.status != FAILED and one.bic < base.base.bic), key=lambda one: one.bic)
+    enough = [one for one in good if reduced(one) <= limits.omnibus]
+    if not good or (reduced(base.base) <= limits.omnibus and not enough):
+        return []
+    leading = {one.label for one in good[:AMONG]}
+    found: dict[frozenset[str], tuple[Screened, Fit]] = {}
+    for one in enough[:1] or good[:AMONG]:
+        partners = Screen(known.about(one), one.explanation).singles()
+        if enough:
+            partners = [pair for pair in partners if one.bic - pair.bic > limits.directed]
+        inner = [] if enough else [pair for pair in partners if pair.explanation[-1].label in leading]
+        for pair in (*partners[:AMONG], *inner):
+            names = frozenset(candidate.label for candidate in pair.explanation)
+            if names not in found or pair.bic < found[names][0].bic:
+                found[names] = pair, one
+    return sorted(found.values(), key=lambda pair: pair[0].bic)
+
+
+def fitted(base: Recalibrated, known: Signatures, one: Screened, beside: Fit | None = None) -> Fit:
+    """The forward-simulated fit of a screened explanation, from where its signatures say; `beside`: the fit it adds to."""
+    about = known if beside is None else known.about(beside)
+    return fit_screened(base.problem, one, about.known(one.signatures), base.differences)
 
 
 def refined(base: Recalibrated, one: Fit) -> Fit:

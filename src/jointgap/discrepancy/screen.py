@@ -1,6 +1,5 @@
 """Which effects are worth a fit: what each would explain if the motion depended on it linearly."""
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -66,6 +65,16 @@ class Signatures:
     found: list[Signature]
     failed: Mapping[str, str]
 
+    def about(self, one: Fit) -> "Signatures":
+        """The other candidates' signatures beside the effects of a fit, as they are about the base."""
+        taken = {name for candidate in one.explanation for name in (candidate.label, *candidate.replaces)}
+        others = [
+            replace(s, origin=one.residual + (s.origin - self.residual))
+            for s in self.found
+            if not taken & {s.candidate.label, *s.candidate.replaces}
+        ]
+        return Signatures(one.parameters, one.values, one.jacobian, one.residual, others, self.failed)
+
     def of(self, label: str) -> list[Signature]:
         """All signatures of one candidate."""
         return [one for one in self.found if one.candidate.label == label]
@@ -86,23 +95,26 @@ class Screened:
     Attributes
     ----------
     signatures : tuple of Signature
-        One of each effect.
+        One of each effect that is new.
     chi2 : float
         That would be left.
     start : mapping of str to float
         Values by key at which it would be.
     bic : float
+    beside : tuple of Candidate
+        Effects that are fitted already; `start` holds their values.
     """
 
     signatures: tuple[Signature, ...]
     chi2: float
     start: Mapping[str, float]
     bic: float
+    beside: Explanation = ()
 
     @property
     def explanation(self) -> Explanation:
         """The effects."""
-        return tuple(one.candidate for one in self.signatures)
+        return (*self.beside, *(one.candidate for one in self.signatures))
 
     @property
     def label(self) -> str:
@@ -173,10 +185,12 @@ class Screen:
     Parameters
     ----------
     known : Signatures
+    beside : tuple of Candidate
+        Effects among whose parameters and values `known` are.
     """
 
-    def __init__(self, known: Signatures):
-        self.known = known
+    def __init__(self, known: Signatures, beside: Explanation = ()):
+        self.known, self.beside = known, beside
         origins = [one.origin - known.residual for one in known.found]
         self._rows = known.residual.size
         blocks = compressed(known.jacobian, known.residual, *(one.columns for one in known.found), *origins)
@@ -202,8 +216,10 @@ class Screen:
             start[f"{one.candidate.label}.{p.name}"] = float(value)
         for one in chosen:
             start |= {f"{one.candidate.label}.{name}": value for name, value in one.shapes.items()}
-        free = len(known.parameters) + sum(len(one.candidate.coordinates) for one in chosen)
-        return Screened(tuple(chosen), chi2, start, chi2 + free * np.log(self._rows))
+        effects = (*self.beside, *(one.candidate for one in chosen))
+        free = len(kept) + sum(len(one.candidate.coordinates) for one in chosen)
+        free += sum(len(candidate.replaces) for candidate in effects)  # as `Fit.bic` counts
+        return Screened(tuple(chosen), chi2, start, chi2 + free * np.log(self._rows), self.beside)
 
     def singles(self) -> list[Screened]:
         """Every candidate with its best start, best first."""
@@ -213,13 +229,3 @@ class Screen:
             if found.label not in best or found.chi2 < best[found.label].chi2:
                 best[found.label] = found
         return sorted(best.values(), key=lambda found: found.bic)
-
-    def pairs(self, singles: Sequence[Screened]) -> list[Screened]:
-        """All pairs of candidates, each at the start that is best for it alone, best first."""
-        chosen = [one.signatures[0] for one in singles]
-        pairs = [
-            self.explained(pair)
-            for pair in itertools.combinations(chosen, 2)
-            if not set(pair[0].candidate.replaces) & set(pair[1].candidate.replaces)
-        ]
-        return sorted(pairs, key=lambda found: found.bic)
