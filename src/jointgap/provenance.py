@@ -9,19 +9,8 @@ _MECHANISM = (
     "formula.py",
 )
 _CAMPAIGN = (
-    *(
-        "campaign",
-        "discrepancy",
-        "rig",
-        "measure",
-        "dynamics",
-        "mechanism",
-        "surrogate",
-        "optimise",
-        "figures",
-        "formula.py",
-    ),
-    *("paper.py", "results.py", "config", "tables"),
+    *("campaign", "discrepancy", "rig", "measure", "dynamics", "mechanism", *_MECHANISM, "config/campaign"),
+    *("surrogate", "optimise", "figures", "compare", "track", "results.py", "paper.py", "tables"),
 )
 CODE = {
     "simulate": ("dynamics", *_MECHANISM, "tables/simulate.py"),
@@ -31,21 +20,23 @@ CODE = {
         *("optimise", "results.py", "surrogate", "paper.py", "mechanism", "dynamics"),
         *(*_MECHANISM, "tables/optimise.py"),
     ),
-    "figures": ("figures", "results.py", "surrogate", "mechanism", "paper.py", "tables/figures.py"),
+    "figures": (
+        *("figures", "results.py", "surrogate", "mechanism", "paper.py", "tables/figures.py"),
+        "discrepancy/decide.py",
+    ),
     "compare": ("compare", "paper.py", "tables/compare.py"),
     "study": (
         *("study", "dynamics", "ensemble", "statistics", "mechanism", *_MECHANISM, "tables/study.py"),
-        *("figures", "results.py", "surrogate", "paper.py", "tables/figures.py"),
+        *("figures", "results.py", "surrogate", "paper.py", "tables/figures.py", "discrepancy/decide.py"),
     ),
     "campaign": _CAMPAIGN,
-    "campaign_figures": (*_CAMPAIGN, "compare"),
-    "track": ("track", "campaign", "discrepancy"),
+    "track": ("track",),
     "blind_conceal": (
         *(f"blind/{name}.py" for name in ("conceal", "draw", "files", "hidden", "motion", "numerics", "peer", "plan")),
-        *("blind/size.py", "blind/statistics.py", "dynamics", *_MECHANISM),
+        *("blind/size.py", "blind/statistics.py", "discrepancy", "dynamics", *_MECHANISM),
     ),
     "blind_analyse": ("blind/analyse.py", "blind/sparse.py", *_CAMPAIGN),
-    "blind_score": ("blind", "figures"),
+    "blind_score": ("blind", *_CAMPAIGN),
 }
 
 

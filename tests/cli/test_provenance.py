@@ -22,7 +22,8 @@ def imported(part):
 
 @pytest.mark.parametrize("stage", sorted(CODE))
 def test_a_digest_covers_what_the_sources_of_its_stage_import(stage):
-    missing = {name for part in CODE[stage] for name in imported(part)} - set(CODE[stage])
+    named = {part.partition("/")[0] for part in CODE[stage]}  # a folder of which files are listed has been thought of
+    missing = {name for part in CODE[stage] for name in imported(part)} - named
     assert not missing
 
 

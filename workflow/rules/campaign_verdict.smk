@@ -174,7 +174,7 @@ rule campaign_conclude:
         mem_mb=2000,
         runtime=20,
     params:
-        code=code_digest("campaign_figures"),
+        code=code_digest("campaign"),
         folder=campaign_place(""),
     message:
         "campaign {wildcards.campaign}: verdict, summary and figures"
@@ -199,7 +199,7 @@ rule campaign_track:
         mem_mb=2000,
         runtime=20,
     params:
-        code=code_digest("track"),
+        code=code_digest("campaign"),
         folder=campaign_place(""),
         store="results",
     message:

@@ -43,8 +43,17 @@ def kind_of(explanation: Explanation) -> str:
     return ("base", "single", "pair")[len(explanation)]
 
 
-def to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None) -> Frames:
-    """Fits as tables; those that failed keep their reason and values, and have neither curvature nor residuals."""
+def to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, whole: bool = False) -> Frames:
+    """Fits as tables; those that failed keep their reason and values, and have neither curvature nor residuals.
+
+    Parameters
+    ----------
+    fits : iterable of Fit
+    seconds : iterable of float, optional
+        How long each took.
+    whole : bool
+        Whether to keep all rows of the Jacobians, which further fits start from, instead of their inner products alone.
+    """
     fits = list(fits)
     took = [np.nan] * len(fits) if seconds is None else list(seconds)
     rows, values, curvature, residuals = [], [], [], []
@@ -67,7 +76,7 @@ def to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None) -> Fr
         keys = [p.key for p in fit.parameters]
         values.append(_named(fit, {"key": keys, "value": fit.values}))
         if not lost:
-            (small,) = compressed(fit.jacobian)
+            small = fit.jacobian if whole else compressed(fit.jacobian)[0]
             places = np.arange(len(small))
             curvature += [
                 _named(fit, {"key": key, "sample": places, "derivative": small[:, i]}) for i, key in enumerate(keys)
@@ -84,7 +93,8 @@ def to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None) -> Fr
 def from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate] = ()) -> list[Fit]:
     """The fits in these tables, in order.
 
-    Their Jacobians have as many rows as columns and the same inner products, which is all that covariances ask of them.
+    Unless they were kept whole, their Jacobians have as many rows as columns and the same inner products, which is all that
+    covariances ask of them.
 
     Parameters
     ----------

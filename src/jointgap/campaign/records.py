@@ -1,4 +1,4 @@
-"""Campaigns: a run for each with its verdict and gaps, and under it one for each explanation that was fitted."""
+"""What MLflow is told of a campaign: a run with its verdict and gaps, and under it one for each explanation that was fitted."""
 
 from pathlib import Path
 
@@ -7,6 +7,8 @@ import pandas as pd
 from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, Folder
 from jointgap.campaign.verdict import read
 from jointgap.track.record import Dataset, Record
+
+DESCRIPTION = "What is missing in the model of a rig"
 
 _MEASURES = ("chi2", "bic", "delta_bic", "explained_share", "parameters", "simulations", "seconds")
 _COSTS = ("simulations", "seconds")

@@ -14,7 +14,7 @@ from jointgap.discrepancy.protocol import Candidate
 from jointgap.discrepancy.recalibrate import Recalibrated, other_numerics
 from jointgap.discrepancy.screen import Signature, Signatures, signatures
 
-_BASE, _ORIGIN = "base", "origin"
+_ORIGIN = "origin"
 
 
 @dataclass(frozen=True)
@@ -66,14 +66,13 @@ def screen(found: Recalibrated, rate: float, noise_dof: float = np.inf, seed: in
     """
     known = signatures(found.problem, found.base, found.differences)
     numerics = other_numerics(found.problem, found.base)
-    limits = thresholds(found.problem, known, numerics, rate, noise_dof, found.differences.roughness, seed)
+    limits = thresholds(found.problem, known, numerics, rate, noise_dof, found.differences.rough_chi2, seed)
     return Screening(known, limits, shortlist(known))
 
 
 def to_frames(known: Signatures) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Tables `jointgap.tables.SIGNATURES` and `jointgap.tables.SIGNATURE_SHAPES`."""
-    columns = [(_BASE, 0, p.key, column) for p, column in zip(known.parameters, known.jacobian.T, strict=True)]
-    shapes, count = [], {}
+    columns, shapes, count = [], [], {}
     for one in known.found:
         label = one.candidate.label
         start = count[label] = count.get(label, -1) + 1
@@ -104,9 +103,7 @@ def from_frames(
         place: dict(zip(rows["name"], rows["value"], strict=True))
         for place, rows in shapes.groupby(["label", "start"], sort=False)
     }
-    nuisances = columns.pop((_BASE, 0), {})
     size = base.residual.size
-    jacobian = _stacked([nuisances[p.key] for p in base.parameters], size)
     by_label = {candidate.label: candidate for candidate in candidates}
     found = []
     for (label, start), own in columns.items():
@@ -118,7 +115,7 @@ def from_frames(
         )
     lost = screened[screened["kind"] == "failed"]
     failed = dict(zip(lost["explanation"], lost["reason"], strict=True))
-    return Signatures(base.parameters, base.values, jacobian, base.residual, found, failed)
+    return Signatures(base.parameters, base.values, base.jacobian, base.residual, found, failed)
 
 
 def _stacked(columns: list[np.ndarray], size: int) -> np.ndarray:

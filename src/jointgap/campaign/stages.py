@@ -65,7 +65,7 @@ def recalibrate(case: Case) -> None:
     for name, frame in zip(("noise", "noise_memory"), scattering.to_frames(case.whole_noise), strict=True):
         case.folder.write(name, frame, "recalibrate")
     for which, fit in (("nominal", found.nominal), ("base", found.base)):
-        case.folder.write_all(fits.to_frames([fit]), f"recalibrate/{which}")
+        case.folder.write_all(fits.to_frames([fit], whole=True), f"recalibrate/{which}")
 
 
 def locate(case: Case) -> None:

@@ -109,9 +109,10 @@ def track_campaign(campaign: Path, folder: Path | None, store: Path, published: 
     """Publish a campaign's verdict, fits and figures to MLflow; nothing twice."""
     import json
 
+    from jointgap.campaign.records import DESCRIPTION, records
     from jointgap.tables import write_text
-    from jointgap.track.publish import publish_campaign
+    from jointgap.track.publish import publish_records
 
     case = _case(campaign, folder)
-    summary = publish_campaign(case.campaign.name, case.folder.path, None, store)
+    summary = publish_records(case.campaign.name, DESCRIPTION, records(case.folder.path), None, store)
     write_text(published, json.dumps(summary, indent=2) + "\n")

@@ -50,17 +50,17 @@ FIT_VALUES = Table(
 
 FIT_CURVATURE = Table(
     "fit_curvature",
-    "Derivatives of the whitened residuals, in as many rows as parameters with the same inner products",
+    "Derivatives of the whitened residuals; but for the recalibrated base in as many rows as parameters, with the same inner products",
     (_EXPLANATION, _KEY, _SAMPLE, Column("derivative", "1/SI", "of the residuals with respect to the parameter")),
 )
 
 SIGNATURES = Table(
     "signatures",
-    "What parameters of the base and sizes of candidates change in the whitened residuals, at the recalibrated base",
+    "What sizes of candidates change in the whitened residuals, at the recalibrated base",
     (
-        Column("label", "", "candidate; 'base' for the nuisances", "text"),
+        Column("label", "", "candidate", "text"),
         Column("start", "1", "which start of the candidate's shapes, counted from 0", "int"),
-        Column("name", "", "nuisance's key, name of a size, or 'origin': the residuals at zero size", "text"),
+        Column("name", "", "name of a size, or 'origin': the residuals at zero size", "text"),
         _SAMPLE,
         Column("derivative", "1/SI", "of the whitened residual; of 'origin' its value"),
     ),
@@ -96,6 +96,7 @@ THRESHOLDS = Table(
         Column("rate", "1", "share of null campaigns that exceed each threshold"),
         Column("omnibus", "1", "chi2 over its degrees of freedom"),
         Column("directed", "1", "largest gain of BIC by one candidate"),
+        Column("rough", "1", "chi2 that a fit may gain by the model's roughness"),
     ),
 )
 

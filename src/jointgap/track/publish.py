@@ -13,7 +13,6 @@ from jointgap import __version__
 from jointgap.config import Scenario
 from jointgap.track.commit import commit
 from jointgap.track.content import records
-from jointgap.track.content.campaign import records as campaign_records
 from jointgap.track.record import Record
 from jointgap.track.store import Store, StoredRun, address_for, locked
 
@@ -71,44 +70,25 @@ def publish(
         A table cannot be read, or the store cannot be reached.
     """
     content = records(options, tables, figures, benchmarks)
-    return _publish(scenario_name, options.description, content, tracking_uri, results_folder)
+    return publish_records(scenario_name, options.description, content, tracking_uri, results_folder)
 
 
-def publish_campaign(name: str, folder: Path, tracking_uri: str | None, results_folder: Path) -> dict:
-    """Publish what was found in a campaign: a run for it, and under that one for each explanation that was fitted.
-
-    Parameters
-    ----------
-    name : str
-        Name of the campaign.
-    folder : Path
-        Its folder of results.
-    tracking_uri, results_folder
-        As in `publish`, as are what is given back and the errors.
-    """
-    content = campaign_records(folder)
-    return _publish(name, "What is missing in the model of a rig", content, tracking_uri, results_folder)
-
-
-def publish_scores(name: str, scores: Mapping[str, float], tracking_uri: str | None, results_folder: Path) -> dict:
-    """Publish the scores of one set of blind trials, so that sets can be compared.
-
-    Parameters
-    ----------
-    name : str
-        Name of the set.
-    scores : mapping of str to float
-        By name.
-    tracking_uri, results_folder
-        As in `publish`, as are what is given back and the errors.
-    """
-    content = [Record("blind", metrics=dict(scores))]
-    return _publish(name, "Blind trials: naming effects that were hidden", content, tracking_uri, results_folder)
-
-
-def _publish(
+def publish_records(
     name: str, description: str, content: list[Record], tracking_uri: str | None, results_folder: Path
 ) -> dict:
+    """Publish records of any kind.
+
+    Parameters
+    ----------
+    name : str
+        With stage and output it is what a run is known by.
+    description : str
+        In a sentence, for the runs' pages.
+    content : list of Record
+        A stage's own run before those nested in it.
+    tracking_uri, results_folder
+        As in `publish`, as are what is given back and the errors.
+    """
     shared = _Scenario(name, description, commit(), _user())
     address = address_for(results_folder, tracking_uri)
     runs, deleted = {}, 0
