@@ -43,3 +43,29 @@ def test_a_smaller_tolerance_changes_the_motion_less():
         for t in (1e-8, 1e-10, 1e-12)
     ]  # fmt: skip
     assert off[0] > off[1] > off[2]
+
+
+def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for():
+    pytest.importorskip("exudyn", reason="needs Exudyn: pip install 'jointgap[peers]'")
+    from jointgap.blind.exudyn_rig import simulate as by_exudyn
+    from jointgap.blind.plan import EXUDYN
+
+    made = content() | {
+        "effects": [
+            {"name": "gravity", "parameters": {"acceleration_m_s2": 9.8}},
+            {"name": "slider_coulomb_friction", "parameters": {"force_N": 5.0}},
+            {"name": "slider_viscous_friction", "parameters": {"damping_N_s_m": 5.0}},
+            {"name": "slider_quadratic_drag", "parameters": {"drag_N_s2_m2": 1.0}},
+            {"name": "slider_constant_force", "parameters": {"force_N": 7.0}},
+            {"name": "slider_spring", "parameters": {"stiffness_N_m": 200.0, "rest_position_m": 0.6}},
+            {"name": "crank_coulomb_friction", "parameters": {"torque_N_m": 0.3}},
+            {"name": "crank_viscous_friction", "parameters": {"damping_N_m_s": 0.02}},
+            {"name": "added_slider_mass", "parameters": {"mass_kg": 0.05}},
+            {"name": "link_length_error", "parameters": {"crank_m": 0.002, "rod_m": -0.001}},
+        ]
+    }
+    assert {effect["name"] for effect in made["effects"]} == set(EXUDYN)
+    times = np.linspace(0.0, 2 * math.pi / SPEED, 61)
+    ours = moved(made, Turn(SPEED, 1.0, times), Numerics(), settling=1)
+    for name, values in by_exudyn(made, SPEED, 1.0, times, settling=1).items():
+        assert np.abs(values - ours[name]).max() < 1e-4 * ours[name].std(), name

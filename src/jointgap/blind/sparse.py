@@ -9,6 +9,7 @@ S. L. Brunton, J. L. Proctor and J. N. Kutz, PNAS 113 (2016) 3932-3937.
 """
 
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +62,9 @@ def sparse(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | None:
 
     best = np.zeros(len(names), bool)
     for threshold in _THRESHOLDS:
-        found = STLSQ(threshold=threshold, alpha=1e-6).fit(library, target[:, None])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that a threshold leaves nothing is an answer
+            found = STLSQ(threshold=threshold, alpha=1e-6).fit(library, target[:, None])
         picked = np.abs(np.ravel(found.coef_)) > 0
         if picked.any() and bic(picked) < bic(best):
             best = picked
