@@ -7,6 +7,7 @@ import pytest
 from jointgap.campaign import decide, fit, noise, screen
 from jointgap.campaign.decide import Outcome
 from jointgap.discrepancy.fit import Fit
+from jointgap.discrepancy.naming import pairs
 from jointgap.discrepancy.noise import FoundNoise, numerics_noise
 from jointgap.discrepancy.protocol import Model
 from jointgap.discrepancy.recalibrate import Recalibrated, recalibrate
@@ -36,8 +37,9 @@ def chain() -> Chain:
     whole = numerics_noise(model, base.base.mapping, found)
     whole |= {part.series.key: part.noise for part in base.problem.parts}
     screening = screen.screen(base, 0.01, noise.degrees_of_freedom(found))
-    chosen = (*screening.chosen.singles, *screening.chosen.pairs)
-    fits, seconds = fit.fits(base, screening.known, chosen)
+    fits, seconds = fit.fits(base, screening.known, [(one, None) for one in screening.chosen])
+    doubles, more = fit.fits(base, screening.known, pairs(base, screening.known, fits, screening.limits))
+    fits, seconds = [*fits, *doubles], [*seconds, *more]
     times = {one.label: each for one, each in zip(fits, seconds, strict=True)}
     outcome = decide.decide(base, screening.known, fits, times, screening.limits)
     return Chain(model, whole, base, screening, fits, outcome)

@@ -12,6 +12,7 @@ from jointgap import tables
 from jointgap.campaign import confirm, fit, fits, noise, preflight, screen, verdict
 from jointgap.campaign.folder import OF_FITS, Folder, tables_of
 from jointgap.discrepancy.fit import FAILED
+from jointgap.discrepancy.fit import fit as regular_fit
 from jointgap.discrepancy.problem import Problem
 from jointgap.errors import InputError, SimulationError
 from tests.campaign.conftest import TRUTH
@@ -93,13 +94,13 @@ def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain,
         chain.recalibrated.base,
         chain.model.candidates,
     )
-    chosen = screen.shortlist(again)
-    assert [one.label for one in chosen.singles] == [one.label for one in chain.screening.chosen.singles]
-    assert [one.start for one in chosen.pairs] == [one.start for one in chain.screening.chosen.pairs]
+    chosen = screen.shortlist(again, chain.screening.limits)
+    assert [one.label for one in chosen] == [one.label for one in chain.screening.chosen]
+    assert [one.start for one in chosen] == [one.start for one in chain.screening.chosen]
 
 
 def test_parts_of_the_fits_together_are_all_of_them(chain):
-    chosen = chain.screening.chosen.singles
+    chosen = [(one, None) for one in chain.screening.chosen]
     whole = {one.label for one in fit.fits(chain.recalibrated, chain.screening.known, chosen)[0]}
     parts = [fit.fits(chain.recalibrated, chain.screening.known, chosen, part, 2)[0] for part in (0, 1)]
     assert {one.label for part in parts for one in part} == whole
@@ -107,14 +108,14 @@ def test_parts_of_the_fits_together_are_all_of_them(chain):
 
 
 def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, monkeypatch):
-    def fails(base, known, chosen):
-        if chosen[0].label == "viscous":
+    def fails(base, known, one, beside):
+        if one.label == "viscous":
             raise SimulationError("the slide flies off")
-        return fitted(base, known, chosen)
+        return fitted(base, known, one, beside)
 
     fitted = fit.fitted
     monkeypatch.setattr(fit, "fitted", fails)
-    found, _ = fit.fits(chain.recalibrated, chain.screening.known, chain.screening.chosen.singles)
+    found, _ = fit.fits(chain.recalibrated, chain.screening.known, [(one, None) for one in chain.screening.chosen])
     rows = fits.to_frames(found)["fits"].set_index("explanation")
     assert rows.loc["viscous", "status"] == FAILED
     assert rows.loc["viscous", "reason"] == "the slide flies off"
@@ -141,7 +142,8 @@ def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain
 
 
 def test_in_a_pair_each_effect_has_what_leaving_it_out_costs(chain):
-    pair = next(one for one in chain.fits if len(one.explanation) == 2 and "coulomb" in one.label)
+    by_label = {candidate.label: candidate for candidate in chain.model.candidates}
+    pair = regular_fit(chain.recalibrated.problem, (by_label["coulomb"], by_label["constant_force"]))
     bic = {"base": chain.recalibrated.base.bic} | {one.label: one.bic for one in chain.fits}
     for effect, other in zip(verdict.effects(pair, bic), reversed(pair.explanation), strict=True):
         assert effect["delta_bic"] == pytest.approx(bic.get(other.label, bic["base"]) - pair.bic)

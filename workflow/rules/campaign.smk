@@ -26,13 +26,9 @@ def recordings(wildcards):
     return CAMPAIGNS[wildcards.campaign].data
 
 
-def fit_parts(wildcards):
-    """For input: what every part of the fits found."""
-    return [
-        path.format(campaign=wildcards.campaign)
-        for part in range(FIT_PARTS)
-        for path in handed_on(f"fit/{part}")
-    ]
+def parts_of(stage):
+    """For input: what every part of the stage found."""
+    return [path for part in range(FIT_PARTS) for path in handed_on(f"{stage}/{part}")]
 
 
 def campaign_section(wildcards):
@@ -213,3 +209,29 @@ rule campaign_fit:
         "campaign {wildcards.campaign}: fit candidates, part {wildcards.part}"
     shell:
         "jointgap fit {input.plan[0]:q} --folder {params.folder:q} --part {wildcards.part} --parts {params.parts} > {log:q} 2>&1"
+
+
+rule campaign_pair:
+    input:
+        plan=plan,
+        tables=handed_on("measure", "noise", "recalibrate", "screen"),
+        fits=parts_of("fit"),
+    output:
+        handed_on("pair/{part}"),
+    log:
+        campaign_place("logs/pair_{part}.log"),
+    benchmark:
+        campaign_place("benchmarks/pair_{part}.tsv")
+    conda:
+        "../envs/jointgap.yaml"
+    resources:
+        mem_mb=1500,
+        runtime=120,
+    params:
+        code=code_digest("campaign"),
+        folder=campaign_place(""),
+        parts=FIT_PARTS,
+    message:
+        "campaign {wildcards.campaign}: fit pairs, part {wildcards.part}"
+    shell:
+        "jointgap pair {input.plan[0]:q} --folder {params.folder:q} --part {wildcards.part} --parts {params.parts} > {log:q} 2>&1"

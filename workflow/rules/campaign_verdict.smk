@@ -5,7 +5,7 @@ rule campaign_decide:
     input:
         plan=plan,
         tables=handed_on("measure", "noise", "recalibrate", "screen"),
-        fits=fit_parts,
+        fits=parts_of("fit") + parts_of("pair"),
     output:
         handed_on("decide"),
     log:

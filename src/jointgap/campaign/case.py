@@ -81,19 +81,19 @@ class Case:
     @cached_property
     def screening(self) -> screen.Screening:
         """Signatures, thresholds, and what to fit."""
-        limits = self.folder.read("thresholds").to_dict("records")[0]
+        limits = Thresholds(**self.folder.read("thresholds").to_dict("records")[0])
         known = screen.from_frames(
             *(self.folder.read(name) for name in ("signatures", "signature_shapes", "screened")),
             self.recalibrated.base,
             self.model.candidates,
         )
-        return screen.Screening(known, Thresholds(**limits), shortlist(known))
+        return screen.Screening(known, limits, shortlist(known, limits))
 
-    def fits(self, parts: int) -> tuple[list[Fit], dict[str, float]]:
-        """What the parts of the stage fit found, and how long each took [s]."""
+    def fits(self, stage: str, parts: int) -> tuple[list[Fit], dict[str, float]]:
+        """What the parts of the stage fit or pair found, and how long each took [s]."""
         found, seconds = [], {}
         for part in range(parts):
-            frames = self.folder.read_all(OF_FITS, f"fit/{part}")
+            frames = self.folder.read_all(OF_FITS, f"{stage}/{part}")
             found += fits.from_frames(frames, self.recalibrated.problem)
             seconds |= dict(zip(frames["fits"]["explanation"], frames["fits"]["seconds"], strict=True))
         return found, seconds

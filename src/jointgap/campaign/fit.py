@@ -1,4 +1,4 @@
-"""Stage fit: explanations by forward simulation, each started where it would explain most."""
+"""Stages fit and pair: explanations by forward simulation, each started where it would explain most."""
 
 import time
 from collections.abc import Sequence
@@ -11,9 +11,12 @@ from jointgap.discrepancy.recalibrate import Recalibrated
 from jointgap.discrepancy.screen import Screened, Signatures
 from jointgap.errors import InputError, SimulationError
 
+Chosen = Sequence[tuple[Screened, Fit | None]]
+"""Explanations to fit, each with the fit that it adds to; None for the base."""
+
 
 def fits(
-    found: Recalibrated, known: Signatures, chosen: Sequence[Screened], part: int = 0, parts: int = 1
+    found: Recalibrated, known: Signatures, chosen: Chosen, part: int = 0, parts: int = 1
 ) -> tuple[list[Fit], list[float]]:
     """Fit every explanation of one part, and say how long each took [s].
 
@@ -23,22 +26,22 @@ def fits(
     ----------
     found : Recalibrated
     known : Signatures
-    chosen : sequence of Screened
+    chosen : sequence
         The explanations of all parts.
     part, parts : int
         Which of how many parts, counted from 0.
     """
     fits, seconds = [], []
-    for one in chosen[part::parts]:
+    for one, beside in chosen[part::parts]:
         begin = time.monotonic()
-        fits.append(_fitted(found, known, one))
+        fits.append(_fitted(found, known, one, beside))
         seconds.append(time.monotonic() - begin)
     return fits, seconds
 
 
-def _fitted(found: Recalibrated, known: Signatures, one: Screened) -> Fit:
+def _fitted(found: Recalibrated, known: Signatures, one: Screened, beside: Fit | None) -> Fit:
     try:
-        return fitted(found, known, [one])[0]
+        return fitted(found, known, one, beside)
     except (InputError, SimulationError) as error:
         parameters = found.problem.parameters(one.explanation)
         start = np.array([one.start.get(p.key, p.nominal) for p in parameters])

@@ -64,9 +64,9 @@ _TABLES = {table.name: table for table in vars(tables).values() if isinstance(ta
 
 
 def tables_of(stage: str) -> list[str]:
-    """Paths within the campaign's folder of the tables that `stage` writes; ``fit/0`` for the first part of the fits."""
+    """Paths within the campaign's folder of the tables that `stage` writes; ``fit/0`` for the first part of a stage that has parts."""
     own = [place for place in PLACES.values() if place.startswith(f"{stage}/")]
-    further = ((OF_FITS, stage),) if stage.startswith("fit/") else _FURTHER.get(stage, ())
+    further = ((OF_FITS, stage),) if stage.startswith(("fit/", "pair/")) else _FURTHER.get(stage, ())
     return own + [PLACES[name].format(stage=under) for names, under in further for name in names]
 
 

@@ -9,10 +9,10 @@ import pandas as pd
 from jointgap.campaign.fits import kind_of
 from jointgap.discrepancy.calibrate import Thresholds, thresholds
 from jointgap.discrepancy.fit import Fit
-from jointgap.discrepancy.naming import Shortlist, shortlist
+from jointgap.discrepancy.naming import shortlist
 from jointgap.discrepancy.protocol import Candidate
 from jointgap.discrepancy.recalibrate import Recalibrated, other_numerics
-from jointgap.discrepancy.screen import Signature, Signatures, signatures
+from jointgap.discrepancy.screen import Screened, Signature, Signatures, signatures
 
 _ORIGIN = "origin"
 
@@ -26,13 +26,13 @@ class Screening:
     known : Signatures
         Of all candidates.
     limits : Thresholds
-    chosen : Shortlist
-        The explanations to fit.
+    chosen : list of Screened
+        Single effects to fit, best first.
     """
 
     known: Signatures
     limits: Thresholds
-    chosen: Shortlist
+    chosen: list[Screened]
 
     def frame(self) -> pd.DataFrame:
         """Table `jointgap.tables.SCREENED`."""
@@ -44,7 +44,7 @@ class Screening:
                 "bic": one.bic,
                 "reason": None,
             }
-            for one in (*self.chosen.singles, *self.chosen.pairs)
+            for one in self.chosen
         ]
         nothing = {"kind": "failed", "chi2": np.nan, "bic": np.nan}
         rows += [{"explanation": label, **nothing, "reason": why} for label, why in self.known.failed.items()]
@@ -67,7 +67,7 @@ def screen(found: Recalibrated, rate: float, noise_dof: float = np.inf, seed: in
     known = signatures(found.problem, found.base, found.differences)
     numerics = other_numerics(found.problem, found.base)
     limits = thresholds(found.problem, known, numerics, rate, noise_dof, found.differences.rough_chi2, seed)
-    return Screening(known, limits, shortlist(known))
+    return Screening(known, limits, shortlist(known, limits))
 
 
 def to_frames(known: Signatures) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -16,6 +16,7 @@ from jointgap.campaign.case import Case
 from jointgap.campaign.decide import Outcome
 from jointgap.campaign.folder import MECHANISM
 from jointgap.discrepancy.locate import locate as located
+from jointgap.discrepancy.naming import pairs
 from jointgap.discrepancy.noise import numerics_noise
 from jointgap.discrepancy.recalibrate import recalibrate as recalibrated
 from jointgap.measure import read_measurements, to_frame
@@ -87,17 +88,25 @@ def screen(case: Case) -> None:
 
 
 def fit(case: Case, part: int = 0, parts: int = 1) -> None:
-    """Fit one part of the chosen explanations by forward simulation."""
-    chosen = (*case.screening.chosen.singles, *case.screening.chosen.pairs)
+    """Fit one part of the chosen single effects by forward simulation."""
+    chosen = [(one, None) for one in case.screening.chosen]
     found, seconds = fitting.fits(case.recalibrated, case.screening.known, chosen, part, parts)
-    case.folder.write_all(fits.to_frames(found, seconds), f"fit/{part}")
+    case.folder.write_all(fits.to_frames(found, seconds, whole=True), f"fit/{part}")
+
+
+def pair(case: Case, part: int = 0, parts: int = 1) -> None:
+    """Fit one part of the pairs that are worth it beside the single effects, which as many parts have fitted."""
+    known, limits = case.screening.known, case.screening.limits
+    chosen = pairs(case.recalibrated, known, case.fits("fit", parts)[0], limits)
+    found, seconds = fitting.fits(case.recalibrated, known, chosen, part, parts)
+    case.folder.write_all(fits.to_frames(found, seconds), f"pair/{part}")
 
 
 def decide(case: Case, parts: int = 1) -> Outcome:
     """Choose among the fits of all parts."""
-    found, seconds = case.fits(parts)
+    (singles, seconds), (doubles, more) = (case.fits(stage, parts) for stage in ("fit", "pair"))
     screened = case.screening
-    outcome = deciding.decide(case.recalibrated, screened.known, found, seconds, screened.limits)
+    outcome = deciding.decide(case.recalibrated, screened.known, [*singles, *doubles], seconds | more, screened.limits)
     _settled(case, outcome, "decide")
     return outcome
 

@@ -18,6 +18,7 @@ ORDER = (
     "locate",
     "screen",
     "fit",
+    "pair",
     "decide",
     "regress",
     "confirm",
