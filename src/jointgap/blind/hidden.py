@@ -141,11 +141,16 @@ def _harmonic(rig: Rig, rng) -> Hidden:
     return one("harmonic_force", "slider", "force_N", 0.05 * rig.force, **shape)
 
 
+_STIFFEST = 2000.0
+"""Largest natural frequency of a rod [Hz]; a stiffer one shows in no channel."""
+
+
 def _bending(rig: Rig, rng) -> Hidden:
     damping = float(rng.uniform(0.005, 0.05))
     law = lambda size: {"frequency_Hz": 1 / (2 * math.pi * math.sqrt(size)), "damping_ratio": damping}  # noqa: E731
     softest = 5 * rig.speed / (2 * math.pi)
-    return Hidden("rod_flexibility", "rod", law, 1 / (2 * math.pi * 200.0) ** 2, 1 / (2 * math.pi * softest) ** 2)
+    first, most, least = (1 / (2 * math.pi * frequency) ** 2 for frequency in (200.0, softest, _STIFFEST))
+    return Hidden("rod_flexibility", "rod", law, first, most, least)
 
 
 def _fault(name: str, key: str, first: Callable[[Rig, str], float], most: float, lowest: float = -1.0) -> Callable:
