@@ -40,7 +40,7 @@ def thresholds(
     numerics: np.ndarray,
     rate: float = 0.01,
     noise_dof: float = np.inf,
-    roughness: float = 0.0,
+    rough: float = 0.0,
     seed: int = 0,
 ) -> Thresholds:
     """Thresholds of one campaign, from null campaigns in which the motion answers to everything linearly.
@@ -58,8 +58,8 @@ def thresholds(
         False alarms allowed.
     noise_dof : float
         Degrees of freedom from which the noise was estimated; infinite where it is stated.
-    roughness : float
-        `jointgap.discrepancy.differences.Differences.roughness`.
+    rough : float
+        `jointgap.discrepancy.differences.Differences.rough_chi2`.
     seed : int
     """
     size = known.residual.size
@@ -88,6 +88,5 @@ def thresholds(
         gains, at = np.maximum(gains, gain), at + space.shape[1]
     dof = max(size - subspaces.nuisances.shape[1], 1)
     changed = float(np.max(np.sum(numerics**2, axis=0), initial=0.0))
-    rough = roughness * (2.0 + roughness)
     directed = max(float(np.quantile(gains, 1 - rate)), changed, rough)
     return Thresholds(rate, float(np.quantile(chi2, 1 - rate) / dof), directed, rough)

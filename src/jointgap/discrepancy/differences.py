@@ -40,6 +40,11 @@ class Differences:
         self._steps: dict[str, float] = {}
         self.roughness = 0.0
 
+    @property
+    def rough_chi2(self) -> float:
+        """How far chi2 wanders with the roughness: it is added to residuals of about unit length along its own direction."""
+        return 2.0 * self.roughness
+
     def probe(self, parameters: Sequence[Parameter], values: Mapping[str, float], residual: np.ndarray) -> None:
         """Find how rough the model is: the whitened change, as a length, where parameters are changed by next to nothing.
 

@@ -17,8 +17,8 @@ from jointgap.errors import InputError, SimulationError
 
 CONVERGED, STOPPED, FAILED = "converged", "stopped", "failed"
 
-_GAIN = 0.05  # of chi2: less than this is not worth a step; a hundredth of what counts in a BIC
-_MOST_STEPS = 30
+_GAIN = 0.05  # of chi2: less than this is not worth a step; a hundredth of what counts in a BIC. Poor fits need less care.
+_MOST_STEPS = 20
 _ROUGH = 10.0  # damping at which steps are so short that a gain foretold and not found is the model's roughness
 _ROUGHNESS = "steps that should help do not: the motion depends on its parameters roughly here"
 
@@ -156,9 +156,9 @@ def fit(
     # `fresh`: the Jacobian was made at x. `trusted`: it foretold the last step well, so it may say that the end is reached.
     fresh, trusted, damping = not known, True, 0.0
     status, reason = STOPPED, f"no end after {_MOST_STEPS} steps"
-    rough = differences.roughness * (2.0 + differences.roughness)  # of chi2, where residuals are about noise
+    rough = differences.rough_chi2
     for _ in range(_MOST_STEPS):
-        worth = max(_GAIN * max(1.0, r @ r / r.size), rough)
+        worth = max(_GAIN * max(1.0, r @ r / r.size) ** 2, rough)
         step, left = bounded_step(jacobian, r, low - x, high - x, damping)
         promised = r @ r - left
         if promised < worth and (fresh or trusted):
