@@ -28,8 +28,8 @@ study: set-up ## map clearance x speed x friction of the first scenario, then re
 	@scripts/in-venv scripts/run-workflow results/study-report.html $(snakemake_options) studied
 
 campaign: set-up ## what is missing in the model of CAMPAIGN=config/campaigns/mine.yaml, then results/campaign-report.html
-	@scripts/in-venv scripts/run-workflow results/campaign-report.html $(snakemake_options) \
-		$(if $(CAMPAIGN),--config 'campaigns=["$(CAMPAIGN)"]') -- campaigned
+	@scripts/in-venv scripts/run-workflow results/campaign-report.html campaigned $(snakemake_options) \
+		$(if $(CAMPAIGN),--config 'campaigns=["$(CAMPAIGN)"]')
 
 blind: set-up ## campaigns with hidden effects, analysed and scored; SET=development|published|small
 	@scripts/in-venv scripts/run-workflow results/blind-report.html --snakefile workflow/blind/Snakefile \

@@ -9,8 +9,6 @@ from jointgap.config import Box, Ensemble, Genetic, Mechanism, Optimise, Simulat
 from jointgap.dynamics import simulate
 from jointgap.mechanism import Fit
 from jointgap.optimise.stage import optimise
-from jointgap.surrogate.evaluate import values_and_slopes
-from jointgap.surrogate.train import train
 
 NETWORK = "network"
 
@@ -76,6 +74,9 @@ def _rows(name: str, mechanism: Mechanism, speed: float) -> list[dict]:
 
 
 def _trained(trajectory: pd.DataFrame, output: str) -> Fit:
+    from jointgap.surrogate.evaluate import values_and_slopes
+    from jointgap.surrogate.train import train  # PyTorch takes seconds to start
+
     network = train(trajectory, output, _SURROGATE).default
     return lambda angle: values_and_slopes(network, angle)
 

@@ -27,10 +27,8 @@ def regress(found: Recalibrated, limits: Thresholds, library: Sequence[Candidate
     library : sequence of Candidate
         Terms of a law.
     outcome : Outcome
-        Of the listed effects; given back as it is unless it is ``unexplained``.
+        Of the listed effects: ``unexplained``.
     """
-    if outcome.verdict != UNEXPLAINED:
-        return outcome
     proposed = regressed(found.problem, found.base, library, limits, found.differences)
     fits = [*([] if proposed.fit is None else [proposed.fit]), *proposed.rivals, *proposed.others]
     unique = proposed.accepted and not proposed.rivals

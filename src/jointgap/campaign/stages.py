@@ -14,7 +14,8 @@ from jointgap.campaign.augment import augment as augmented
 from jointgap.campaign.augment import mechanisms
 from jointgap.campaign.case import Case
 from jointgap.campaign.decide import Outcome
-from jointgap.campaign.folder import MECHANISM
+from jointgap.campaign.folder import MECHANISM, OF_OUTCOME
+from jointgap.campaign.rechain import rechain as chained
 from jointgap.discrepancy.locate import locate as located
 from jointgap.discrepancy.naming import pairs
 from jointgap.discrepancy.noise import numerics_noise
@@ -102,22 +103,21 @@ def pair(case: Case, part: int = 0, parts: int = 1) -> None:
     case.folder.write_all(fits.to_frames(found, seconds), f"pair/{part}")
 
 
-def decide(case: Case, parts: int = 1) -> Outcome:
+def decide(case: Case, parts: int = 1) -> None:
     """Choose among the fits of all parts."""
     (singles, seconds), (doubles, more) = (case.fits(stage, parts) for stage in ("fit", "pair"))
     screened = case.screening
     outcome = deciding.decide(case.recalibrated, screened.known, [*singles, *doubles], seconds | more, screened.limits)
     _settled(case, outcome, "decide")
-    return outcome
 
 
-def regress(case: Case) -> Outcome:
+def regress(case: Case) -> None:
     """Look for a force law where no effect of the list explains what is missing."""
-    outcome = case.outcome("decide")
-    if outcome.verdict == regressing.UNEXPLAINED:
-        outcome = regressing.regress(case.recalibrated, case.screening.limits, case.library, outcome)
-    _settled(case, outcome, "regress")
-    return outcome
+    if case.folder.read("decision", "decide")["verdict"].iloc[0] != regressing.UNEXPLAINED:
+        case.folder.write_all(case.folder.read_all(OF_OUTCOME, "decide"), "regress")
+        return
+    limits = case.screening.limits
+    _settled(case, regressing.regress(case.recalibrated, limits, case.library, case.outcome("decide")), "regress")
 
 
 def _settled(case: Case, outcome: Outcome, stage: str) -> None:
@@ -148,8 +148,6 @@ def augment(case: Case) -> None:
 
 def rechain(case: Case) -> None:
     """Optimise the link lengths again, before and after, at the speed of the fastest run for fitting."""
-    from jointgap.campaign.rechain import rechain as chained  # brings PyTorch along
-
     models = dict(
         zip(
             ("base", "augmented"),
