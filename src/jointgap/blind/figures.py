@@ -7,6 +7,7 @@ from jointgap.blind.summary import confusion, rates
 from jointgap.figures.campaign.parts import in_words, listed
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.sheet import Quantity, Sheet
+from jointgap.figures.style import look
 
 GOALS = {
     "right name": (0.95, "at least"),
@@ -25,7 +26,8 @@ _HIDDEN, _NAMED = Quantity("hidden", ""), Quantity("named, or the verdict", "")
 
 def draw(trials: pd.DataFrame) -> dict[str, Drawing]:
     """Rates with their intervals beside what is asked for, and the confusion matrix, by file name."""
-    return {"rates": _rates(trials), "confusion": _confusion(trials)}
+    with look():
+        return {"rates": _rates(trials), "confusion": _confusion(trials)}
 
 
 def _rates(trials: pd.DataFrame) -> Drawing:
