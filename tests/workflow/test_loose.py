@@ -20,6 +20,7 @@ def planned(tmp_path, *names):
     """Jobs by rule in a dry run of scenarios with these joints."""
     configuration = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     configuration["run"] = list(names)
+    configuration["campaigns"] = []
     configuration["scenarios"] = {name: {"mechanism": {"joints": JOINTS[name][0]}} for name in names}
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(configuration))
     command = (

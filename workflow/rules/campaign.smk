@@ -1,40 +1,5 @@
 # Campaigns: measured runs of a rig against its model, from the files to a verdict. `make campaign` runs one alone.
 
-from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, tables_of as campaign_tables_of
-from jointgap.figures.campaign import CATALOGUE as CAMPAIGN_FIGURES
-
-FIT_PARTS = 2  # jobs that share the fits; each takes seconds to start
-
-
-def campaign_place(path):
-    """Where something of a campaign lies."""
-    return f"results/campaigns/{{campaign}}/{path}"
-
-
-def handed_on(*stages):
-    """For input and output: the tables of stages of a campaign."""
-    return [campaign_place(path) for stage in stages for path in campaign_tables_of(stage)]
-
-
-def plan(wildcards):
-    """For input: the campaign file and the mechanism that it names."""
-    return CAMPAIGNS[wildcards.campaign].plan
-
-
-def recordings(wildcards):
-    """For input: the runs' files."""
-    return CAMPAIGNS[wildcards.campaign].data
-
-
-def parts_of(stage):
-    """For input: what every part of the stage found."""
-    return [path for part in range(FIT_PARTS) for path in handed_on(f"{stage}/{part}")]
-
-
-def campaign_section(wildcards):
-    """For the report: the campaign, after the scenarios."""
-    return f"Campaign {wildcards.campaign}"
-
 
 rule campaigned:
     input:
@@ -60,7 +25,7 @@ rule campaign_measure:
         runtime=20,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: read and look at the data"
     shell:
@@ -83,7 +48,7 @@ rule campaign_preflight:
         runtime=20,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: what can be detected and told apart"
     shell:
@@ -107,7 +72,7 @@ rule campaign_noise:
         runtime=20,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: find the noise"
     shell:
@@ -131,7 +96,7 @@ rule campaign_recalibrate:
         runtime=20,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: re-fit uncertain parameters"
     shell:
@@ -155,7 +120,7 @@ rule campaign_locate:
         runtime=20,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: map the disagreement"
     shell:
@@ -179,7 +144,7 @@ rule campaign_screen:
         runtime=20,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: screen the candidates"
     shell:
@@ -203,7 +168,7 @@ rule campaign_fit:
         runtime=120,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=3),
         parts=FIT_PARTS,
     message:
         "campaign {wildcards.campaign}: fit candidates, part {wildcards.part}"
@@ -229,7 +194,7 @@ rule campaign_pair:
         runtime=120,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=3),
         parts=FIT_PARTS,
     message:
         "campaign {wildcards.campaign}: fit pairs, part {wildcards.part}"

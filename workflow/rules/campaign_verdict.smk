@@ -1,4 +1,4 @@
-# Campaigns, from the fits to a verdict; what the rules share: campaign.smk.
+# Campaigns, from the fits to a verdict; what the rules share: campaign_common.smk.
 
 
 rule campaign_decide:
@@ -19,7 +19,7 @@ rule campaign_decide:
         runtime=20,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=2),
         parts=FIT_PARTS,
     message:
         "campaign {wildcards.campaign}: weigh the fits"
@@ -44,7 +44,7 @@ rule campaign_regress:
         runtime=60,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: look for a force law if nothing else explains it"
     shell:
@@ -68,7 +68,7 @@ rule campaign_confirm:
         runtime=20,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: predict the held-out runs"
     shell:
@@ -93,7 +93,7 @@ rule campaign_augment:
         runtime=20,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: write the augmented mechanism"
     shell:
@@ -117,7 +117,7 @@ rule campaign_rechain:
         runtime=60,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: optimise again, before and after"
     shell:
@@ -175,7 +175,7 @@ rule campaign_conclude:
         runtime=20,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
+        folder=subpath(output.verdict, parent=True),
     message:
         "campaign {wildcards.campaign}: verdict, summary and figures"
     shell:
@@ -200,8 +200,8 @@ rule campaign_track:
         runtime=20,
     params:
         code=code_digest("campaign"),
-        folder=campaign_place(""),
-        store="results",
+        folder=subpath(input.verdict, parent=True),
+        store=subpath(input.verdict, ancestor=3),
     message:
         "campaign {wildcards.campaign}: publish to MLflow"
     shell:

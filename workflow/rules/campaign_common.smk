@@ -1,0 +1,36 @@
+# What the rules of campaigns share: where the tables of each stage lie, and the files of each campaign.
+
+from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, tables_of as campaign_tables_of
+from jointgap.figures.campaign import CATALOGUE as CAMPAIGN_FIGURES
+
+FIT_PARTS = 2  # jobs that share the fits; each takes seconds to start
+
+
+def campaign_place(path):
+    """Where something of a campaign lies."""
+    return f"results/campaigns/{{campaign}}/{path}"
+
+
+def handed_on(*stages):
+    """For input and output: the tables of stages of a campaign."""
+    return [campaign_place(path) for stage in stages for path in campaign_tables_of(stage)]
+
+
+def plan(wildcards):
+    """For input: the campaign file and the mechanism that it names."""
+    return CAMPAIGNS[wildcards.campaign].plan
+
+
+def recordings(wildcards):
+    """For input: the runs' files."""
+    return CAMPAIGNS[wildcards.campaign].data
+
+
+def parts_of(stage):
+    """For input: what every part of the stage found."""
+    return [path for part in range(FIT_PARTS) for path in handed_on(f"{stage}/{part}")]
+
+
+def campaign_section(wildcards):
+    """For the report: the campaign, after the scenarios."""
+    return f"Campaign {wildcards.campaign}"
