@@ -19,6 +19,9 @@ CONVERGED, STOPPED, FAILED = "converged", "stopped", "failed"
 
 _GAIN = 0.05  # of chi2: less than this is not worth a step; a hundredth of what counts in a BIC. Poor fits need less care.
 _MOST_STEPS = 20
+_PATIENCE = 4  # steps over which a fit that is still poor has to gain
+_PROGRESS = 0.02  # of its chi2
+_POOR = 2.0  # chi2 per sample
 _ROUGH = 10.0  # damping at which steps are so short that a gain foretold and not found is the model's roughness
 _ROUGHNESS = "steps that should help do not: the motion depends on its parameters roughly here"
 
@@ -157,7 +160,12 @@ def fit(
     fresh, trusted, damping = not known, True, 0.0
     status, reason = STOPPED, f"no end after {_MOST_STEPS} steps"
     rough = differences.rough_chi2
+    course = [float(r @ r)]
     for _ in range(_MOST_STEPS):
+        behind = course[max(len(course) - 1 - _PATIENCE, 0)]
+        if len(course) > _PATIENCE and behind - course[-1] < _PROGRESS * course[-1] > _PROGRESS * _POOR * r.size:
+            reason = "poor, and hardly better from step to step"
+            break
         worth = max(_GAIN * max(1.0, r @ r / r.size) ** 2, rough)
         step, left = bounded_step(jacobian, r, low - x, high - x, damping)
         promised = r @ r - left
@@ -176,6 +184,7 @@ def fit(
                 jacobian = _corrected(jacobian, trial - x, r_trial - r)
                 if gain > 0:
                     x, r, fresh = trial, r_trial, False
+            course.append(float(r @ r))
         trusted = gain > 0.5
         if gain > 0.25:
             damping = damping / 10 if damping > 1e-4 else 0.0

@@ -19,7 +19,7 @@ best one's are not fitted."""
 
 FEWEST = 3
 
-AMONG = 4
+AMONG = 3
 """Where no single effect is enough, all pairs among this many of the best are fitted, and each with as many partners."""
 
 
