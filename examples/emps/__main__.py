@@ -9,7 +9,7 @@ from examples.emps.model import HELD_OUT, Emps
 from jointgap.discrepancy.calibrate import thresholds
 from jointgap.discrepancy.decide import Decision
 from jointgap.discrepancy.fit import Fit
-from jointgap.discrepancy.naming import fitted, refined, shortlist, verdict
+from jointgap.discrepancy.naming import fitted, pairs, refined, shortlist, verdict
 from jointgap.discrepancy.noise import estimate_noise
 from jointgap.discrepancy.recalibrate import Recalibrated, other_numerics, recalibrate
 from jointgap.discrepancy.screen import signatures
@@ -37,8 +37,9 @@ def name(model: Emps) -> Named:
     base = recalibrate(model, estimate_noise(model, missed))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    short = shortlist(known)
-    decision = verdict(base, known, fitted(base, known, [*short.singles, *short.pairs]), limits)
+    singles = [fitted(base, known, one) for one in shortlist(known, limits)]
+    doubles = [fitted(base, known, *pair) for pair in pairs(base, known, singles, limits)]
+    decision = verdict(base, known, [*singles, *doubles], limits)
     return Named(base, decision, refined(base, decision.chosen))
 
 
