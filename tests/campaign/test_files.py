@@ -3,10 +3,13 @@
 import json
 
 import pytest
+from click.testing import CliRunner
 from jsonschema import validate
 
 from benchmarks.project import ROOT
+from jointgap.campaign import stages
 from jointgap.campaign.files import campaigns
+from jointgap.cli import cli
 from jointgap.config import load_mechanism
 from jointgap.errors import InputError
 from jointgap.tables import describe
@@ -18,6 +21,26 @@ def test_the_files_of_a_campaign_are_its_plan_and_its_data():
     found = campaigns([DEMONSTRATION], (ROOT,))["demonstration"]
     assert [place.rsplit("/", 1)[1] for place in found.plan] == ["demonstration.yaml", "ideal_joints.yaml"]
     assert [place.rsplit("/", 1)[1] for place in found.data] == ["slow.csv", "mid.csv", "fast.csv"]
+
+
+def test_only_fits_of_loose_joints_are_worth_a_second_process(tmp_path):
+    text = (ROOT / DEMONSTRATION).read_text()
+    loose = text.replace("../mechanisms/ideal_joints.yaml", str(ROOT / "config/mechanisms/erkaya2009.yaml"))
+    (tmp_path / "loose.yaml").write_text(loose.replace("name: demonstration", "name: loose"))
+    found = campaigns([DEMONSTRATION, "loose.yaml"], (ROOT, tmp_path))
+    assert {name: files.parts for name, files in found.items()} == {"demonstration": 1, "loose": 2}
+
+
+def test_stages_follow_each_other_in_one_process_on_the_same_case(tmp_path, monkeypatch):
+    passed = []
+    for name in ("decide", "regress", "confirm"):
+        monkeypatch.setattr(stages, name, lambda case, name=name, **given: passed.append((name, id(case), given)))
+    command = ["decide", str(ROOT / DEMONSTRATION), "--folder", str(tmp_path), "--parts", "2"]
+    CliRunner().invoke(cli, [*command, "--then", "regress", "--then", "confirm"], catch_exceptions=False)
+    names, cases, given = zip(*passed, strict=True)
+    assert names == ("decide", "regress", "confirm")
+    assert len(set(cases)) == 1
+    assert given == ({"parts": 2}, {}, {})
 
 
 @pytest.mark.parametrize(

@@ -55,36 +55,12 @@ rule campaign_preflight:
         "jointgap preflight {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
 
 
-rule campaign_noise:
+rule campaign_recalibrate:
     input:
         plan=plan,
         tables=handed_on("measure"),
     output:
-        handed_on("noise"),
-    log:
-        campaign_place("logs/noise.log"),
-    benchmark:
-        campaign_place("benchmarks/noise.tsv")
-    conda:
-        "../envs/jointgap.yaml"
-    resources:
-        mem_mb=1500,
-        runtime=20,
-    params:
-        code=code_digest("campaign"),
-        folder=subpath(output[0], ancestor=2),
-    message:
-        "campaign {wildcards.campaign}: find the noise"
-    shell:
-        "jointgap noise {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
-
-
-rule campaign_recalibrate:
-    input:
-        plan=plan,
-        tables=handed_on("measure", "noise"),
-    output:
-        handed_on("recalibrate"),
+        handed_on("noise", "recalibrate", "locate"),
     log:
         campaign_place("logs/recalibrate.log"),
     benchmark:
@@ -93,38 +69,14 @@ rule campaign_recalibrate:
         "../envs/jointgap.yaml"
     resources:
         mem_mb=1500,
-        runtime=20,
+        runtime=30,
     params:
         code=code_digest("campaign"),
         folder=subpath(output[0], ancestor=2),
     message:
-        "campaign {wildcards.campaign}: re-fit uncertain parameters"
+        "campaign {wildcards.campaign}: find the noise, re-fit uncertain parameters, map the disagreement"
     shell:
-        "jointgap recalibrate {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
-
-
-rule campaign_locate:
-    input:
-        plan=plan,
-        tables=handed_on("measure", "noise", "recalibrate"),
-    output:
-        handed_on("locate"),
-    log:
-        campaign_place("logs/locate.log"),
-    benchmark:
-        campaign_place("benchmarks/locate.tsv")
-    conda:
-        "../envs/jointgap.yaml"
-    resources:
-        mem_mb=1500,
-        runtime=20,
-    params:
-        code=code_digest("campaign"),
-        folder=subpath(output[0], ancestor=2),
-    message:
-        "campaign {wildcards.campaign}: map the disagreement"
-    shell:
-        "jointgap locate {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+        "jointgap noise {input.plan[0]:q} --folder {params.folder:q} --then recalibrate --then locate > {log:q} 2>&1"
 
 
 rule campaign_screen:
@@ -169,7 +121,7 @@ rule campaign_fit:
     params:
         code=code_digest("campaign"),
         folder=subpath(output[0], ancestor=3),
-        parts=FIT_PARTS,
+        parts=fit_parts,
     message:
         "campaign {wildcards.campaign}: fit candidates, part {wildcards.part}"
     shell:
@@ -195,7 +147,7 @@ rule campaign_pair:
     params:
         code=code_digest("campaign"),
         folder=subpath(output[0], ancestor=3),
-        parts=FIT_PARTS,
+        parts=fit_parts,
     message:
         "campaign {wildcards.campaign}: fit pairs, part {wildcards.part}"
     shell:

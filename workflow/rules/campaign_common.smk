@@ -3,8 +3,6 @@
 from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, tables_of as campaign_tables_of
 from jointgap.figures.campaign import CATALOGUE as CAMPAIGN_FIGURES
 
-FIT_PARTS = 2  # jobs that share the fits; each takes seconds to start
-
 
 def campaign_place(path):
     """Where something of a campaign lies."""
@@ -26,9 +24,23 @@ def recordings(wildcards):
     return CAMPAIGNS[wildcards.campaign].data
 
 
+def fit_parts(wildcards):
+    """For params: how many jobs share the fits."""
+    return CAMPAIGNS[wildcards.campaign].parts
+
+
 def parts_of(stage):
     """For input: what every part of the stage found."""
-    return [path for part in range(FIT_PARTS) for path in handed_on(f"{stage}/{part}")]
+
+    def files(wildcards):
+        parts = range(fit_parts(wildcards))
+        return [
+            path.format(campaign=wildcards.campaign)
+            for part in parts
+            for path in handed_on(f"{stage}/{part}")
+        ]
+
+    return files
 
 
 def campaign_section(wildcards):

@@ -5,9 +5,11 @@ rule campaign_decide:
     input:
         plan=plan,
         tables=handed_on("measure", "noise", "recalibrate", "screen"),
-        fits=parts_of("fit") + parts_of("pair"),
+        fits=parts_of("fit"),
+        pairs=parts_of("pair"),
     output:
-        handed_on("decide"),
+        handed_on("decide", "regress", "confirm", "augment"),
+        mechanism=campaign_place(MECHANISM),
     log:
         campaign_place("logs/decide.log"),
     benchmark:
@@ -16,94 +18,23 @@ rule campaign_decide:
         "../envs/jointgap.yaml"
     resources:
         mem_mb=1500,
-        runtime=20,
+        runtime=90,
     params:
         code=code_digest("campaign"),
         folder=subpath(output[0], ancestor=2),
-        parts=FIT_PARTS,
+        parts=fit_parts,
     message:
-        "campaign {wildcards.campaign}: weigh the fits"
+        "campaign {wildcards.campaign}: weigh the fits, predict the held-out runs, write the augmented mechanism"
     shell:
-        "jointgap decide {input.plan[0]:q} --folder {params.folder:q} --parts {params.parts} > {log:q} 2>&1"
-
-
-rule campaign_regress:
-    input:
-        plan=plan,
-        tables=handed_on("measure", "noise", "recalibrate", "screen", "decide"),
-    output:
-        handed_on("regress"),
-    log:
-        campaign_place("logs/regress.log"),
-    benchmark:
-        campaign_place("benchmarks/regress.tsv")
-    conda:
-        "../envs/jointgap.yaml"
-    resources:
-        mem_mb=1500,
-        runtime=60,
-    params:
-        code=code_digest("campaign"),
-        folder=subpath(output[0], ancestor=2),
-    message:
-        "campaign {wildcards.campaign}: look for a force law if nothing else explains it"
-    shell:
-        "jointgap regress {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
-
-
-rule campaign_confirm:
-    input:
-        plan=plan,
-        tables=handed_on("measure", "noise", "recalibrate", "regress"),
-    output:
-        handed_on("confirm"),
-    log:
-        campaign_place("logs/confirm.log"),
-    benchmark:
-        campaign_place("benchmarks/confirm.tsv")
-    conda:
-        "../envs/jointgap.yaml"
-    resources:
-        mem_mb=1500,
-        runtime=20,
-    params:
-        code=code_digest("campaign"),
-        folder=subpath(output[0], ancestor=2),
-    message:
-        "campaign {wildcards.campaign}: predict the held-out runs"
-    shell:
-        "jointgap confirm {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
-
-
-rule campaign_augment:
-    input:
-        plan=plan,
-        tables=handed_on("measure", "noise", "recalibrate", "regress"),
-    output:
-        handed_on("augment"),
-        mechanism=campaign_place(MECHANISM),
-    log:
-        campaign_place("logs/augment.log"),
-    benchmark:
-        campaign_place("benchmarks/augment.tsv")
-    conda:
-        "../envs/jointgap.yaml"
-    resources:
-        mem_mb=1500,
-        runtime=20,
-    params:
-        code=code_digest("campaign"),
-        folder=subpath(output[0], ancestor=2),
-    message:
-        "campaign {wildcards.campaign}: write the augmented mechanism"
-    shell:
-        "jointgap augment {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+        "jointgap decide {input.plan[0]:q} --folder {params.folder:q} --parts {params.parts}"
+        " --then regress --then confirm --then augment > {log:q} 2>&1"
 
 
 rule campaign_rechain:
     input:
         plan=plan,
         tables=handed_on("measure", "noise", "recalibrate", "regress"),
+        mechanism=campaign_place(MECHANISM),
     output:
         handed_on("rechain"),
     log:

@@ -2,22 +2,19 @@
 
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from jointgap.campaign import fits, noise, screen
-from jointgap.campaign.decide import Outcome
 from jointgap.campaign.folder import OF_FITS, OF_NOISE, Folder
 from jointgap.config.campaign import Campaign, load_campaign
-from jointgap.discrepancy.calibrate import Thresholds
-from jointgap.discrepancy.differences import Differences
-from jointgap.discrepancy.fit import Fit
-from jointgap.discrepancy.naming import shortlist
-from jointgap.discrepancy.noise import FoundNoise
-from jointgap.discrepancy.problem import Problem
-from jointgap.discrepancy.protocol import Candidate, Model
-from jointgap.discrepancy.recalibrate import Recalibrated
-from jointgap.measure import Measurements, from_frame
-from jointgap.rig import rig_model
-from jointgap.rig.library import library
+
+if TYPE_CHECKING:  # what a stage does not ask for is not imported: the compiled dynamics take seconds to load
+    from jointgap.campaign.decide import Outcome
+    from jointgap.campaign.screen import Screening
+    from jointgap.discrepancy.fit import Fit
+    from jointgap.discrepancy.noise import FoundNoise
+    from jointgap.discrepancy.protocol import Candidate, Model
+    from jointgap.discrepancy.recalibrate import Recalibrated
+    from jointgap.measure import Measurements
 
 
 class Case:
@@ -43,34 +40,50 @@ class Case:
         self.folder = Folder(folder)
 
     @cached_property
-    def measurements(self) -> Measurements:
+    def measurements(self) -> "Measurements":
         """What the stage measure read."""
+        from jointgap.measure import from_frame
+
         remarks = tuple(self.folder.read("remarks")["remark"])
         return from_frame(self.folder.read("measured"), self.campaign, remarks)
 
     @cached_property
-    def model(self) -> Model:
+    def model(self) -> "Model":
         """The rig's model with the measured data."""
+        from jointgap.rig import rig_model
+
         return rig_model(self.campaign, self.measurements)
 
     @cached_property
-    def library(self) -> list[Candidate]:
+    def library(self) -> "list[Candidate]":
         """Terms that a law for a missing force may have."""
+        from jointgap.rig.library import library
+
         return list(library(self.model))
 
     @cached_property
-    def noise(self) -> dict[tuple[str, str], FoundNoise]:
+    def noise(self) -> "dict[tuple[str, str], FoundNoise]":
         """Noise of every series, without that of the numerics."""
-        return noise.from_frames(*(self.folder.read(name, "noise") for name in OF_NOISE))
+        return self._noise("noise")
 
     @cached_property
-    def whole_noise(self) -> dict[tuple[str, str], FoundNoise]:
+    def whole_noise(self) -> "dict[tuple[str, str], FoundNoise]":
         """Noise of every series, with that of the numerics."""
-        return noise.from_frames(*(self.folder.read(name, "recalibrate") for name in OF_NOISE))
+        return self._noise("recalibrate")
+
+    def _noise(self, stage: str) -> "dict[tuple[str, str], FoundNoise]":
+        from jointgap.campaign.noise import from_frames
+
+        return from_frames(*(self.folder.read(name, stage) for name in OF_NOISE))
 
     @cached_property
-    def recalibrated(self) -> Recalibrated:
+    def recalibrated(self) -> "Recalibrated":
         """The base that every explanation is compared with."""
+        from jointgap.campaign import fits
+        from jointgap.discrepancy.differences import Differences
+        from jointgap.discrepancy.problem import Problem
+        from jointgap.discrepancy.recalibrate import Recalibrated
+
         problem = Problem(self.model, self.whole_noise)
         (nominal,), (base,) = (
             fits.from_frames(self.folder.read_all(OF_FITS, f"recalibrate/{which}"), problem)
@@ -79,8 +92,12 @@ class Case:
         return Recalibrated(problem, Differences(problem), nominal, base)
 
     @cached_property
-    def screening(self) -> screen.Screening:
+    def screening(self) -> "Screening":
         """Signatures, thresholds, and what to fit."""
+        from jointgap.campaign import screen
+        from jointgap.discrepancy.calibrate import Thresholds
+        from jointgap.discrepancy.naming import shortlist
+
         limits = Thresholds(**self.folder.read("thresholds").to_dict("records")[0])
         known = screen.from_frames(
             *(self.folder.read(name) for name in ("signatures", "signature_shapes", "screened")),
@@ -89,23 +106,28 @@ class Case:
         )
         return screen.Screening(known, limits, shortlist(known, limits))
 
-    def fits(self, stage: str, parts: int) -> tuple[list[Fit], dict[str, float]]:
+    def fits(self, stage: str, parts: int) -> "tuple[list[Fit], dict[str, float]]":
         """What the parts of the stage fit or pair found, and how long each took [s]."""
+        from jointgap.campaign.fits import from_frames
+
         found, seconds = [], {}
         for part in range(parts):
             frames = self.folder.read_all(OF_FITS, f"{stage}/{part}")
-            found += fits.from_frames(frames, self.recalibrated.problem)
+            found += from_frames(frames, self.recalibrated.problem)
             seconds |= dict(zip(frames["fits"]["explanation"], frames["fits"]["seconds"], strict=True))
         return found, seconds
 
-    def outcome(self, stage: str) -> Outcome:
+    def outcome(self, stage: str) -> "Outcome":
         """What the stage decide or regress settled."""
+        from jointgap.campaign.decide import Outcome
+        from jointgap.campaign.fits import from_frames
+
         row = self.folder.read("decision", stage).iloc[0]
         problem = self.recalibrated.problem
         # terms of a law are no candidates of the model, but the library is made only where they are needed
         frames = self.folder.read_all(OF_FITS, stage)
         more = self.library if (frames["fits"]["kind"] == "formula").any() else ()
-        found = fits.from_frames(frames, problem, more)
+        found = from_frames(frames, problem, more)
         plain = self.recalibrated.nominal if row["nuisances"] == "nominal" else self.recalibrated.base
         named = row["verdict"].startswith("named")
         chosen, equivalent = (found[0], []) if named else (plain, found)

@@ -22,11 +22,14 @@ class CampaignFiles:
         It and the mechanism that it names.
     data : tuple of str
         One of each run.
+    parts : int
+        Jobs that share the fits: one where all joints are ideal, as fits without contact are over sooner than a process starts.
     """
 
     campaign: str
     plan: tuple[str, ...]
     data: tuple[str, ...]
+    parts: int
 
 
 def campaigns(paths: Any, folders: Sequence[Path]) -> dict[str, CampaignFiles]:
@@ -59,7 +62,6 @@ def campaigns(paths: Any, folders: Sequence[Path]) -> dict[str, CampaignFiles]:
             )
         mechanism = read_yaml(file).get("mechanism")
         plan = (str(file), *([str(file.parent / mechanism)] if isinstance(mechanism, str) else []))
-        found[campaign.name] = CampaignFiles(
-            str(file), plan, tuple(str(campaign.folder / run.file) for run in campaign.runs)
-        )
+        data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
+        found[campaign.name] = CampaignFiles(str(file), plan, data, 2 if campaign.mechanism.applied().loose else 1)
     return found

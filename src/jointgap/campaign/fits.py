@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap import tables
+from jointgap.campaign.folder import Frames
 from jointgap.discrepancy.fit import FAILED, Fit, bounds_of
 from jointgap.discrepancy.linear import compressed
 from jointgap.discrepancy.problem import Explanation, Problem, label_of
@@ -16,9 +17,6 @@ HALF_WIDTH = 1.645
 """Half the width of a 90 % interval, in standard errors."""
 
 JOINED = " + "
-
-Frames = dict[str, pd.DataFrame]
-"""Frames of the tables fits, fit_values, fit_curvature and fit_residuals, by name."""
 
 
 def explanation_of(label: str, candidates: Sequence[Candidate]) -> Explanation:

@@ -5,8 +5,10 @@ from pathlib import Path
 import pandas as pd
 
 from jointgap import tables
-from jointgap.campaign.fits import Frames
 from jointgap.tables import Table
+
+Frames = dict[str, pd.DataFrame]
+"""Frames of several tables, by name."""
 
 PLACES = {
     "measured": "measure/measured.parquet",

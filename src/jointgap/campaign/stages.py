@@ -1,27 +1,19 @@
-"""The stages on files: each takes what it needs of a case and writes its tables."""
+"""The stages on files: each takes what it needs of a case and writes its tables.
+
+Each imports what it needs when it runs: a job that reads data alone does not wait for the compiled dynamics.
+"""
+
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from jointgap.campaign import confirm as confirming
-from jointgap.campaign import decide as deciding
-from jointgap.campaign import fit as fitting
-from jointgap.campaign import fits
-from jointgap.campaign import noise as scattering
-from jointgap.campaign import preflight as planning
-from jointgap.campaign import regress as regressing
-from jointgap.campaign import screen as screening
-from jointgap.campaign.augment import augment as augmented
-from jointgap.campaign.augment import mechanisms
 from jointgap.campaign.case import Case
-from jointgap.campaign.decide import Outcome
 from jointgap.campaign.folder import MECHANISM, OF_OUTCOME
-from jointgap.campaign.rechain import rechain as chained
-from jointgap.discrepancy.locate import locate as located
-from jointgap.discrepancy.naming import pairs
-from jointgap.discrepancy.noise import numerics_noise
-from jointgap.discrepancy.recalibrate import recalibrate as recalibrated
-from jointgap.measure import read_measurements, to_frame
-from jointgap.tables import write_text
+from jointgap.config import load_mechanism
+from jointgap.tables import OPTIMUM, write_text
+
+if TYPE_CHECKING:
+    from jointgap.campaign.decide import Outcome
 
 FALSE_ALARM_RATE = 0.01
 """Share of campaigns with nothing hidden in which something is found nevertheless."""
@@ -31,6 +23,8 @@ SEED = 0
 
 def measure(case: Case, pictures: bool = True) -> None:
     """Read what was measured and, with `pictures`, look at it."""
+    from jointgap.measure import read_measurements, to_frame
+
     case.measurements = read_measurements(case.campaign)
     remarks = pd.DataFrame({"remark": pd.Series(case.measurements.remarks, dtype=object)})
     case.folder.write("remarks", remarks)
@@ -47,6 +41,8 @@ def measure(case: Case, pictures: bool = True) -> None:
 
 def preflight(case: Case, advice: bool = True) -> None:
     """Say which effects the campaign can show and tell apart, from its plan alone; with `advice`, what would help most."""
+    from jointgap.campaign import preflight as planning
+
     planned = planning.advised if advice else planning.preflight
     for name, frame in planned(case.campaign, FALSE_ALARM_RATE).items():
         case.folder.write(name, frame)
@@ -54,6 +50,8 @@ def preflight(case: Case, advice: bool = True) -> None:
 
 def noise(case: Case) -> None:
     """Find the noise of every series."""
+    from jointgap.campaign import noise as scattering
+
     case.noise = scattering.noise(case.model)
     for name, frame in zip(("noise", "noise_memory"), scattering.to_frames(case.noise), strict=True):
         case.folder.write(name, frame, "noise")
@@ -61,6 +59,11 @@ def noise(case: Case) -> None:
 
 def recalibrate(case: Case) -> None:
     """Fit the nuisances within their ranges, and count in what other numerics would predict."""
+    from jointgap.campaign import fits
+    from jointgap.campaign import noise as scattering
+    from jointgap.discrepancy.noise import numerics_noise
+    from jointgap.discrepancy.recalibrate import recalibrate as recalibrated
+
     found = case.recalibrated = recalibrated(case.model, case.noise)
     whole = numerics_noise(case.model, found.base.mapping, case.noise)  # of held-out runs too
     case.whole_noise = whole | {part.series.key: part.noise for part in found.problem.parts}
@@ -72,6 +75,8 @@ def recalibrate(case: Case) -> None:
 
 def locate(case: Case) -> None:
     """Map where the recalibrated base disagrees with the measurement."""
+    from jointgap.discrepancy.locate import locate as located
+
     found = located(case.recalibrated.problem, case.recalibrated.base.residual, FALSE_ALARM_RATE)
     for name in ("bins", "windows", "tests", "orders", "scaling"):
         case.folder.write(f"map_{name}", getattr(found, name))
@@ -79,6 +84,9 @@ def locate(case: Case) -> None:
 
 def screen(case: Case) -> None:
     """Simulate every candidate at a small size, and choose what is worth a fit."""
+    from jointgap.campaign import noise as scattering
+    from jointgap.campaign import screen as screening
+
     dof = scattering.degrees_of_freedom(case.noise)
     found = case.screening = screening.screen(case.recalibrated, FALSE_ALARM_RATE, dof, SEED)
     derivatives, shapes = screening.to_frames(found.known)
@@ -90,6 +98,9 @@ def screen(case: Case) -> None:
 
 def fit(case: Case, part: int = 0, parts: int = 1) -> None:
     """Fit one part of the chosen single effects by forward simulation."""
+    from jointgap.campaign import fit as fitting
+    from jointgap.campaign import fits
+
     chosen = [(one, None) for one in case.screening.chosen]
     found, seconds = fitting.fits(case.recalibrated, case.screening.known, chosen, part, parts)
     case.folder.write_all(fits.to_frames(found, seconds, whole=True), f"fit/{part}")
@@ -97,6 +108,10 @@ def fit(case: Case, part: int = 0, parts: int = 1) -> None:
 
 def pair(case: Case, part: int = 0, parts: int = 1) -> None:
     """Fit one part of the pairs that are worth it beside the single effects, which as many parts have fitted."""
+    from jointgap.campaign import fit as fitting
+    from jointgap.campaign import fits
+    from jointgap.discrepancy.naming import pairs
+
     known, limits = case.screening.known, case.screening.limits
     chosen = pairs(case.recalibrated, known, case.fits("fit", parts)[0], limits)
     found, seconds = fitting.fits(case.recalibrated, known, chosen, part, parts)
@@ -105,6 +120,8 @@ def pair(case: Case, part: int = 0, parts: int = 1) -> None:
 
 def decide(case: Case, parts: int = 1) -> None:
     """Choose among the fits of all parts."""
+    from jointgap.campaign import decide as deciding
+
     (singles, seconds), (doubles, more) = (case.fits(stage, parts) for stage in ("fit", "pair"))
     screened = case.screening
     outcome = deciding.decide(case.recalibrated, screened.known, [*singles, *doubles], seconds | more, screened.limits)
@@ -113,6 +130,8 @@ def decide(case: Case, parts: int = 1) -> None:
 
 def regress(case: Case) -> None:
     """Look for a force law where no effect of the list explains what is missing."""
+    from jointgap.campaign import regress as regressing
+
     if case.folder.read("decision", "decide")["verdict"].iloc[0] != regressing.UNEXPLAINED:
         case.folder.write_all(case.folder.read_all(OF_OUTCOME, "decide"), "regress")
         return
@@ -120,7 +139,9 @@ def regress(case: Case) -> None:
     _settled(case, regressing.regress(case.recalibrated, limits, case.library, case.outcome("decide")), "regress")
 
 
-def _settled(case: Case, outcome: Outcome, stage: str) -> None:
+def _settled(case: Case, outcome: "Outcome", stage: str) -> None:
+    from jointgap.campaign import fits
+
     named = outcome.verdict.startswith("named")
     kept = [outcome.chosen] if named else outcome.equivalent
     case.folder.write_all(fits.to_frames(kept), stage)
@@ -131,6 +152,8 @@ def _settled(case: Case, outcome: Outcome, stage: str) -> None:
 
 def confirm(case: Case) -> None:
     """Predict held-out runs with and without the effects of the verdict."""
+    from jointgap.campaign import confirm as confirming
+
     outcome = case.outcome("regress")
     base = case.recalibrated.base
     named = outcome.chosen if outcome.chosen.explanation else None
@@ -141,6 +164,8 @@ def confirm(case: Case) -> None:
 
 def augment(case: Case) -> None:
     """Write the mechanism with the effects of the verdict, and the force that they add."""
+    from jointgap.campaign.augment import augment as augmented
+
     text, force = augmented(case.campaign, case.recalibrated.base, case.outcome("regress"))
     write_text(case.folder.path / MECHANISM, text)
     case.folder.write("missing_force", force)
@@ -148,6 +173,13 @@ def augment(case: Case) -> None:
 
 def rechain(case: Case) -> None:
     """Optimise the link lengths again, before and after, at the speed of the fastest run for fitting."""
+    written = load_mechanism(case.folder.path / MECHANISM)
+    if not case.campaign.mechanism.applied().loose and not written.applied().loose:
+        case.folder.write("campaign_optimum", pd.DataFrame(columns=[column.name for column in OPTIMUM.columns]))
+        return  # the transmission angle of ideal joints follows from the lengths alone, whatever acts on the slider
+    from jointgap.campaign.augment import mechanisms
+    from jointgap.campaign.rechain import rechain as chained
+
     models = dict(
         zip(
             ("base", "augmented"),

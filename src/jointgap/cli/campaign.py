@@ -25,21 +25,6 @@ def _case(campaign: Path, folder: Path | None):
     return case
 
 
-def _stage(name: str, words: str, **settings):
-    """A subcommand that runs one stage on files."""
-
-    def command(campaign: Path, folder: Path | None, **given) -> None:
-        from jointgap.campaign import stages
-
-        getattr(stages, name)(_case(campaign, folder), **given)
-
-    command.__doc__ = words
-    made = campaign_argument(folder_option(command))
-    for option in settings.get("options", ()):
-        made = option(made)
-    return cli.command(name)(made)
-
-
 _parts = click.option(
     "--parts",
     type=click.IntRange(min=1),
@@ -51,19 +36,53 @@ _part = click.option(
     "--part", type=click.IntRange(min=0), default=0, show_default=True, help="Which of them to fit, counted from 0."
 )
 
-_stage("measure", "Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter.")
-_stage("noise", "Find the noise of every channel of every run, from what does not repeat.")
-_stage("recalibrate", "Fit the parameters that are not known exactly within their ranges.")
-_stage("locate", "Map where the recalibrated model disagrees with the measurement: run, channel, crank angle.")
-_stage("screen", "Simulate every effect that could be missing at a small size, and choose what is worth a fit.")
-_stage("fit", "Fit the chosen effects by forward simulation.", options=(_part, _parts))
-_stage("pair", "Fit the pairs of effects that are worth it by forward simulation.", options=(_part, _parts))
-_stage("decide", "Weigh the fits: what is missing, or why it cannot be told.", options=(_parts,))
-_stage("regress", "Where no effect explains what is missing: look for a force law as a formula.")
-_stage("confirm", "Predict the held-out runs with and without what was found.")
-_stage("augment", "Write the mechanism file with what was found, for every other stage.")
-_stage("rechain", "Optimise the link lengths for the model before and after: does the missing effect move the optimum?")
-_stage("conclude", "Write verdict.json, the one-page summary and the figures.")
+_STAGES = {
+    "measure": "Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter.",
+    "noise": "Find the noise of every channel of every run, from what does not repeat.",
+    "recalibrate": "Fit the parameters that are not known exactly within their ranges.",
+    "locate": "Map where the recalibrated model disagrees with the measurement: run, channel, crank angle.",
+    "screen": "Simulate every effect that could be missing at a small size, and choose what is worth a fit.",
+    "fit": "Fit the chosen effects by forward simulation.",
+    "pair": "Fit the pairs of effects that are worth it by forward simulation.",
+    "decide": "Weigh the fits: what is missing, or why it cannot be told.",
+    "regress": "Where no effect explains what is missing: look for a force law as a formula.",
+    "confirm": "Predict the held-out runs with and without what was found.",
+    "augment": "Write the mechanism file with what was found, for every other stage.",
+    "rechain": "Optimise the link lengths for the model before and after: does the missing effect move the optimum?",
+    "conclude": "Write verdict.json, the one-page summary and the figures.",
+}
+_OPTIONS = {"fit": (_part, _parts), "pair": (_part, _parts), "decide": (_parts,)}
+
+_then = click.option(
+    "--then",
+    "further",
+    type=click.Choice(tuple(_STAGES)),
+    metavar="STAGE",
+    multiple=True,
+    help="Another stage to run afterwards in the same process; repeatable.",
+)
+
+
+def _stage(name: str, words: str) -> None:
+    """Make the subcommand that runs one stage on files, and others after it."""
+
+    def command(campaign: Path, folder: Path | None, further: tuple[str, ...], **given) -> None:
+        from jointgap.campaign import stages
+
+        case = _case(campaign, folder)
+        getattr(stages, name)(case, **given)
+        for other in further:
+            getattr(stages, other)(case)
+
+    command.__doc__ = words
+    made = campaign_argument(folder_option(_then(command)))
+    for option in _OPTIONS.get(name, ()):
+        made = option(made)
+    cli.command(name)(made)
+
+
+for _name, _words in _STAGES.items():
+    _stage(_name, _words)
 
 
 @cli.command()
