@@ -49,8 +49,8 @@ def analysed(campaign: Path, results: Path) -> dict[str, Any]:
             try:
                 residuals = tables.read(tables.RESIDUALS, made / "confirm" / "residuals.parquet")
                 found["sparse"] = sparse(place / "campaign.yaml", residuals)
-            except ImportError:
-                found["sparse"] = None
+            except Exception as error:  # not installed, or it fails on these data: it counts as not asked
+                found |= {"sparse": None, "sparse_error": f"{type(error).__name__}: {error}"}
         shutil.rmtree(results, ignore_errors=True)
         results.mkdir(parents=True)
         if (made / "verdict.json").exists():
@@ -59,8 +59,9 @@ def analysed(campaign: Path, results: Path) -> dict[str, Any]:
 
 
 def _fits(made: Path) -> pd.DataFrame:
-    """Every fit of the analysis, the base's among them; none but the base's where it passed at once."""
-    places = [made / "recalibrate" / "base" / "fits.parquet", *sorted(made.glob("fit/*/fits.parquet"))]
+    """Every fit of the analysis, of single effects and of pairs, the base's among them."""
+    places = [made / "recalibrate" / "base" / "fits.parquet"]
+    places += [place for stage in ("fit", "pair") for place in sorted(made.glob(f"{stage}/*/fits.parquet"))]
     return pd.concat([tables.read(tables.FITS, place) for place in places], ignore_index=True)
 
 
