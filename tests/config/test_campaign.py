@@ -224,6 +224,18 @@ def test_a_percentage_of_zero_is_refused(write):
         load_campaign(write({"mechanism": frictionless, "nuisance": {"joint_friction": "10 %"}}))
 
 
+def test_pins_of_different_contacts_do_not_share_a_nuisance(write):
+    pins = {"piston_pin": {"contact": "smooth"}}
+    two = merge(read_yaml(PAPER), {"joints": pins})
+    two["contacts"]["smooth"] = two["contacts"]["steel"] | {"friction": 0.01}
+    with pytest.raises(
+        InputError, match=r"joint_friction of both pins .* 0\.01 in piston_pin; list joint_friction_crank_pin"
+    ):
+        load_campaign(write({"mechanism": two, "nuisance": {"joint_friction": [0.0, 0.3]}}))
+    own = load_campaign(write({"mechanism": two, "nuisance": {"joint_friction_piston_pin": [0.0, 0.3]}}))
+    assert own.bounds("joint_friction_piston_pin", 0.01) == (0.0, 0.3)
+
+
 def test_the_mechanism_is_looked_for_beside_the_campaign_and_nowhere_else(write, tmp_path, monkeypatch):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere/other.yaml").write_text(PAPER.read_text(encoding="utf-8"), encoding="utf-8")

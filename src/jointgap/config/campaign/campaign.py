@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_serializer, field_validator, model_validator
 
 from jointgap.config.campaign.channels import CHANNELS, Channel, Name, channel_factor
-from jointgap.config.campaign.nuisance import as_written, check_keys, nominal_values, share_or_bounds
+from jointgap.config.campaign.nuisance import PINS, SHARED, as_written, check_keys, nominal_values, share_or_bounds
 from jointgap.config.drive import MotorDrive
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.quantities import Angle, PositiveAngularSpeed
@@ -165,8 +165,13 @@ class Campaign(Section):
     @model_validator(mode="after")
     def _nominal_is_within_bounds(self):
         for key in self.nuisance:
-            speeds = tuple(run.speed for run in self.runs)
-            for nominal in speeds if key == "speed" else nominal_values(self.mechanism, key):
+            nominals = tuple(run.speed for run in self.runs) if key == "speed" else nominal_values(self.mechanism, key)
+            if key in SHARED and len(set(nominals)) > 1:
+                raise ValueError(
+                    f"nuisance: {key} of both pins would be one number, but is {nominals[0]:g} in {PINS[0]} and {nominals[1]:g} in "
+                    f"{PINS[1]}; list {key}_{PINS[0]} and {key}_{PINS[1]}"
+                )
+            for nominal in nominals:
                 low, high = self.bounds(key, nominal)
                 if low == high:
                     raise ValueError(

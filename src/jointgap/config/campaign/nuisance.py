@@ -10,7 +10,9 @@ from jointgap.errors import did_you_mean
 
 PINS = ("crank_pin", "piston_pin")
 
-_SHARED = {"joint_friction": ("", 0.0, 0.6), "restitution": ("", 1e-3, 1.0)}
+SHARED = {"joint_friction": ("", 0.0, 0.6), "restitution": ("", 1e-3, 1.0)}
+"""Quantities that both pins share unless they are listed for each: unit and limits."""
+
 _LIMITS = {
     "slider_mass": ("kg", 0.0, None),
     "rod_mass": ("kg", 0.0, None),
@@ -19,8 +21,8 @@ _LIMITS = {
     "rod_length": ("m", 0.0, None),
     "crank_pin_clearance": ("m", 0.0, None),
     "piston_pin_clearance": ("m", 0.0, None),
-    **_SHARED,
-    **{f"{key}_{pin}": limits for key, limits in _SHARED.items() for pin in PINS},
+    **SHARED,
+    **{f"{key}_{pin}": limits for key, limits in SHARED.items() for pin in PINS},
     "speed": ("rad/s", 0.0, None),
 }
 """SI unit and the limits of what is possible."""
@@ -79,7 +81,7 @@ def check_keys(given: Mapping[str, Any]) -> None:
     for key in given:
         if key not in _LIMITS:
             raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(str(key), _LIMITS)}")
-    for shared in _SHARED:
+    for shared in SHARED:
         own = [f"{shared}_{pin}" for pin in PINS if f"{shared}_{pin}" in given]
         if shared in given and own:
             raise ValueError(f"{shared} of both pins and {own[0]} are listed; give one of them")
