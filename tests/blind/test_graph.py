@@ -36,7 +36,7 @@ def rules() -> dict[str, Files]:
 
 
 def test_the_rules_are_those_we_think_of(rules):
-    assert set(rules) == {"conceal", "analyse", "score", "blind"}
+    assert set(rules) == {"conceal", "analyse", "score", "track", "blind"}
 
 
 def test_only_the_scoring_takes_the_sealed_truth(rules):

@@ -86,3 +86,20 @@ def blind_score(name: str, truths: tuple[Path, ...], founds: tuple[Path, ...], f
     words = markdown(name, frame)
     tables.write_text(folder / "summary.md", words)
     click.echo(words)
+
+
+@cli.command("blind-track")
+@click.option("--set", "name", required=True, help="What the set is called.")
+@click.option("--folder", type=_FOLDER, required=True, help="Folder of the score.")
+@click.option("--store", type=_FOLDER, required=True, help="Folder of the store.")
+@need("--published", "JSON file to write: what was published where.", OUT)
+def blind_track(name: str, folder: Path, store: Path, published: Path) -> None:
+    """Publish the score of a set of blind trials to MLflow; nothing twice."""
+    import json
+
+    from jointgap.tables import write_text
+    from jointgap.track.blind import DESCRIPTION, records
+    from jointgap.track.publish import publish_records
+
+    summary = publish_records(name, DESCRIPTION, records(folder), None, store)
+    write_text(published, json.dumps(summary, indent=2) + "\n")

@@ -1,0 +1,68 @@
+"""Scores of blind trials in the dashboard."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from jointgap import tables
+from jointgap.blind.summary import rates
+from jointgap.blind.trials import TRIALS
+from jointgap.cli import cli
+from jointgap.errors import InputError
+from jointgap.track.blind import records
+from jointgap.track.view import addresses
+
+
+def made_up(right: int, count: int = 4) -> pd.DataFrame:
+    """Trials with one effect each, of which the first `right` were named right, and one with nothing hidden."""
+    rows = [{"kind": "single", "hidden": "gravity", "outcome": "right" if i < right else "wrong"} for i in range(count)]
+    rows.append({"kind": "nothing", "hidden": "nothing", "outcome": "right"})
+    numbers = {column.name: np.nan for column in TRIALS.columns if column.kind == "float"}
+    text = {column.name: "-" for column in TRIALS.columns if column.kind == "text"}
+    frame = pd.DataFrame([text | numbers | {"base": "ideal", "size": 5.0, "seconds": 2.0} | row for row in rows])
+    return frame.assign(detectable=frame["kind"] == "single", id=[f"trial{i}" for i in frame.index])
+
+
+def scored(folder, trials: pd.DataFrame):
+    """What the scoring leaves behind."""
+    tables.write(TRIALS, trials, folder / "trials.parquet")
+    (folder / "summary.md").write_text("in words")
+    (folder / "rates.svg").write_text("<svg/>")
+    return folder
+
+
+def published(results, name: str, right: int) -> dict:
+    folder = results / "blind" / name / "score"
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "published.json"
+    given = ["--set", name, "--folder", scored(folder, made_up(right)), "--store", results, "--published", file]
+    CliRunner().invoke(cli, ["blind-track", *map(str, given)], catch_exceptions=False)
+    return json.loads(file.read_text())
+
+
+def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(tmp_path):
+    (record,) = records(scored(tmp_path, made_up(3)))
+    assert record.metrics["right name/all"] == 0.75
+    assert record.metrics["right name/gap 5"] == 0.75
+    assert record.metrics["trials/single"] == 4
+    assert record.costs == {"seconds/median/all": 2.0}
+    assert len(record.metrics) + len(record.costs) == len(rates(made_up(3))) + 2  # and two kinds counted
+    assert set(record.files) == {"summary.md", "figures/rates.svg"}
+
+
+def test_sets_stand_side_by_side_and_a_new_score_supersedes_the_old(results, client):
+    runs = {name: published(results, name, right)["runs"]["blind"] for name, right in (("small", 2), ("large", 4))}
+    assert published(results, "small", 2)["runs"]["blind"] == runs["small"] | {"state": "kept"}
+    found = {name: client.get_run(run["run_id"]).data.metrics for name, run in runs.items()}
+    assert {name: metrics["right name/all"] for name, metrics in found.items()} == {"small": 0.5, "large": 1.0}
+    address = addresses(f"sqlite:///{results / 'mlflow.db'}", "http://here")["scores of all blind trials"]
+    assert all(run["run_id"] in address for run in runs.values())
+    assert published(results, "small", 3)["deleted"] == 1
+
+
+def test_a_set_that_was_not_scored_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"trials\.parquet"):
+        records(tmp_path)
