@@ -27,9 +27,10 @@ smoke: set-up ## the whole chain, small: about a minute, then results/smoke-repo
 study: set-up ## map clearance x speed x friction of the first scenario, then results/study-report.html
 	@scripts/in-venv scripts/run-workflow results/study-report.html $(snakemake_options) studied
 
+# $$CAMPAIGN is read from the environment, where a quote in a path means itself.
 campaign: set-up ## what is missing in the model of CAMPAIGN=config/campaigns/mine.yaml, then results/campaign-report.html
 	@scripts/in-venv scripts/run-workflow results/campaign-report.html campaigned $(snakemake_options) \
-		$(if $(CAMPAIGN),--config 'campaigns=["$(CAMPAIGN)"]')
+		$(if $(CAMPAIGN),--config "campaigns=[\"$$CAMPAIGN\"]")
 
 blind: set-up ## campaigns with hidden effects, analysed and scored; SET=development|published|small
 	@scripts/in-venv scripts/run-workflow results/blind-report.html --snakefile workflow/blind/Snakefile \

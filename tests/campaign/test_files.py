@@ -26,7 +26,8 @@ def test_the_files_of_a_campaign_are_its_plan_and_its_data():
 def test_only_fits_of_loose_joints_are_worth_a_second_process(tmp_path):
     text = (ROOT / DEMONSTRATION).read_text()
     loose = text.replace("../mechanisms/ideal_joints.yaml", str(ROOT / "config/mechanisms/erkaya2009.yaml"))
-    (tmp_path / "loose.yaml").write_text(loose.replace("name: demonstration", "name: loose"))
+    loose = loose.replace("name: demonstration", f"name: loose\nfolder: '{ROOT / 'config/campaigns'}'")
+    (tmp_path / "loose.yaml").write_text(loose)
     found = campaigns([DEMONSTRATION, "loose.yaml"], (ROOT, tmp_path))
     assert {name: files.parts for name, files in found.items()} == {"demonstration": 1, "loose": 2}
 
@@ -47,13 +48,22 @@ def test_stages_follow_each_other_in_one_process_on_the_same_case(tmp_path, monk
     ("paths", "message"),
     [
         ("mine.yaml", "must be a list"),
-        (["mine.yaml"], "no file 'mine.yaml'"),
+        (["mine.yaml"], "no file 'mine.yaml' in "),
+        (["/nowhere/mine.yaml"], "no file '/nowhere/mine.yaml'; correct the path"),
+        (["config/campaigns"], "is a folder; name the campaign file in it"),
         ([DEMONSTRATION, DEMONSTRATION], "both called 'demonstration'"),
     ],
 )
 def test_what_cannot_be_a_list_of_campaigns_is_refused_with_the_mend(paths, message):
     with pytest.raises(InputError, match=message):
         campaigns(paths, (ROOT,))
+
+
+def test_a_run_whose_file_is_not_there_is_named_before_anything_runs(tmp_path):
+    plan = (ROOT / DEMONSTRATION).read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
+    (tmp_path / "mine.yaml").write_text(plan)
+    with pytest.raises(InputError, match=r"run slow: no file 'demonstration/slow\.csv' in .*; correct `file`"):
+        campaigns(["mine.yaml"], (tmp_path,))
 
 
 @pytest.mark.slow

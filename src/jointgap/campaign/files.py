@@ -1,5 +1,6 @@
 """Which campaigns a configuration asks for, and which files each of them is made of. Imports nothing heavy."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,16 +46,13 @@ def campaigns(paths: Any, folders: Sequence[Path]) -> dict[str, CampaignFiles]:
     Raises
     ------
     InputError
-        Not a list of paths, no such file, not a campaign, or two of one name.
+        Not a list of paths, no such file, not a campaign, a run's file that is not there, or two of one name.
     """
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
         raise InputError(f"campaigns = {paths!r} must be a list of campaign files, e.g. [config/campaigns/mine.yaml]")
     found: dict[str, CampaignFiles] = {}
     for path in paths:
-        file = next((folder / path for folder in folders if (folder / path).is_file()), None)
-        if file is None:
-            looked = ", ".join(map(str, folders))
-            raise InputError(f"campaigns: no file '{path}' (looked in {looked}); give a path relative to one of these")
+        file = _file(path, folders)
         campaign = load_campaign(file)
         if campaign.name in found:
             raise InputError(
@@ -62,6 +60,23 @@ def campaigns(paths: Any, folders: Sequence[Path]) -> dict[str, CampaignFiles]:
             )
         mechanism = read_yaml(file).get("mechanism")
         plan = (str(file), *([str(file.parent / mechanism)] if isinstance(mechanism, str) else []))
+        for run in campaign.runs:
+            if not os.path.isfile(campaign.folder / run.file):
+                raise InputError(
+                    f"{file}: run {run.id}: no file '{run.file}' in {campaign.folder}; correct `file` of the run, or `folder`"
+                )
         data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
         found[campaign.name] = CampaignFiles(str(file), plan, data, 2 if campaign.mechanism.applied().loose else 1)
     return found
+
+
+def _file(path: str, folders: Sequence[Path]) -> Path:
+    for folder in folders:
+        if os.path.isfile(folder / path):  # a Path's own is_file fails on a name that is too long
+            return folder / path
+        if os.path.isdir(folder / path):
+            raise InputError(f"campaigns: '{path}' is a folder; name the campaign file in it")
+    looked = (
+        "" if os.path.isabs(path) else f" in {' or '.join(dict.fromkeys(str(folder.resolve()) for folder in folders))}"
+    )
+    raise InputError(f"campaigns: no file '{path}'{looked}; correct the path (CAMPAIGN=... of `make campaign`)")
