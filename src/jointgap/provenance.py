@@ -32,8 +32,11 @@ CODE = {
     "campaign": _CAMPAIGN,
     "track": ("track",),
     "blind_conceal": (
-        *(f"blind/{name}.py" for name in ("conceal", "draw", "files", "hidden", "motion", "numerics", "peer", "plan")),
-        *("blind/size.py", "blind/statistics.py", "discrepancy", "dynamics", *_MECHANISM),
+        *(
+            f"blind/{name}.py"
+            for name in ("conceal", "draw", "exudyn_rig", "files", "hidden", "motion", "numerics", "peer")
+        ),
+        *("blind/plan.py", "blind/size.py", "blind/statistics.py", "discrepancy/whiten.py", "dynamics", *_MECHANISM),
     ),
     "blind_analyse": ("blind/analyse.py", "blind/sparse.py", *_CAMPAIGN),
     "blind_score": ("blind", *_CAMPAIGN),

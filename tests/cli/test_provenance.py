@@ -32,6 +32,16 @@ def test_stages_that_evaluate_surrogates_depend_on_their_code(stage):
     assert {"results.py", "surrogate"} <= set(CODE[stage])
 
 
+def test_what_conceals_blind_trials_is_covered_file_by_file():
+    asked, seen = ["conceal"], set()
+    while asked:
+        name = asked.pop()
+        seen.add(name)
+        text = (PACKAGE / f"blind/{name}.py").read_text(encoding="utf-8")
+        asked += set(re.findall(r"from jointgap\.blind\.(\w+)", text)) - seen
+    assert {f"blind/{name}.py" for name in seen} <= set(CODE["blind_conceal"])
+
+
 def test_a_digest_is_short_and_stable_and_differs_between_stages():
     digests = [code_digest(stage) for stage in CODE]
     assert digests == [code_digest(stage) for stage in CODE]
