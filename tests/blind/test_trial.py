@@ -1,0 +1,27 @@
+"""A trial from the seal to the score."""
+
+import json
+
+import pytest
+
+from jointgap.blind.analyse import analysed
+from jointgap.blind.conceal import conceal
+from jointgap.blind.plan import Plan
+from jointgap.blind.score import scored
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "effects"),
+    [("single", 5.0, ("crank_coulomb_friction",)), ("nothing", 0.0, ())],
+    ids=["one", "none"],
+)
+def test_what_was_hidden_is_named_and_nothing_else(tmp_path, kind, size, effects):
+    plan = Plan("0123456789ab", 8, kind, "ideal", size, effects)
+    truth = conceal(plan, 11, tmp_path / plan.id)
+    told = analysed(tmp_path / plan.id, tmp_path / "verdicts")
+    assert "error" not in told
+    row = scored(json.loads(json.dumps(truth)), json.loads(json.dumps(told, allow_nan=False)))
+    assert row["outcome"] == row["greedy"] == "right"
+    assert (tmp_path / "verdicts" / "verdict.json").is_file()
