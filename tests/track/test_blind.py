@@ -8,11 +8,11 @@ import pytest
 from click.testing import CliRunner
 
 from jointgap import tables
+from jointgap.blind.records import records
 from jointgap.blind.summary import rates
 from jointgap.blind.trials import TRIALS
 from jointgap.cli import cli
 from jointgap.errors import InputError
-from jointgap.track.blind import records
 from jointgap.track.view import addresses
 
 

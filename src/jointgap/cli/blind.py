@@ -97,8 +97,8 @@ def blind_track(name: str, folder: Path, store: Path, published: Path) -> None:
     """Publish the score of a set of blind trials to MLflow; nothing twice."""
     import json
 
+    from jointgap.blind.records import DESCRIPTION, records
     from jointgap.tables import write_text
-    from jointgap.track.blind import DESCRIPTION, records
     from jointgap.track.publish import publish_records
 
     summary = publish_records(name, DESCRIPTION, records(folder), None, store)
