@@ -209,6 +209,23 @@ def test_a_set_becomes_a_table_a_page_numbers_and_figures(set_of_trials, tmp_pat
         tables.to_arrow(tables.PLOTTED, drawing.data)
 
 
+def test_a_wrong_name_counts_where_the_effect_is_undetectable_too(tmp_path):
+    sealed = [truth(DRAG, name="a"), truth(DRAG, gap=1.1, name="b"), truth(DRAG, name="c")]
+    both = [[named(DRAG)], [named(SPRING)]]
+    merged = [["slider_quadratic_drag", "slider_spring"]]
+    found = [
+        {**told(effects=[named(DRAG)]), "id": "a"},
+        {**told(effects=[named(SPRING)]), "id": "b"},
+        {**told(verdict="ambiguous", equivalent=both, merged=merged), "id": "c"},
+    ]
+    for name, content in (("sealed", sealed), ("found", found)):
+        (tmp_path / f"{name}.json").write_text(json.dumps(content))
+    score = rates(trials([tmp_path / "sealed.json"], [tmp_path / "found.json"])).set_index(["what", "group"])["value"]
+    assert score["wrong name", "all"] == 0.0
+    assert score["wrong name, effect undetectable", "all"] == 1.0
+    assert (score["right name", "all"], score["right, of which ambiguous as foreseen", "all"]) == (1.0, 0.5)
+
+
 def test_a_verdict_without_its_truth_is_refused(tmp_path):
     (tmp_path / "truth.json").write_text("[]")
     (tmp_path / "found.json").write_text(json.dumps([{"id": "a"}]))

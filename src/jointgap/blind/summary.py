@@ -30,9 +30,16 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
     nothing, pairs = trials[trials["kind"] == "nothing"], trials[trials["kind"] == "pair"]
     seen_pairs, off = pairs[pairs["detectable"]], trials[trials["kind"] == "off_list"]
     hidden = trials[trials["kind"].isin(["single", "exudyn", "pair"])]
+    unseen = hidden[~hidden["detectable"]]
     rows = [
         *_grouped("right name", single, lambda one: one["outcome"] == "right"),
+        _share(
+            "right, of which ambiguous as foreseen",
+            single,
+            (single["outcome"] == "right") & (single["verdict"] == "ambiguous"),
+        ),
         *_grouped("wrong name", single, lambda one: one["outcome"] == "wrong"),
+        _share("wrong name, effect undetectable", unseen, unseen["outcome"] == "wrong"),
         *_grouped("ambiguous", single, lambda one: one["outcome"] == "ambiguous"),
         *_grouped("unexplained", single, lambda one: one["outcome"] == "unexplained"),
         *_grouped("missed", single, lambda one: one["outcome"] == "missed"),
@@ -42,7 +49,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         ),
         *_grouped("nothing found, nothing hidden", nothing, lambda one: one["outcome"] == "right"),
         _share("both named and no third", seen_pairs, seen_pairs["outcome"] == "right"),
-        _share("undetectable", hidden, ~hidden["detectable"].astype(bool)),
+        _share("undetectable", hidden, ~hidden["detectable"]),
         _median("error of the size", single["error"]),
         _of_values("size within the 90 % interval", single["covered"]),
         _median("share of the excess closed", single["closed"]),
