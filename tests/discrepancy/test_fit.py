@@ -133,3 +133,11 @@ def test_labels_name_the_site_where_there_is_a_choice():
     size = Parameter("bias", 0.0)
     assert Candidate("sensor_bias", "torque", (size,), ("bias",), choice=True).label == "sensor_bias:torque"
     assert Candidate("gravity", "all", (size,), ("bias",)).label == "gravity"
+
+
+def test_what_the_data_leave_open_is_as_uncertain_as_its_bounds_say():
+    model = toy(seed=0, channels=("acceleration",))  # no force is read: the mass changes nothing
+    found = fit(problem(model), refresh=True)
+    at = [p.key for p in found.parameters].index("slider_mass")
+    mass = found.parameters[at]
+    assert np.sqrt(found.covariance()[at, at]) == pytest.approx((mass.high - mass.low) / np.sqrt(12.0))

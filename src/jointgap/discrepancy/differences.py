@@ -12,6 +12,10 @@ _TARGET = 5.0
 """Length of the whitened change over one step: a parameter's step is some five standard deviations. Smaller ones meet the
 roughness of impacts, larger ones curvature."""
 
+_MISFIT = 0.5
+"""While fits are far off, the change over a step is this part of what is left, at least: impacts that move past samples make
+the motion rough on a small scale, and a derivative over a step of the misfit's own scale looks past that."""
+
 _STATISTICS = 1.5
 """Statistics of chaotic motion scatter by about 1 each: there the whole change is made this many times their scatter."""
 
@@ -66,29 +70,39 @@ class Differences:
         residual: np.ndarray,
         explanation: Explanation,
         known: Mapping[str, np.ndarray] | None = None,
+        fine: bool = False,
     ) -> np.ndarray:
-        """Derivatives of the residuals at `values`, shape (size, k); columns in `known`, by key, are taken as they are."""
+        """Derivatives of the residuals at `values`, shape (size, k); columns in `known`, by key, are taken as they are.
+
+        `fine`: over steps that noise could just hide, however large the residuals are.
+        """
         columns = [
-            known[p.key] if known and p.key in known else self.column(p, values, residual, explanation)
+            known[p.key] if known and p.key in known else self.column(p, values, residual, explanation, fine)
             for p in parameters
         ]
         return np.column_stack(columns) if columns else np.empty((residual.size, 0))
 
     def column(
-        self, parameter: Parameter, values: Mapping[str, float], residual: np.ndarray, explanation: Explanation
+        self,
+        parameter: Parameter,
+        values: Mapping[str, float],
+        residual: np.ndarray,
+        explanation: Explanation,
+        fine: bool = False,
     ) -> np.ndarray:
-        """Derivative with respect to one parameter, shape (size,).
+        """Derivative with respect to one parameter, shape (size,); `fine` as in `jacobian`.
 
         Raises
         ------
         InputError, SimulationError
             The model cannot be simulated to either side.
         """
+        target = self.target if fine else max(self.target, _MISFIT * float(np.linalg.norm(residual)))
         step = self._steps.get(parameter.key, parameter.step)
         change, step = self._change(parameter, step, values, residual, explanation)
         length = float(np.linalg.norm(change))
-        if length > 0 and not self.target / _NEAR < length < self.target * _NEAR:
-            better = self._within(parameter, step * np.clip(self.target / length, 1e-4, 1e4))
+        if length > 0 and not target / _NEAR < length < target * _NEAR:
+            better = self._within(parameter, step * np.clip(target / length, 1e-4, 1e4))
             if abs(better) < abs(step) / 1.5 or abs(better) > abs(step) * 1.5:
                 try:
                     change, step = self._change(parameter, abs(better), values, residual, explanation)

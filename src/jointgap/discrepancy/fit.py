@@ -17,7 +17,9 @@ from jointgap.errors import InputError, SimulationError
 
 CONVERGED, STOPPED, FAILED = "converged", "stopped", "failed"
 
-_GAIN = 0.05  # of chi2: less than this is not worth a step; a hundredth of what counts in a BIC. Poor fits need less care.
+_GAIN = (
+    0.05  # of chi2: less than this is not worth a step; a hundredth of what counts in a BIC. Poor fits need less care.
+)
 _MOST_STEPS = 20
 _PATIENCE = 4  # steps over which a fit that is still poor has to gain
 _PROGRESS = 0.02  # of its chi2
@@ -83,16 +85,23 @@ class Fit:
         return {p.key: float(value) for p, value in zip(self.parameters, self.values, strict=True)}
 
     def covariance(self) -> np.ndarray:
-        """Of the values, (k, k); zero rows for those at a bound. Inflated where the residual is more than noise."""
+        """Of the values, (k, k); zero rows for those at a bound. Inflated where the residual is more than noise.
+
+        Flat bounds count as what they say of a parameter by themselves, a twelfth of the squared width, so that what the data
+        leave open is no more uncertain than that.
+        """
         low, high = bounds_of(self.parameters)
         length = np.linalg.norm(self.jacobian, axis=0)
-        free = (length > 0) & (self.values > low) & (self.values < high)
+        width = high - low
+        free = (self.values > low) & (self.values < high) & ((length > 0) | np.isfinite(width))
         found = np.zeros((self.values.size, self.values.size))
         if free.any():
-            inverse = np.linalg.pinv((self.jacobian / np.where(length > 0, length, 1.0))[:, free])
-            scaled = inverse @ inverse.T / np.outer(length[free], length[free])
             left = max(1.0, self.chi2 / max(self.residual.size - free.sum(), 1))
-            found[np.ix_(free, free)] = left * scaled
+            known = np.diag(np.where(np.isfinite(width), np.sqrt(12.0 * left) / width, 0.0))
+            rows = np.vstack([self.jacobian, known])[:, free]
+            scale = np.linalg.norm(rows, axis=0)
+            inverse = np.linalg.pinv(rows / scale)
+            found[np.ix_(free, free)] = left * (inverse @ inverse.T) / np.outer(scale, scale)
         return found
 
 
@@ -143,8 +152,8 @@ def fit(
     def named(values) -> dict[str, float]:
         return fixed | {p.key: float(v) for p, v in zip(parameters, values, strict=True)}
 
-    def derivatives(at, residual, known=None):
-        return differences.jacobian(parameters, named(at), residual, explanation, known)
+    def derivatives(at, residual, known=None, fine=False):
+        return differences.jacobian(parameters, named(at), residual, explanation, known, fine)
 
     def finished(status, reason=""):
         return Fit(explanation, parameters, x, r, jacobian, problem.simulations - begin, status, reason)
@@ -198,7 +207,7 @@ def fit(
             damping = max(10 * damping, 1e-3)
     if refresh:
         try:
-            jacobian = derivatives(x, r)
+            jacobian = derivatives(x, r, fine=True)
         except (InputError, SimulationError) as error:
             reason = reason or str(error)
     return finished(status, reason)

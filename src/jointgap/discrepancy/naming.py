@@ -6,7 +6,7 @@ from jointgap.discrepancy.alike import Subspaces
 from jointgap.discrepancy.calibrate import Thresholds
 from jointgap.discrepancy.decide import Decision, decide, reduced
 from jointgap.discrepancy.fit import FAILED, Fit, fit
-from jointgap.discrepancy.recalibrate import Recalibrated
+from jointgap.discrepancy.recalibrate import Recalibrated, best_of
 from jointgap.discrepancy.screen import Screen, Screened, Signatures
 from jointgap.discrepancy.start import fit_screened
 
@@ -18,6 +18,9 @@ NEAR = 30.0
 best one's are not fitted."""
 
 FEWEST = 3
+
+AGAIN = 2
+"""Where no single effect is enough, this many of the best are fitted again from other values of the nuisances."""
 
 AMONG = 3
 """Where no single effect is enough, all pairs among this many of the best are fitted, and each with as many partners."""
@@ -53,6 +56,10 @@ def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Th
         return []
     leading = {one.label for one in good[:AMONG]}
     found: dict[frozenset[str], tuple[Screened, Fit]] = {}
+    if not enough:
+        # the base took up what it could of the effect with its nuisances, which may hold a fit in the wrong valley
+        for one in good[:AGAIN]:
+            found[frozenset({one.label})] = Screened((), one.chi2, one.mapping, one.bic, one.explanation), one
     for one in enough[:1] or good[:AMONG]:
         partners = Screen(known.about(one), one.explanation).singles()
         if enough:
@@ -66,7 +73,14 @@ def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Th
 
 
 def fitted(base: Recalibrated, known: Signatures, one: Screened, beside: Fit | None = None) -> Fit:
-    """The forward-simulated fit of a screened explanation, from where its signatures say; `beside`: the fit it adds to."""
+    """The forward-simulated fit of a screened explanation, from where its signatures say; `beside`: the fit it adds to.
+
+    Where there is no signature to add, the effects of `beside` are fitted again, from other values of the nuisances.
+    """
+    if not one.signatures:
+        start = one.start | {key: value for key, value in base.nominal.mapping.items() if key in one.start}
+        start |= {p.key: p.nominal for p in base.problem.nuisances if p.run is None and p.key in one.start}
+        return best_of(base.problem, base.differences, one.explanation, start)
     about = known if beside is None else known.about(beside)
     return fit_screened(base.problem, one, about.known(one.signatures), base.differences)
 
@@ -80,6 +94,11 @@ def refined(base: Recalibrated, one: Fit) -> Fit:
 
 def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
     """Weigh the fits (`jointgap.discrepancy.decide.decide`)."""
+    best: dict[str, Fit] = {}
+    for one in fits:
+        if one.label not in best or one.chi2 < best[one.label].chi2:
+            best[one.label] = one
+    fits = list(best.values())
     subspaces = Subspaces(known)
     alikeness = {
         one.label: subspaces.nearest(one.explanation)[1] for one in fits if one.status != FAILED and one.explanation
