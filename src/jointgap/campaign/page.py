@@ -2,6 +2,7 @@
 
 import base64
 import html as escape
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,9 +88,9 @@ def html(title: str, blocks: Iterable[Block], figures: Path | str) -> str:
             case Heading(text):
                 parts.append(f"<h2>{escape.escape(text)}</h2>")
             case Text(text, strong):
-                parts.append(f"<p{' class=answer' if strong else ''}>{escape.escape(text)}</p>")
+                parts.append(f"<p{' class=answer' if strong else ''}>{_marked(text)}</p>")
             case Listing(points):
-                parts.append(f"<ul>{''.join(f'<li>{escape.escape(point)}</li>' for point in points)}</ul>")
+                parts.append(f"<ul>{''.join(f'<li>{_marked(point)}</li>' for point in points)}</ul>")
             case Rows(heads, rows):
                 head = "".join(f"<th>{escape.escape(cell)}</th>" for cell in heads)
                 body = "".join(f"<tr>{''.join(f'<td>{escape.escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
@@ -97,6 +98,11 @@ def html(title: str, blocks: Iterable[Block], figures: Path | str) -> str:
             case Picture(name):
                 parts.append(_image(Path(figures) / f"{name}.png", CATALOGUE[name].title))
     return "\n".join([*parts, "</body></html>"]) + "\n"
+
+
+def _marked(text: str) -> str:
+    """Text as HTML, with what stands between backticks as code."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape.escape(text))
 
 
 def _image(path: Path, title: str) -> str:

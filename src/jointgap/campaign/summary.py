@@ -7,7 +7,15 @@ import pandas as pd
 
 from jointgap.campaign import page
 from jointgap.campaign.page import Block, Heading, Listing, Picture, Rows, Text
-from jointgap.campaign.words import effect_in_words, joined, number, parameter_rows, place_of
+from jointgap.campaign.words import (
+    effect_in_words,
+    joined,
+    label_in_words,
+    number,
+    parameter_rows,
+    place_of,
+    with_error,
+)
 
 _MOST_WINDOWS = 5
 _WEAK = 1.2  # a gap after of up to this is called noise: the seed of noise alone moves it by less
@@ -184,14 +192,21 @@ def _why(verdict: Mapping[str, Any]) -> list[Block]:
     if verdict["verdict"] in ("no_disagreement", "parameters_only"):
         return []
     named = verdict["effects"]
-    gains = joined(f"{effect['delta_bic']:.4g} for {effect_in_words(effect)}" for effect in named)
+    gains = joined(f"{effect['delta_bic']:.0f} for {effect_in_words(effect)}" for effect in named)
     evidence = [Text(f"Gain in BIC: {gains}; 10 would be very strong evidence.")] if named else []
     force = [Picture("missing_force")] if named else []
     return [Heading("What else was tried"), *evidence, Picture("ranking"), *force]
 
 
 def _optimum(optimum: pd.DataFrame | None) -> list[Block]:
-    if optimum is None or not {"base", "augmented"} <= set(optimum["model"]):
+    if optimum is None:
+        return []
+    if optimum.empty:
+        words = (
+            "No: all joints are ideal, so the transmission angle follows from the lengths alone, whatever forces act."
+        )
+        return [Heading("Does it move the optimum?"), Text(words)]
+    if not {"base", "augmented"} <= set(optimum["model"]):
         return []
     said = []
     for source in optimum["source"].unique():
@@ -213,7 +228,10 @@ def _optimum(optimum: pd.DataFrame | None) -> list[Block]:
 def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
     if not verdict["nuisances"]:
         return []
-    rows = tuple((name, number(one["value"]), number(one["sd"])) for name, one in verdict["nuisances"].items())
+    rows = tuple(
+        (name.replace("@", ", run "), *with_error(one["value"], one["sd"]))
+        for name, one in verdict["nuisances"].items()
+    )
     return [
         Heading("Parameters re-fitted within their ranges"),
         Rows(("parameter", "value [SI]", "standard error"), rows),
@@ -227,14 +245,20 @@ def _limits(verdict: Mapping[str, Any], effects: pd.DataFrame | None) -> list[Bl
         "campaigns with nothing hidden, other numerics included."
     ]
     merged = verdict["preflight"]["merged"]
-    lines += [f"These look alike in this experiment and count as one: {joined(group)}." for group in merged]
+    lines += [
+        f"These look alike in this experiment and count as one: {joined(map(label_in_words, group))}."
+        for group in merged
+    ]
     absent = verdict["preflight"]["undetectable"]
     if absent:
-        lines.append(f"Not detectable with these runs and channels, so nothing is said about: {joined(absent)}.")
+        lines.append(
+            f"Not detectable with these runs and channels, so nothing is said about: {joined(map(label_in_words, absent))}."
+        )
     if effects is not None and verdict["verdict"] in ("no_disagreement", "parameters_only"):
         found = effects[effects["detectable"]].sort_values("label")
         sizes = [
-            f"{row.label} {number(row.smallest_detectable)} {row.unit}".removesuffix(" 1") for row in found.itertuples()
+            f"{label_in_words(row.label)} {number(row.smallest_detectable)} {row.unit}".removesuffix(" 1")
+            for row in found.itertuples()
         ]
         if sizes:
             lines.append(f"What would have been seen, from this size on: {', '.join(sizes)}.")

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from math import floor, log10
 from typing import Any
 
 from jointgap.config.effects import EFFECTS
@@ -46,6 +47,12 @@ def effect_in_words(effect: Mapping[str, Any]) -> str:
     return words.format(site=effect["site"].replace("_", " "))
 
 
+def label_in_words(label: str) -> str:
+    """The same of a label, ``sensor_bias:crank_torque``."""
+    name, _, site = label.partition(":")
+    return effect_in_words({"name": name, "site": site}) if site or "{site}" not in _WORDS.get(name, "") else name
+
+
 @cache
 def _units(name: str) -> dict[str, str]:
     return {p.name: p.unit for p in parameters_of(EFFECTS[name])} if name in EFFECTS else _SENSOR_UNITS
@@ -58,11 +65,21 @@ def parameter_rows(effects: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...
         for name, one in effect["parameters"].items():
             unit = _units(effect["name"]).get(name, "")
             value = one["value"]
-            shown = f"{number(value)} {unit}".removesuffix(" 1").rstrip()
+            error = one.get("sd")
+            digits, spread = with_error(value, error)
+            shown = f"{digits} {unit}".removesuffix(" 1").rstrip()
             low, high = one.get("interval_90") or (None, None)
-            interval = "–" if low is None else f"{number(low)} to {number(high)}"
-            rows.append((f"{effect['name']}: {name}", shown, number(one.get("sd")), interval))
+            interval = "–" if low is None else f"{with_error(low, error)[0]} to {with_error(high, error)[0]}"
+            rows.append((f"{effect['name']}: {name}", shown, spread, interval))
     return tuple(rows)
+
+
+def with_error(value: float | str | None, error: float | None) -> tuple[str, str]:
+    """A value down to the second digit of its standard error, and that error; four digits where there is none."""
+    if isinstance(value, str) or not value or not error or error != error:
+        return number(value), number(error)
+    digits = 2 + floor(log10(abs(value))) - floor(log10(error))
+    return f"{value:#.{max(digits, 2)}g}".rstrip("."), f"{error:#.2g}".rstrip(".")
 
 
 def number(value: float | str | None) -> str:
@@ -73,8 +90,13 @@ def number(value: float | str | None) -> str:
 
 
 def place_of(run: str, channel: str, start: float, end: float) -> str:
-    """``run slow, crank torque, 350 to 10 deg of crank angle``."""
-    where = "all crank angles" if end - start >= 360.0 else f"{start:.0f} to {end:.0f} deg of crank angle"
+    """``run slow, crank torque, 350 to 10 deg of crank angle``; of most of a revolution, what is left out."""
+    if end - start >= 360.0:
+        where = "all crank angles"
+    elif end < start < end + 180.0:
+        where = f"all crank angles but {end:.0f} to {start:.0f} deg"
+    else:
+        where = f"{start:.0f} to {end:.0f} deg of crank angle"
     return f"run {run}, {channel.replace('_', ' ')}, {where}"
 
 
