@@ -161,9 +161,9 @@ def test_a_trial_that_failed_counts_and_says_why():
 def test_greedy_steps_follow_the_least_bic_whatever_remains():
     frame = pd.DataFrame(
         {
-            "explanation": ["base", "a", "b", "a + b", "b + c", "a + c"],
-            "kind": ["base", "single", "single", "pair", "pair", "pair"],
-            "bic": [100.0, 60.0, 50.0, 49.0, 51.0, 10.0],
+            "explanation": ["base", "a", "b", "a + b", "b + c", "a + c", "b"],
+            "kind": ["base", "single", "single", "pair", "pair", "pair", "single"],
+            "bic": [100.0, 60.0, 50.0, 49.0, 51.0, 10.0, 70.0],
         }
     )
     assert greedy(frame) == ["a", "b"]

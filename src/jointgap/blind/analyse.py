@@ -76,7 +76,8 @@ def greedy(fits: pd.DataFrame) -> list[str]:
     known = fits.dropna(subset=["bic"])
     (best,) = known.loc[known["kind"] == "base", "bic"]
     chosen: frozenset[str] = frozenset()
-    sums = {frozenset(name.split(" + ")): bic for name, bic in zip(known["explanation"], known["bic"], strict=True)}
+    least = known.groupby("explanation")["bic"].min()  # some are fitted twice, from other starts
+    sums = {frozenset(name.split(" + ")): bic for name, bic in least.items()}
     while True:
         larger = {
             one: bic for one, bic in sums.items() if one > chosen and len(one) == len(chosen) + 1 and "base" not in one
