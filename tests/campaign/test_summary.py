@@ -92,6 +92,13 @@ def test_the_share_of_the_excess_that_is_gone_follows_from_the_gaps():
     assert "50.0 % of what exceeds the noise is gone. More than noise is left there" in summary.markdown(half, {})
 
 
+def test_a_gap_that_does_not_fall_is_not_called_a_fall():
+    worse = NAMED | {"gap": {"identify": {"before": 4.0, "after": 1.1}, "confirm": {"before": 10.1, "after": 13.2}}}
+    assert "does not fall: it goes from 10.10 to 13.20, so what was added does not hold there." in summary.markdown(
+        worse, {}
+    )
+
+
 def test_a_run_that_was_used_for_both_is_called_weaker_evidence():
     gaps = pd.DataFrame({"run": ["slow", "fast", "slow"], "role": ["identify", "identify", "confirm"]})
     gaps = gaps.assign(

@@ -116,10 +116,16 @@ def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
     confirm, added = verdict["gap"]["confirm"], bool(verdict["effects"])
     meaning = "The gap is the residual in standard deviations of the noise (root mean square): 1 is noise alone."
     if added:
-        found = f"On data that took no part in fitting or choosing it falls from {_two(confirm['before'])} to {_two(confirm['after'])}"
-        if confirm["before"] > 1.0:
+        falls = confirm["after"] < confirm["before"]
+        found = (
+            f"On data that took no part in fitting or choosing it {'falls' if falls else 'does not fall: it goes'} from "
+            f"{_two(confirm['before'])} to {_two(confirm['after'])}"
+        )
+        if falls and confirm["before"] > 1.0:
             closed = 1.0 - (confirm["after"] ** 2 - 1.0) / (confirm["before"] ** 2 - 1.0)
-            found += f": {_percent(min(max(closed, 0.0), 1.0))} of what exceeds the noise is gone"
+            found += f": {_percent(min(closed, 1.0))} of what exceeds the noise is gone"
+        if not falls and confirm["after"] > _WEAK:
+            found += ", so what was added does not hold there"
         if confirm["after"] > _WEAK:
             found += (
                 ". More than noise is left there: the effect, or what else the held-out data hold, is not all known"
