@@ -80,16 +80,15 @@ class Case:
     def recalibrated(self) -> "Recalibrated":
         """The base that every explanation is compared with."""
         from jointgap.campaign import fits
-        from jointgap.discrepancy.differences import Differences
         from jointgap.discrepancy.problem import Problem
-        from jointgap.discrepancy.recalibrate import Recalibrated
+        from jointgap.discrepancy.recalibrate import Recalibrated, probed
 
         problem = Problem(self.model, self.whole_noise)
         (nominal,), (base,) = (
             fits.from_frames(self.folder.read_all(OF_FITS, f"recalibrate/{which}"), problem)
             for which in ("nominal", "base")
         )
-        return Recalibrated(problem, Differences(problem), nominal, base)
+        return Recalibrated(problem, probed(problem, base.mapping), nominal, base)
 
     @cached_property
     def screening(self) -> "Screening":

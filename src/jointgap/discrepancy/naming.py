@@ -19,6 +19,8 @@ best one's are not fitted."""
 
 FEWEST = 3
 
+_SMOOTH = 0.01  # of chi2: less roughness than this makes no valleys
+
 AGAIN = 2
 """Where no single effect is enough, this many of the best are fitted again from other values of the nuisances."""
 
@@ -93,15 +95,32 @@ def refined(base: Recalibrated, one: Fit) -> Fit:
 
 
 def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
-    """Weigh the fits (`jointgap.discrepancy.decide.decide`)."""
+    """Weigh the fits (`jointgap.discrepancy.decide.decide`), the best of each explanation.
+
+    Where the motion is rough, base and rivals are first fitted again from the best one's nuisances: an explanation must not win
+    by having found a deeper valley of parameters that all share.
+    """
     best: dict[str, Fit] = {}
-    for one in fits:
-        if one.label not in best or one.chi2 < best[one.label].chi2:
-            best[one.label] = one
-    fits = list(best.values())
+    for one in sorted(fits, key=lambda one: one.chi2):
+        best.setdefault(one.label, one)
+    plain, ranked = base.base, sorted(best.values(), key=lambda one: one.bic)
+    if ranked and limits.rough > _SMOOTH and ranked[0].bic < plain.bic:
+        plain = _moved(base, plain, ranked[0])
+        for rival in ranked[1 : 1 + AMONG]:
+            if rival.status != FAILED:
+                best[rival.label] = _moved(base, rival, ranked[0])
     subspaces = Subspaces(known)
     alikeness = {
-        one.label: subspaces.nearest(one.explanation)[1] for one in fits if one.status != FAILED and one.explanation
+        one.label: subspaces.nearest(one.explanation)[1]
+        for one in best.values()
+        if one.status != FAILED and one.explanation
     }
     bounds = {p.name: (p.nominal, p.low, p.high) for p in base.problem.nuisances}
-    return decide(base.base, base.nominal, fits, limits, alikeness, bounds)
+    return decide(plain, base.nominal, list(best.values()), limits, alikeness, bounds)
+
+
+def _moved(base: Recalibrated, one: Fit, to: Fit) -> Fit:
+    """A fit or, if it is better, one that starts from the nuisances of another."""
+    start = {key: to.mapping.get(key, value) if "." not in key else value for key, value in one.mapping.items()}
+    again = fit(base.problem, one.explanation, start, differences=base.differences)
+    return again if again.chi2 < one.chi2 else one

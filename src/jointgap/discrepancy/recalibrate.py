@@ -49,11 +49,11 @@ def recalibrate(model: Model, noise: Mapping[tuple[str, str], Noise]) -> Recalib
         The model cannot be simulated as it stands.
     """
     first = Problem(model, noise)
-    start = best_of(first, _differences(first, {p.key: p.nominal for p in first.nuisances}))
+    start = best_of(first, probed(first, {p.key: p.nominal for p in first.nuisances}))
     if start.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {start.reason}")
     problem = Problem(model, numerics_noise(model, start.mapping, noise))
-    differences = _differences(problem, start.mapping)
+    differences = probed(problem, start.mapping)
     own = [p for p in problem.nuisances if p.run is not None]
     nominal = fit(
         problem,
@@ -94,7 +94,7 @@ def best_of(
     return best
 
 
-def _differences(problem: Problem, values: Mapping[str, float]) -> Differences:
+def probed(problem: Problem, values: Mapping[str, float]) -> Differences:
     """Differences that know how rough the model is at `values`, if it can be simulated there."""
     differences = Differences(problem)
     try:
