@@ -263,7 +263,7 @@ def _limits(verdict: Mapping[str, Any], effects: pd.DataFrame | None) -> list[Bl
     if effects is not None and verdict["verdict"] in ("no_disagreement", "parameters_only"):
         found = effects[effects["detectable"]].sort_values("label")
         sizes = [
-            f"{label_in_words(row.label)} {number(row.smallest_detectable)} {row.unit}".removesuffix(" 1")
+            f"{label_in_words(row.label)} {number(row.smallest_detectable)} {row.unit}".removesuffix(" 1").rstrip()
             for row in found.itertuples()
         ]
         if sizes:
