@@ -130,7 +130,9 @@ def in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.D
     """What a preflight found, as lines of text; arguments are its tables."""
     lines = ["Effects that these runs and channels show, from which size on:"]
     for row in detectable[detectable["detectable"]].itertuples():
-        lines.append(f"  {row.label}: {row.parameter} {row.smallest_detectable:.3g} {row.unit}".removesuffix(" 1").rstrip())
+        lines.append(
+            f"  {row.label}: {row.parameter} {row.smallest_detectable:.3g} {row.unit}".removesuffix(" 1").rstrip()
+        )
     if absent := undetectable(detectable):
         lines.append(f"Not detectable at any size within bounds: {', '.join(absent)}")
     for group in groups(confusability):
