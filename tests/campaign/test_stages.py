@@ -91,8 +91,7 @@ def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain,
     folder.write("screened", chain.screening.frame())
     again = screen.from_frames(
         *(folder.read(name) for name in ("signatures", "signature_shapes", "screened")),
-        chain.recalibrated.base,
-        chain.model.candidates,
+        chain.recalibrated,
     )
     chosen = screen.shortlist(again, chain.screening.limits)
     assert [one.label for one in chosen] == [one.label for one in chain.screening.chosen]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jointgap.discrepancy.decide import RIVAL
 from jointgap.discrepancy.fit import fit
 from jointgap.discrepancy.preflight import advise, assumed_noise, preflight
 from jointgap.discrepancy.problem import Problem
@@ -89,7 +90,7 @@ def test_the_smallest_detectable_size_is_found_nine_times_in_ten():
         model = toy({"coulomb": {"force_N": size}}, seed=seed, **options)
         problem = Problem(model, stated_noise(model))
         gain = fit(problem).chi2 - fit(problem, (candidate_of("coulomb"),)).chi2
-        hits += gain > np.log(problem.size)
+        hits += gain > np.log(problem.size) + RIVAL
     assert 0.8 <= hits / seeds <= 0.99
 
 
@@ -102,7 +103,8 @@ def test_twice_the_noise_hides_effects_of_twice_the_size():
 def test_an_effect_that_is_a_nuisance_is_seen_beyond_that_nuisances_range():
     found = preflight(planned())
     mass = next(p for p in planned().nuisances if p.name == "slider_mass")
-    assert mass.high - mass.nominal < found.sizes["added_mass"] < 1.2 * (mass.high - mass.nominal)
+    beyond = found.sizes["added_mass"] - (mass.high - mass.nominal)
+    assert 0.0 < beyond < 0.25 * (mass.high - mass.nominal)
 
 
 def test_noise_that_is_not_stated_is_assumed_and_told():
@@ -149,7 +151,8 @@ def test_the_most_helpful_change_is_told_first():
     assert "spring | centrifugal" in table.loc["run mid", "separated"]
     assert "spring | centrifugal" not in table.loc["channel guide_force", "separated"]
     assert table.loc["channel acceleration", "newly_detectable"] == ["sensor_gain:acceleration"]
-    assert (table["gain"] >= 0.999).all()
+    # samples that tell nothing of an effect still raise what is asked of it, k ln n
+    assert (table["gain"] >= 0.97).all()
 
 
 def test_advice_on_a_planned_campaign_agrees_with_its_own_preflight():

@@ -46,7 +46,7 @@ CANDIDATES = (
     _effect("constant_force", "force_N", 0.3, "N"),
     _effect("spring", "stiffness_N_m", 3.0, "N/m", low=0.0),
     _effect("centrifugal", "mass_kg", 0.01, "kg"),  # -mass w^2 x: at one speed the same force as the spring's
-    _effect("added_mass", "mass_kg", 0.01, "kg", replaces=("slider_mass",)),
+    _effect("added_mass", "mass_kg", 0.01, "kg", replaces={"slider_mass": "mass_kg"}),
     _harmonic(),
     _sensor("sensor_bias", "torque", "bias", 0.02, "N*m"),
     _sensor("sensor_gain", "acceleration", "gain_error", 0.01, "1"),

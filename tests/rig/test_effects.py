@@ -84,10 +84,10 @@ def test_every_candidate_changes_something_and_nothing_at_zero_size(loose):
     assert len(set(labels)) == len(labels)
     for candidate in model.candidates:
         shapes = dict(candidate.starts[0])
-        absent = shapes | dict.fromkeys(candidate.sizes, 0.0)
+        sizes = {p.name: p.step for p in candidate.seen_in(("slow",)) if p.key in candidate.sizes}
+        absent = shapes | dict.fromkeys(sizes, 0.0)
         assert worst(model.simulate("slow", values, [(candidate, absent)]), base) == 0.0, candidate.label
-        for name in candidate.sizes:
-            step = next(p.step for p in candidate.coordinates if p.name == name)
+        for name, step in sizes.items():
             assert worst(model.simulate("slow", values, [(candidate, absent | {name: step})]), base) > 1e-6, (
                 candidate.label
             )
@@ -149,10 +149,10 @@ def test_an_effect_that_is_a_nuisances_own_parameter_replaces_it():
     )
     replaces = {one.label: one.replaces for one in rig_model(own).candidates if one.replaces}
     assert replaces == {
-        "added_slider_mass": ("slider_mass",),
-        "crank_pin_clearance": ("crank_pin_clearance",),
-        "pin_friction:crank_pin": ("joint_friction",),
-        "pin_friction:piston_pin": ("joint_friction",),
+        "added_slider_mass": {"slider_mass": "mass_kg"},
+        "crank_pin_clearance": {"crank_pin_clearance": "change_m"},
+        "pin_friction:crank_pin": {"joint_friction": "change"},
+        "pin_friction:piston_pin": {"joint_friction": "change"},
     }
 
 
@@ -190,3 +190,13 @@ def test_numerics_that_are_as_good_hardly_differ():
         other = model.simulate("slow", values, numerics=place)
         apart = max(np.sqrt(np.mean((other[k] - base[k]) ** 2)) / max(np.std(base[k]), 1e-3) for k in base)
         assert 0.0 < apart < 0.1, model.numerics[place - 1]
+
+
+def test_a_swinging_force_has_a_phase_of_its_own_in_each_run():
+    model = rig_model(campaign(mechanism(), speeds=(30.0, 31.0)))
+    candidate = chosen(model, "harmonic_force")
+    assert [p.key for p in candidate.seen_in(("slow",))] == ["cosine@slow", "sine@slow", "frequency_Hz"]
+    stated = candidate.parameters(
+        {"cosine@slow": 3.0, "sine@slow": 0.0, "cosine@fast": 0.0, "sine@fast": -3.0, "frequency_Hz": 7.3}
+    )
+    assert stated == {"force_N": pytest.approx(3.0), "frequency_Hz": 7.3, "phase_rad": 0.0}

@@ -72,7 +72,7 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
     chosen = outcome.chosen
     lines = [f"The mechanism of campaign {campaign.name} with what was found: {outcome.verdict}."]
     covariance = chosen.covariance()
-    of_effects = {f"{c.label}.{p.name}" for c in chosen.explanation for p in c.coordinates}
+    of_effects = {f"{c.label}.{p.key}" for c in chosen.explanation for p in c.coordinates}
     for i, p in enumerate(chosen.parameters):
         if p.key not in of_effects:
             lines.append(

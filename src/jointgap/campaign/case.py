@@ -100,8 +100,7 @@ class Case:
         limits = Thresholds(**self.folder.read("thresholds").to_dict("records")[0])
         known = screen.from_frames(
             *(self.folder.read(name) for name in ("signatures", "signature_shapes", "screened")),
-            self.recalibrated.base,
-            self.model.candidates,
+            self.recalibrated,
         )
         return screen.Screening(known, limits, shortlist(known, limits))
 

@@ -133,7 +133,7 @@ def parameter_frame(fits: Iterable[Fit]) -> pd.DataFrame:
         if fit.status == FAILED:
             continue
         covariance = fit.covariance()
-        of_effects = {f"{c.label}.{p.name}" for c in fit.explanation for p in c.coordinates}
+        of_effects = {f"{c.label}.{p.key}" for c in fit.explanation for p in c.coordinates}
         for i, p in enumerate(fit.parameters):
             if p.key not in of_effects:
                 interval = stated(fit.values[i], np.sqrt(covariance[i, i]), p.low, p.high)
@@ -148,22 +148,23 @@ def effect_parameters(fit: Fit, candidate: Candidate, covariance: np.ndarray) ->
     """Parameters of an effect as a verdict states them, each with value, sd and interval_90 (errors carried on linearly)."""
     low, high = bounds_of(fit.parameters)
     keys = [p.key for p in fit.parameters]
-    places = [keys.index(f"{candidate.label}.{p.name}") for p in candidate.coordinates]
-    at = {p.name: fit.values[place] for p, place in zip(candidate.coordinates, places, strict=True)}
+    own = [p for p in candidate.coordinates if f"{candidate.label}.{p.key}" in keys]
+    places = [keys.index(f"{candidate.label}.{p.key}") for p in own]
+    at = {p.key: fit.values[place] for p, place in zip(own, places, strict=True)}
     sd = np.sqrt(np.diag(covariance))
     values = candidate.parameters(at)
     slopes = {name: np.zeros(len(places)) for name in values}
-    for i, (p, place) in enumerate(zip(candidate.coordinates, places, strict=True)):
+    for i, (p, place) in enumerate(zip(own, places, strict=True)):
         if sd[place] > 0:
             step = 1e-3 * sd[place]
-            moved = [candidate.parameters(at | {p.name: at[p.name] + sign * step}) for sign in (1, -1)]
+            moved = [candidate.parameters(at | {p.key: at[p.key] + sign * step}) for sign in (1, -1)]
             for name in values:
                 slopes[name][i] = (moved[0][name] - moved[1][name]) / (2 * step)
     block = covariance[np.ix_(places, places)]
     found = {}
     for name, value in values.items():
         error = float(np.sqrt(max(slopes[name] @ block @ slopes[name], 0.0)))
-        same = next((i for p, i in zip(candidate.coordinates, places, strict=True) if p.name == name), None)
+        same = next((i for p, i in zip(own, places, strict=True) if p.key == name), None)
         ends = (low[same], high[same]) if same is not None else (-np.inf, np.inf)
         found[name] = stated(value, error, *ends)
     return found

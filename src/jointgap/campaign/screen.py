@@ -1,6 +1,5 @@
 """Stage screen: what every candidate changes, and what campaigns in which nothing is hidden would show."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +7,7 @@ import pandas as pd
 
 from jointgap.campaign.fits import kind_of
 from jointgap.discrepancy.calibrate import Thresholds, thresholds
-from jointgap.discrepancy.fit import Fit
 from jointgap.discrepancy.naming import shortlist
-from jointgap.discrepancy.protocol import Candidate
 from jointgap.discrepancy.recalibrate import Recalibrated, other_numerics
 from jointgap.discrepancy.screen import Screened, Signature, Signatures, signatures
 
@@ -76,7 +73,7 @@ def to_frames(known: Signatures) -> tuple[pd.DataFrame, pd.DataFrame]:
     for one in known.found:
         label = one.candidate.label
         start = count[label] = count.get(label, -1) + 1
-        columns += [(label, start, p.name, column) for p, column in zip(one.sizes, one.columns.T, strict=True)]
+        columns += [(label, start, p.key, column) for p, column in zip(one.sizes, one.columns.T, strict=True)]
         if one.origin is not known.residual:
             columns.append((label, start, _ORIGIN, one.origin))
         shapes += [(label, start, name, value) for name, value in one.shapes.items()]
@@ -92,7 +89,7 @@ def to_frames(known: Signatures) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def from_frames(
-    derivatives: pd.DataFrame, shapes: pd.DataFrame, screened: pd.DataFrame, base: Fit, candidates: Sequence[Candidate]
+    derivatives: pd.DataFrame, shapes: pd.DataFrame, screened: pd.DataFrame, found: Recalibrated
 ) -> Signatures:
     """The signatures of all candidates from their tables."""
     columns = {
@@ -103,19 +100,19 @@ def from_frames(
         place: dict(zip(rows["name"], rows["value"], strict=True))
         for place, rows in shapes.groupby(["label", "start"], sort=False)
     }
+    base, runs = found.base, found.problem.runs
     size = base.residual.size
-    by_label = {candidate.label: candidate for candidate in candidates}
-    found = []
+    by_label = {candidate.label: candidate for candidate in found.problem.model.candidates}
+    signatures = []
     for (label, start), own in columns.items():
         candidate = by_label[label]
-        sizes = [p.name for p in candidate.coordinates if p.name in candidate.sizes]
+        sizes = [p.key for p in candidate.seen_in(runs) if p.key in candidate.sizes]
         origin = own.get(_ORIGIN, base.residual)
-        found.append(
-            Signature(candidate, at.get((label, start), {}), _stacked([own[name] for name in sizes], size), origin)
-        )
+        stacked = _stacked([own[key] for key in sizes], size)
+        signatures.append(Signature(candidate, at.get((label, start), {}), stacked, origin, runs))
     lost = screened[screened["kind"] == "failed"]
     failed = dict(zip(lost["explanation"], lost["reason"], strict=True))
-    return Signatures(base.parameters, base.values, base.jacobian, base.residual, found, failed)
+    return Signatures(base.parameters, base.values, base.jacobian, base.residual, signatures, failed)
 
 
 def _stacked(columns: list[np.ndarray], size: int) -> np.ndarray:

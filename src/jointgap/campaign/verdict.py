@@ -136,7 +136,7 @@ def _gains(outcome: Outcome, base: Fit) -> dict[str, float]:
 
 
 def _nuisances(fit: Fit) -> dict[str, dict[str, float]]:
-    of_effects = {f"{c.label}.{p.name}" for c in fit.explanation for p in c.coordinates}
+    of_effects = {f"{c.label}.{p.key}" for c in fit.explanation for p in c.coordinates}
     sd = np.sqrt(np.diag(fit.covariance()))
     return {
         p.key: {"value": float(fit.values[i]), "sd": float(sd[i])}

@@ -78,7 +78,7 @@ def thresholds(
         chi2 *= noise_dof / generator.chisquare(noise_dof, DRAWS)
 
     # Gains: lengths of projections, which depend on the draws through as many numbers as there are signatures.
-    spaces = [(orthonormal(subspaces.projected(one.columns)), len(one.candidate.coordinates)) for one in known.found]
+    spaces = [(orthonormal(subspaces.projected(one.columns)), len(one.coordinates)) for one in known.found]
     joint = np.hstack([space for space, _ in spaces]) if spaces else np.empty((size, 0))
     noise = np.linalg.qr(joint * measured[:, None], mode="r").T if joint.size else np.empty((0, 0))
     drawn = np.square(generator.standard_normal((DRAWS, noise.shape[1])) @ noise.T + amounts @ (numerics.T @ joint))

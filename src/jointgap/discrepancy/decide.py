@@ -99,7 +99,7 @@ def decide(
     base_passes = reduced(base) <= limits.omnibus
     best = _best(good, limits)
     told = {"ranking": ranking, "thresholds": limits}
-    if best is None or (base_passes and _gain(base, best.fit) <= limits.directed):
+    if best is None or best.delta_bic <= max(RIVAL, limits.directed):  # the base is a rival too
         if not base_passes:
             return Decision("unexplained", base, because="no candidate explains the disagreement", **told)
         if reduced(nominal) <= limits.omnibus and nominal.bic - base.bic < RIVAL + limits.rough:
@@ -107,7 +107,11 @@ def decide(
         return Decision(
             "parameters_only", base, because="with parameters within their ranges the model leaves noise alone", **told
         )
-    equals = [one for one in good if one is not best and _rivals(one.fit, best.fit, RIVAL + limits.rough)]
+    equals = [
+        one
+        for one in ranking
+        if one.admissible and one is not best and _rivals(one.fit, best.fit, RIVAL + limits.rough)
+    ]
     if equals:
         alike = [best.fit, *(one.fit for one in equals)]
         if best.passes or best.share >= SHARE:
@@ -123,7 +127,8 @@ def decide(
     if best.share >= SHARE:
         why = f"{best.fit.label} explains {best.share:.1%}, as it also would if a similar effect were the cause"
     else:
-        why = f"the best, {best.fit.label}, explains {best.share:.1%} only"
+        told_share = f"explains {best.share:.1%} only" if np.isfinite(best.share) else "leaves as much"
+        why = f"the best, {best.fit.label}, {told_share}"
     return Decision("unexplained", base, because=why, **told)
 
 
@@ -147,25 +152,26 @@ def reduced(one: Fit) -> float:
     return one.chi2 / max(one.residual.size - len(one.parameters), 1)
 
 
-def _gain(base: Fit, one: Fit) -> float:
-    """Gain of chi2 less ln n for each coordinate, as `Thresholds.directed` measures it."""
-    return base.bic - one.bic
-
-
 def _objection(one: Fit, nuisance_bounds) -> str:
     """Why an explanation claims an effect that is not there; empty where it does not."""
-    values = one.mapping
+    values, errors = one.mapping, None
     for candidate in one.explanation:
-        sizes = [values[f"{candidate.label}.{name}"] for name in candidate.sizes]
-        if not any(sizes):
+        sizes = {
+            key: values[f"{candidate.label}.{key}"] for key in candidate.sizes if f"{candidate.label}.{key}" in values
+        }
+        if not any(sizes.values()):
             return f"{candidate.label} is fitted with no size"
-        inside = candidate.replaces and all(
-            nominal + value >= low and nominal + value <= high
-            for (nominal, low, high), value in zip(
-                (nuisance_bounds[name] for name in candidate.replaces), sizes, strict=False
-            )
-        )
-        if inside:
+        if not candidate.replaces:
+            continue
+        errors = errors or dict(zip((p.key for p in one.parameters), np.sqrt(np.diag(one.covariance())), strict=True))
+        within = {size: nuisance_bounds[name] for name, size in candidate.replaces.items()}
+        if all(
+            low <= nominal + value <= high
+            if size in within
+            else abs(value) <= 2.0 * errors[f"{candidate.label}.{size}"]
+            for size, value in sizes.items()
+            for nominal, low, high in (within.get(size, (0.0, 0.0, 0.0)),)
+        ):
             return f"{candidate.label} is {' and '.join(candidate.replaces)} within its range: a parameter, no effect"
     return ""
 
@@ -185,6 +191,6 @@ def _best(good: Sequence[Ranked], limits: Thresholds) -> Ranked | None:
 
 
 def _rivals(one: Fit, best: Fit, apart: float) -> bool:
-    """Whether `one` is another explanation that is as good as `best`: not one that merely adds to it."""
+    """Whether `one` is another explanation that is as good as `best`: not one that merely adds to it or leaves something out."""
     names, named = ({c.label for c in fit.explanation} for fit in (one, best))
-    return one.bic - best.bic < apart and not names > named and len(names) <= len(named)
+    return one.bic - best.bic < apart and not names > named and not names < named and len(names) <= len(named)

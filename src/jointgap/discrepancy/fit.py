@@ -100,7 +100,9 @@ class Fit:
             known = np.diag(np.where(np.isfinite(width), np.sqrt(12.0 * left) / width, 0.0))
             rows = np.vstack([self.jacobian, known])[:, free]
             scale = np.linalg.norm(rows, axis=0)
-            inverse = np.linalg.pinv(rows / scale)
+            _, sizes, turned = np.linalg.svd(rows / scale, full_matrices=False)
+            # what nothing tells apart is as uncertain as numbers can say, not certain
+            inverse = turned.T / np.maximum(sizes, 1e-8 * sizes[0])
             found[np.ix_(free, free)] = left * (inverse @ inverse.T) / np.outer(scale, scale)
         return found
 

@@ -212,12 +212,12 @@ def _preflight(model: Model, survey: Survey, remarks: tuple[str, ...]) -> Prefli
 
 def _stated(candidate: Candidate, size: float) -> tuple[str, str, float]:
     """The parameter that a verdict states first, its unit and its value at a size of the first coordinate; NaN at infinity."""
-    first = next(p for p in candidate.coordinates if p.name in candidate.sizes)
-    shapes = {p.name: p.nominal for p in candidate.coordinates} | dict(candidate.starts[0])
+    first = next(p for p in candidate.coordinates if p.key in candidate.sizes)
+    shapes = {p.key: p.nominal for p in candidate.coordinates} | dict(candidate.starts[0])
     amount = size if np.isfinite(size) else first.step
 
     def named(value: float) -> dict[str, float]:
-        return candidate.parameters({**shapes, first.name: value})
+        return candidate.parameters({**shapes, first.key: value})
 
     parameter = next(iter(named(amount)))
     one, two = named(amount)[parameter], named(2 * amount)[parameter]

@@ -57,16 +57,17 @@ class Candidate:
     name, site : str
         As a verdict states them.
     coordinates : tuple of Parameter
-        What a fit varies. Near the effect's absence the motion should depend on the `sizes` about linearly: an amplitude with
+        What a fit varies; those with a run belong to that run alone, such as a phase. Near the effect's absence the motion should depend on the `sizes` about linearly: an amplitude with
         a phase has two coordinates, its cosine and sine parts.
     sizes : tuple of str
-        Names of the coordinates that are 0 where the effect is absent; the rest are shapes (an exponent, a frequency).
+        Keys of the coordinates that are 0 where the effect is absent; the rest are shapes (an exponent, a frequency).
     starts : tuple of mappings
         Values of all shapes to start from; one empty mapping where there are none.
     parameters : function
         From values of the coordinates to the parameters that a verdict states. The coordinates themselves by default.
-    replaces : tuple of str
-        Names of nuisances that are this effect's own parameter: they are held at nominal where it is fitted.
+    replaces : mapping of str to str
+        Nuisances that are this effect's own parameter, and the size that stands for each: a nuisance is held at nominal where the
+        effect is fitted, and the size is what it is beyond that.
     sensor : bool
         Whether it is a fault of a sensor: it acts on what is read, not on the motion.
     choice : bool
@@ -82,7 +83,7 @@ class Candidate:
     sizes: tuple[str, ...]
     starts: tuple[Mapping[str, float], ...] = ({},)
     parameters: Callable[[Mapping[str, float]], dict[str, float]] = field(default=dict, compare=False)
-    replaces: tuple[str, ...] = ()
+    replaces: Mapping[str, str] = field(default_factory=dict)
     sensor: bool = False
     choice: bool = False
     carrier: str = ""
@@ -91,6 +92,10 @@ class Candidate:
     def label(self) -> str:
         """``name``, or ``name:site`` where there is a choice; unique among a model's candidates."""
         return f"{self.name}:{self.site}" if self.choice else self.name
+
+    def seen_in(self, runs: Sequence[str]) -> tuple[Parameter, ...]:
+        """The coordinates that matter to `runs`."""
+        return tuple(p for p in self.coordinates if p.run in (None, *runs))
 
 
 @dataclass(frozen=True)

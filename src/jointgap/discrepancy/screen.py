@@ -29,17 +29,25 @@ class Signature:
         Derivatives with respect to its sizes, per unit [1/unit].
     origin : (n,) array
         Residuals at zero size: the base's, unless the candidate replaces a nuisance.
+    runs : tuple of str
+        The runs that residuals are of.
     """
 
     candidate: Candidate
     shapes: Mapping[str, float]
     columns: np.ndarray
     origin: np.ndarray
+    runs: tuple[str, ...]
+
+    @property
+    def coordinates(self) -> tuple[Parameter, ...]:
+        """What a fit varies."""
+        return self.candidate.seen_in(self.runs)
 
     @property
     def sizes(self) -> tuple[Parameter, ...]:
         """The coordinates that `columns` belong to."""
-        return tuple(p for p in self.candidate.coordinates if p.name in self.candidate.sizes)
+        return tuple(p for p in self.coordinates if p.key in self.candidate.sizes)
 
 
 @dataclass(frozen=True)
@@ -84,7 +92,7 @@ class Signatures:
         columns = {p.key: column for p, column in zip(self.parameters, self.jacobian.T, strict=True)}
         for one in chosen:
             for p, column in zip(one.sizes, one.columns.T, strict=True):
-                columns[f"{one.candidate.label}.{p.name}"] = column
+                columns[f"{one.candidate.label}.{p.key}"] = column
         return columns
 
 
@@ -163,20 +171,19 @@ def _starts(problem, base, candidate, carriers) -> Sequence[Mapping[str, float]]
 
 def _absent(candidate: Candidate, shapes: Mapping[str, float], base: Fit) -> dict[str, float]:
     """The base's values with the candidate there at zero size."""
-    at = {p.name: 0.0 if p.name in candidate.sizes else shapes[p.name] for p in candidate.coordinates}
-    return base.mapping | {f"{candidate.label}.{name}": value for name, value in at.items()}
+    at = {p.key: 0.0 if p.key in candidate.sizes else shapes[p.key] for p in candidate.coordinates}
+    return base.mapping | {f"{candidate.label}.{key}": value for key, value in at.items()}
 
 
 def _signature(problem, base, differences, candidate, shapes, origin) -> Signature:
     values = _absent(candidate, shapes, base)
     for name in candidate.replaces:  # held at nominal
         values = {key: value for key, value in values.items() if key.partition("@")[0] != name}
-    by_key = {p.key: p for p in problem.parameters((candidate,))}
+    sizes = {f"{candidate.label}.{key}" for key in candidate.sizes}
     columns = [
-        differences.column(by_key[f"{candidate.label}.{name}"], values, origin, (candidate,))
-        for name in candidate.sizes
+        differences.column(p, values, origin, (candidate,)) for p in problem.parameters((candidate,)) if p.key in sizes
     ]
-    return Signature(candidate, dict(shapes), np.column_stack(columns), origin)
+    return Signature(candidate, dict(shapes), np.column_stack(columns), origin, problem.runs)
 
 
 class Screen:
@@ -213,11 +220,11 @@ class Screen:
         step, chi2 = bounded_step(matrix, target, low - here, high - here)
         start = {known.parameters[i].key: float(value) for i, value in zip(kept, here + step, strict=False)}
         for (one, p), value in zip(sizes, step[len(kept) :], strict=True):
-            start[f"{one.candidate.label}.{p.name}"] = float(value)
+            start[f"{one.candidate.label}.{p.key}"] = float(value)
         for one in chosen:
             start |= {f"{one.candidate.label}.{name}": value for name, value in one.shapes.items()}
         effects = (*self.beside, *(one.candidate for one in chosen))
-        free = len(kept) + sum(len(one.candidate.coordinates) for one in chosen)
+        free = len(kept) + sum(len(one.coordinates) for one in chosen)
         free += sum(len(candidate.replaces) for candidate in effects)  # as `Fit.bic` counts
         return Screened(tuple(chosen), chi2, start, chi2 + free * np.log(self._rows), self.beside)
 

@@ -20,8 +20,8 @@ def frequencies(
 ) -> list[float]:
     """The most likely frequencies [Hz] of an effect that is `carrier` times a cosine in time.
 
-    A periodogram by least squares: at each frequency the carrier times a cosine and a sine are fitted beside the nuisances. It is
-    exact where the motion does not answer to the force (a prescribed motion, of which forces are read).
+    A periodogram by least squares: at each frequency the carrier times a cosine and a sine, of each run its own, are fitted beside
+    the nuisances. It is exact where the motion does not answer to the force (a prescribed motion, of which forces are read).
 
     Parameters
     ----------
@@ -38,8 +38,9 @@ def frequencies(
     most : int
         Frequencies to give, most likely first; fewer where there are fewer peaks.
     """
-    time = np.full(residual.size, np.nan)
+    time, run = np.full(residual.size, np.nan), np.empty(residual.size, dtype=object)
     for part in parts:
+        run[part.place] = part.series.run
         if not part.series.statistic:
             time[part.place] = part.series.time[part.used]
     timed = np.isfinite(time)
@@ -51,17 +52,17 @@ def frequencies(
     tried = np.arange(max(frequency.low, 0.5 / span), min(frequency.high, 0.5 / densest), step)
     basis = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))[0]
     left = residual - basis @ (basis.T @ residual)
-    power = np.array([_power(nu, time, timed, carrier, basis, left) for nu in tried])
+    carriers = [np.where(timed & (run == one), carrier, 0.0) for one in dict.fromkeys(run)]
+    power = np.array([_power(nu, np.where(timed, time, 0.0), carriers, basis, left) for nu in tried])
     inner = np.arange(1, power.size - 1)
     peaks = inner[(power[inner] >= power[inner - 1]) & (power[inner] > power[inner + 1])]
     return [float(tried[i]) for i in sorted(peaks, key=lambda i: -power[i])[:most]]
 
 
-def _power(nu, time, timed, carrier, basis, left) -> float:
-    """How much of the squared residual a cosine and a sine at `nu` explain."""
-    phase = 2 * np.pi * nu * np.where(timed, time, 0.0)
-    columns = np.column_stack([carrier * np.cos(phase), carrier * np.sin(phase)])
-    columns[~timed] = 0.0
+def _power(nu, time, carriers, basis, left) -> float:
+    """How much of the squared residual a cosine and a sine at `nu` explain, in each run by themselves."""
+    phase = 2 * np.pi * nu * time
+    columns = np.column_stack([one * wave for one in carriers for wave in (np.cos(phase), np.sin(phase))])
     columns -= basis @ (basis.T @ columns)
     weight = np.linalg.lstsq(columns, left, rcond=None)[0]
     return float(left @ (columns @ weight))

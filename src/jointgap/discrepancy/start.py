@@ -27,7 +27,7 @@ def fit_screened(problem: Problem, one: Screened, known: Mapping[str, np.ndarray
         Derivatives by key about the base; used where the start is near it.
     differences : Differences
     """
-    sizes = {f"{new.candidate.label}.{p.name}" for new in one.signatures for p in new.sizes}
+    sizes = {f"{new.candidate.label}.{p.key}" for new in one.signatures for p in new.sizes}
     bounds = {p.key: (p.low, p.high) for p in problem.parameters(one.explanation)}
     start, multiple, least = one.start, 1.0, np.inf
     while multiple <= _FARTHEST:

@@ -93,7 +93,7 @@ class Survey:
         dimensions = len(one.sizes)
         asked = max(
             stats.chi2.isf(self.rate / len(self.labels), dimensions),
-            len(one.candidate.coordinates) * np.log(self.size),
+            len(one.coordinates) * np.log(self.size) + RIVAL,
         )
         return float(
             optimize.brentq(lambda much: stats.ncx2.sf(asked, dimensions, much) - POWER, 1e-6, 20 * asked + 50)

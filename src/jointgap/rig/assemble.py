@@ -67,7 +67,9 @@ def _planned(campaign: Campaign, run: CampaignRun) -> tuple[Clock, dict[str, np.
 def _recorded(campaign: Campaign, run: CampaignRun, measurements: Measurements) -> tuple[Clock, dict[str, np.ndarray]]:
     recording = measurements.runs[run.id]
     constant = campaign.drive == "constant_speed"
-    found = clock(recording.time, recording.crank_angle, run.speed, run.first_angle, _resolution(campaign), constant)
+    # of a clockwise crank the mirror image turns, as its angles are read
+    first = -run.first_angle if run.first_angle is not None and run.direction == "clockwise" else run.first_angle
+    found = clock(recording.time, recording.crank_angle, run.speed, first, _resolution(campaign), constant)
     return found, {**recording.channels, "crank_angle": recording.crank_angle}
 
 

@@ -1,7 +1,7 @@
 """The physical effects that could be missing in a slider-crank, by coordinates that a fit can vary."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from jointgap.config import EFFECTS, Mechanism
@@ -58,7 +58,12 @@ def shape(name: str, start: float, step: float, unit: str, low: float, high: flo
 
 
 def physical_candidates(
-    mechanism: Mechanism, scale: Scale, nuisances: Mapping[str, Parameter], prescribed: bool, planned_orders: float
+    mechanism: Mechanism,
+    scale: Scale,
+    nuisances: Mapping[str, Parameter],
+    prescribed: bool,
+    planned_orders: float,
+    runs: Sequence[str],
 ) -> list[Candidate]:
     """Effects that could be missing in `mechanism`; those that it has, or that cannot act in it, are left out.
 
@@ -72,9 +77,10 @@ def physical_candidates(
         Whether the crank turns at a constant speed.
     planned_orders : float
         Frequency [Hz] of a force that swings by itself before data tell one.
+    runs : sequence of str
     """
     found = [
-        *_forces(scale, planned_orders),
+        *_forces(scale, planned_orders, runs),
         *_crank(mechanism, scale, prescribed),
         *_data(mechanism, scale, nuisances),
     ]
@@ -97,18 +103,32 @@ def _one(name: str, coordinate: Parameter, **further) -> Candidate:
     return _candidate(name, (coordinate,), (coordinate.name,), **further)
 
 
-def _polar(amplitude: str, angle: str, turned: float = 1.0, **fixed: str) -> Callable[[Values], dict[str, float]]:
+def _polar(amplitude: str, angle: str, **fixed: str) -> Callable[[Values], dict[str, float]]:
     """Amplitude and angle of the parts with the cosine and the sine, and further parameters as they are."""
 
     def parameters(values: Values) -> dict[str, float]:
         cosine, sine = values["cosine"], values["sine"]
-        found = {amplitude: math.hypot(cosine, sine), angle: math.atan2(turned * sine, cosine)}
+        found = {amplitude: math.hypot(cosine, sine), angle: math.atan2(sine, cosine)}
         return found | {name: values[key] for name, key in fixed.items()}
 
     return parameters
 
 
-def _forces(scale: Scale, frequency: float) -> Iterator[Candidate]:
+def _harmonic(values: Values) -> dict[str, float]:
+    """Parameters of a swinging force: of one run, or the mean amplitude over runs and the phase in the first."""
+    parts = {key.removeprefix("cosine"): values[key] for key in values if key.startswith("cosine")}
+    sines = {
+        run: -values[f"sine{run}"] for run in parts
+    }  # f cos(w t + phase) = f cos phase cos w t - f sin phase sin w t
+    first = next(iter(parts))
+    return {
+        "force_N": math.sqrt(sum(parts[run] ** 2 + sines[run] ** 2 for run in parts) / len(parts)),
+        "frequency_Hz": values["frequency_Hz"],
+        "phase_rad": math.atan2(sines[first], parts[first]),
+    }
+
+
+def _forces(scale: Scale, frequency: float, runs: Iterable[str]) -> Iterator[Candidate]:
     force = scale.force
     yield _one("slider_coulomb_friction", size("force_N", force, "N", 0.0))
     yield _one("slider_viscous_friction", size("damping_N_s_m", force / scale.speed, "N*s/m", 0.0))
@@ -140,13 +160,13 @@ def _forces(scale: Scale, frequency: float) -> Iterator[Candidate]:
     )
     yield _candidate(
         "harmonic_force",
+        # runs are recorded one after the other: each has a phase of its own
         (
-            size("cosine", force, "N"),
-            size("sine", force, "N"),
+            *(Parameter(part, 0.0, step=force, unit="N", run=run) for run in runs for part in ("cosine", "sine")),
             shape("frequency_Hz", frequency, 1e-3 * frequency, "Hz", 0.0, _INF),
         ),
-        ("cosine", "sine"),
-        _polar("force_N", "phase_rad", -1.0, frequency_Hz="frequency_Hz"),
+        tuple(f"{part}@{run}" for run in runs for part in ("cosine", "sine")),
+        _harmonic,
         starts=({"frequency_Hz": frequency},),
         carrier="slider_constant_force",
     )
@@ -174,7 +194,7 @@ def _crank(mechanism: Mechanism, scale: Scale, prescribed: bool) -> Iterator[Can
             ),
             ("cosine", "sine"),
             lambda values: (found := parameters(values)) | {"order": round(found["order"])},
-            starts=[{"order": float(order)} for order in (1, 2, 3, 4)],
+            starts=[{"order": float(order)} for order in range(1, 9)],
         )
 
 
@@ -210,7 +230,7 @@ def _pin(mechanism: Mechanism, pin: str, scale: Scale, nuisances: Mapping[str, P
     if joint is None:
         return
     known = joint.contact.friction if joint.loose else 0.0
-    replaces = replaced_by("pin_friction", pin, nuisances) if joint.loose else ()
+    replaces = replaced_by("pin_friction", pin, nuisances) if joint.loose else {}
     coordinates = [size("change", 0.02, "1", -known, 0.6 - known)]
     if "joint_friction" in replaces and other_pins(mechanism, pin):
         # The effect takes this pin out of what both share: what is left is the other pin's.

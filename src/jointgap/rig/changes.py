@@ -16,6 +16,16 @@ LEAST_COMPLIANCE = 2.5e-8
 _FOUND = "discovered_"
 
 
+def friction_speed(mechanism: Mechanism) -> float | None:
+    """Sliding speed [m/s] over which friction is regularised in the first loose pin that has any; None where none has.
+
+    Nobody measures it, and it moves what is read near reversals by many times the noise: so it is fitted as a nuisance, which
+    stands for the other pins' in proportion.
+    """
+    contacts = [mechanism.joint(pin).contact for pin in mechanism.loose]
+    return next((contact.friction_speed for contact in contacts if contact.friction > 0), None)
+
+
 def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     """`mechanism` with other masses, lengths, clearances, friction and restitution.
 
@@ -38,7 +48,9 @@ def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechani
             if pin in PINS
         }
         if "friction_speed" in values:
-            contact["friction_speed"] = values["friction_speed"]
+            contact["friction_speed"] = (
+                joint.contact.friction_speed * values["friction_speed"] / friction_speed(mechanism)
+            )
         change: dict[str, Any] = {"contact": joint.contact.model_copy(update=contact)}
         if f"{pin}_clearance" in values:
             change["bearing_radius"] = joint.journal_radius + values[f"{pin}_clearance"]
@@ -72,11 +84,18 @@ def with_effects(mechanism: Mechanism, effects: Sequence[tuple[Candidate, Mappin
             continue
         if candidate.name.startswith(_FOUND):
             formulas.setdefault(candidate.name.partition("[")[0], []).append((candidate, values))
-        elif candidate.name == "pin_friction" or any(values[name] for name in candidate.sizes):
+        elif candidate.name == "pin_friction" or any(
+            value for key, value in values.items() if key in _names(candidate)
+        ):
             # without size an effect is absent, but friction in one of two pins stands for this pin's even where it is nominal
             added.append(_effect(candidate.name, candidate.site, candidate.parameters(values)))
     added += [_formula(name, terms) for name, terms in formulas.items()]
     return mechanism.model_copy(update={"effects": (*mechanism.effects, *added)})
+
+
+def _names(candidate: Candidate) -> set[str]:
+    """Keys of an effect's sizes, and their names within a run."""
+    return {name for key in candidate.sizes for name in (key, key.partition("@")[0])}
 
 
 def _effect(name: str, site: str, parameters: Mapping[str, Any]) -> Effect:
@@ -128,10 +147,16 @@ def rig_file(
     """
     values = values or {}
     made = with_nuisances(mechanism, {key: v for key, v in values.items() if "@" not in key})
-    effects = [(one, {p.name: values[f"{one.label}.{p.name}"] for p in one.coordinates}) for one in explanation]
+    effects = [(one, _own(one, values)) for one in explanation]
     for _, own in effects:
         made = with_nuisances(made, own)  # a nuisance that an effect replaced in part, such as the other pin's friction
     return validate(Mechanism, with_effects(made, effects).model_dump(), "the mechanism with what was found")
+
+
+def _own(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:
+    """Values of an effect's coordinates by key, as far as a fit has them: those of held-out runs it has not."""
+    keys = {p.key: f"{candidate.label}.{p.key}" for p in candidate.coordinates}
+    return {key: values[name] for key, name in keys.items() if name in values}
 
 
 def mirrored(mechanism: Mechanism) -> Mechanism:

@@ -53,14 +53,16 @@ class Faults:
     Parameters
     ----------
     effects : iterable of (Candidate, mapping)
+    mirrored : bool
+        Whether the crank turns clockwise, so that angles are seen from behind.
     """
 
-    def __init__(self, effects: Iterable[tuple[Candidate, Mapping[str, float]]]):
+    def __init__(self, effects: Iterable[tuple[Candidate, Mapping[str, float]]], mirrored: bool = False):
         self.offset = 0.0
         self._found: dict[tuple[str, str], float] = {}
         for candidate, values in effects:
             if candidate.name == "encoder_offset":
-                self.offset = values["offset_rad"]
+                self.offset = -values["offset_rad"] if mirrored else values["offset_rad"]
             elif candidate.sensor:
                 self._found[candidate.name, candidate.site] = values[candidate.sizes[0]]
 

@@ -108,7 +108,9 @@ class RigModel:
         scale = Scale.of(self.campaign.mechanism, turning)
         nuisances = {p.name: p for p in self.nuisances if p.run is None}
         constant = self.campaign.drive == "constant_speed"
-        physical = physical_candidates(self.campaign.mechanism, scale, nuisances, constant, 1.37 * turning / TURN)
+        physical = physical_candidates(
+            self.campaign.mechanism, scale, nuisances, constant, 1.37 * turning / TURN, tuple(self.plans)
+        )
         return (*physical, *sensor_candidates(spreads, "crank_angle" in self.campaign.channels, turning))
 
     def simulate(

@@ -8,6 +8,7 @@ from jointgap.config import Mechanism
 from jointgap.config.campaign import NUISANCES, Campaign, CampaignRun
 from jointgap.config.campaign.nuisance import nominal_values
 from jointgap.discrepancy.protocol import Parameter
+from jointgap.rig.changes import friction_speed
 from jointgap.rig.clock import Clock
 
 _STEP = 0.02  # of the width of a nuisance's bounds
@@ -31,15 +32,6 @@ def shared(campaign: Campaign) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def friction_speed(mechanism: Mechanism) -> float | None:
-    """Sliding speed [m/s] over which the pins' friction is regularised; None where no loose pin has friction.
-
-    Nobody measures it, and it moves what is read near reversals by many times the noise: so it is fitted as a nuisance.
-    """
-    contacts = [mechanism.joint(pin).contact for pin in mechanism.loose]
-    return next((contact.friction_speed for contact in contacts if contact.friction > 0), None)
-
-
 def of_run(campaign: Campaign, run: CampaignRun, clock: Clock, first_angle_searched: bool) -> tuple[Parameter, ...]:
     """Speed and phase of one run, as far as they are not exact."""
     found = []
@@ -59,14 +51,14 @@ def _parameter(name: str, nominal: float, low: float, high: float, unit: str, ru
     return Parameter(name, nominal, low, high, _STEP * (high - low), unit, run)
 
 
-def replaced_by(effect: str, site: str, nuisances: Mapping[str, Parameter]) -> tuple[str, ...]:
-    """Names of nuisances that are the parameter of an effect."""
+def replaced_by(effect: str, site: str, nuisances: Mapping[str, Parameter]) -> dict[str, str]:
+    """Nuisances that are the parameter of an effect, and the effect's size that stands for each."""
     own = {
-        "added_slider_mass": ("slider_mass",),
-        "link_length_error": ("crank_length", "rod_length"),
-        "pin_friction": (f"joint_friction_{site}", "joint_friction"),
-    }.get(effect, (effect,))  # crank_pin_clearance and piston_pin_clearance are called alike
-    return tuple(name for name in own if name in nuisances)
+        "added_slider_mass": {"slider_mass": "mass_kg"},
+        "link_length_error": {"crank_length": "crank_m", "rod_length": "rod_m"},
+        "pin_friction": {f"joint_friction_{site}": "change", "joint_friction": "change"},
+    }.get(effect, {effect: "change_m"})  # crank_pin_clearance and piston_pin_clearance are called alike
+    return {name: size for name, size in own.items() if name in nuisances}
 
 
 def other_pins(mechanism: Mechanism, pin: str) -> tuple[str, ...]:
