@@ -73,6 +73,9 @@ def _stage(name: str, words: str) -> None:
         getattr(stages, name)(case, **given)
         for other in further:
             getattr(stages, other)(case)
+        if name == "measure":
+            lines = [f"Remark: {text}" for text in case.measurements.remarks]
+            click.echo("\n".join([*lines, f"figures and tables: {case.folder.path / name}"]))
 
     command.__doc__ = words
     made = campaign_argument(folder_option(_then(command)))
