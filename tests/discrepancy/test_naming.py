@@ -5,7 +5,7 @@ import pytest
 
 from jointgap.discrepancy.calibrate import thresholds
 from jointgap.discrepancy.decide import Decision
-from jointgap.discrepancy.naming import fitted, pairs, shortlist, verdict
+from jointgap.discrepancy.naming import fitted, pairs, shortlist, swapped, verdict
 from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
 from jointgap.discrepancy.screen import signatures
 from tests.discrepancy.toy import stated_noise, toy
@@ -19,6 +19,7 @@ def named(effects=None, **how) -> tuple[Decision, float]:
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
     fits = [fitted(base, known, one) for one in shortlist(known, limits)]
     fits += [fitted(base, known, *pair) for pair in pairs(base, known, fits, limits)]
+    fits += swapped(base, known, fits)
     return verdict(base, known, fits, limits), base.problem.gap(base.base.residual)
 
 

@@ -10,7 +10,7 @@ from jointgap.campaign.fits import to_frames
 from jointgap.discrepancy.calibrate import Thresholds
 from jointgap.discrepancy.decide import Decision
 from jointgap.discrepancy.fit import Fit
-from jointgap.discrepancy.naming import refined, verdict
+from jointgap.discrepancy.naming import refined, swapped, verdict
 from jointgap.discrepancy.recalibrate import Recalibrated
 from jointgap.discrepancy.screen import Signatures
 
@@ -58,7 +58,7 @@ def decide(
         How long each took.
     limits : Thresholds
     """
-    decision = verdict(found, known, fits, limits)
+    decision = verdict(found, known, [*fits, *swapped(found, known, fits)], limits)
     chosen = refined(found, decision.chosen) if decision.chosen.explanation else decision.chosen
     equivalent = [refined(found, one) for one in decision.equivalent]
     return Outcome(decision.verdict, decision.because, chosen, equivalent, ranking_frame(decision, seconds))

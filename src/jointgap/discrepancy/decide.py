@@ -14,6 +14,9 @@ RIVAL = 10.0
 SHARE = 0.95
 """Share of the misfit that an explanation has to explain where it leaves more than noise."""
 
+SLIGHT = 1.1
+"""chi2 over its degrees of freedom up to which nothing is called missing unless an effect is found: a gap of 1.05."""
+
 CLOSER = 0.5
 """Such an explanation must leave less than this part of what it would leave if its nearest rival were the truth."""
 
@@ -96,7 +99,7 @@ def decide(
     """
     ranking = rank(base, fits, limits, nuisance_bounds)
     good = [one for one in ranking if one.admissible and one.delta_bic > 0]
-    base_passes = reduced(base) <= limits.omnibus
+    base_passes = reduced(base) <= max(limits.omnibus, SLIGHT)
     best = _best(good, limits)
     told = {"ranking": ranking, "thresholds": limits}
     if best is None or best.delta_bic <= max(RIVAL, limits.directed):  # the base is a rival too

@@ -119,6 +119,31 @@ def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: 
     return decide(plain, base.nominal, list(best.values()), limits, alikeness, bounds)
 
 
+def swapped(base: Recalibrated, known: Signatures, fits: Sequence[Fit]) -> list[Fit]:
+    """Fits of the pairs that differ from the best one in one effect, as far as they are not among `fits`.
+
+    One of two effects may stand for another as long as the second is not beside it, and lead to the wrong pair.
+    """
+    best = min((one for one in fits if one.status != FAILED), key=lambda one: one.bic, default=None)
+    if best is None or len(best.explanation) < 2:
+        return []
+    done, found = {frozenset(c.label for c in one.explanation) for one in fits}, []
+    for kept in best.explanation:
+        alone = next((one for one in fits if one.label == kept.label), None)
+        if alone is None or alone.status == FAILED:
+            start = {
+                key: value for key, value in best.mapping.items() if "." not in key or key.startswith(f"{kept.label}.")
+            }
+            alone = fit(base.problem, (kept,), start, differences=base.differences)
+        partners = Screen(known.about(alone), alone.explanation).singles()
+        for pair in partners[: 2 * AMONG]:
+            names = frozenset(candidate.label for candidate in pair.explanation)
+            if names not in done:
+                done.add(names)
+                found.append(fitted(base, known, pair, alone))
+    return found
+
+
 def _moved(base: Recalibrated, one: Fit, to: Fit) -> Fit:
     """A fit or, if it is better, one that starts from the nuisances of another."""
     start = {key: to.mapping.get(key, value) if "." not in key else value for key, value in one.mapping.items()}

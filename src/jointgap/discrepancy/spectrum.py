@@ -44,7 +44,7 @@ def frequencies(
         if not part.series.statistic:
             time[part.place] = part.series.time[part.used]
     timed = np.isfinite(time)
-    if not timed.any():
+    if not timed.any() or not residual.any():  # a preflight has nothing to search
         return []
     span = max(np.ptp(part.series.time[part.used]) for part in parts if timed[part.place].all())
     step = 1.0 / (_PER_LINE * span)
