@@ -9,8 +9,6 @@ from jointgap.blind.conceal import conceal
 from jointgap.blind.plan import Plan
 from jointgap.blind.score import scored
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize(
     ("kind", "size", "effects"),
