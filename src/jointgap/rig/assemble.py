@@ -10,6 +10,7 @@ from jointgap.measure import Measurements
 from jointgap.measure.recording import noise_of
 from jointgap.rig.clock import TURN, Clock, clock, planned_clock
 from jointgap.rig.drives import DROPPED, measured_pieces
+from jointgap.rig.folding import folded_speed
 from jointgap.rig.model import RigModel
 from jointgap.rig.simulation import RunPlan, channels_read
 
@@ -47,9 +48,16 @@ def rig_model(campaign: Campaign, measurements: Measurements | None = None) -> R
         )
         measured[run.id] = {channel: values[channel] for channel in channels}
         noise[run.id] = noise_of(campaign, run.id)
-        if encoder is None and run.first_angle is None and measurements is not None:
+        if encoder is not None or measurements is None or campaign.drive != "constant_speed":
+            continue
+        # what is held out of a run that is split may not tell how its beginning turned
+        told = {c: np.where(held_out[run.id], np.nan, v) for c, v in measured[run.id].items()}
+        told = measured[run.id] if held_out[run.id].all() else told
+        if "speed" in campaign.nuisance:
+            plans[run.id] = _with_speed(campaign, plans[run.id], told)
+        if run.first_angle is None:
             searched.add(run.id)
-            plans[run.id] = _with_first_angle(campaign, plans[run.id], measured[run.id])
+            plans[run.id] = _with_first_angle(campaign, plans[run.id], told)
     return RigModel(campaign, plans, measured, noise, held_out, frozenset(searched))
 
 
@@ -76,6 +84,13 @@ def _recorded(campaign: Campaign, run: CampaignRun, measurements: Measurements) 
 def _held_out(run: CampaignRun, count: int) -> np.ndarray:
     share = {"confirm": 1.0, "split": 1.0 / 3.0}.get(run.role, 0.0)
     return np.arange(count) >= count - math.ceil(share * count)
+
+
+def _with_speed(campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]) -> RunPlan:
+    """The plan with the speed, within its bounds, at which what was measured repeats best."""
+    own, bounds = plan.clock, campaign.bounds("speed", plan.run.speed)
+    speed = folded_speed(own.elapsed, list(measured.values()), *bounds)
+    return replace(plan, clock=replace(own, speed=speed, angle=own.first_angle + speed * own.elapsed))
 
 
 def _with_first_angle(campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]) -> RunPlan:

@@ -39,7 +39,8 @@ def of_run(campaign: Campaign, run: CampaignRun, clock: Clock, first_angle_searc
         reach = clock.speed_reach
         found.append(_parameter("speed", clock.speed, clock.speed - reach, clock.speed + reach, "rad/s", run.id))
     elif not clock.encoded and "speed" in campaign.nuisance:
-        found.append(_parameter("speed", run.speed, *campaign.bounds("speed", run.speed), "rad/s", run.id))
+        low, high = campaign.bounds("speed", run.speed)
+        found.append(_parameter("speed", min(max(clock.speed, low), high), low, high, "rad/s", run.id))
     reach = FIRST_ANGLE_REACH if first_angle_searched else clock.first_reach
     if reach > 0:
         first = clock.first_angle
