@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jointgap.discrepancy.alike import Subspaces
 from jointgap.discrepancy.differences import Differences
 from jointgap.discrepancy.fit import fit
 from jointgap.discrepancy.problem import Problem
@@ -87,3 +88,13 @@ def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():
     known = signatures(problem, base, differences)
     assert known.failed == {"spring": "the spring breaks"}
     assert "viscous" in {one.candidate.label for one in known.found}
+
+
+def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it():
+    *_, known = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
+    spaces = Subspaces(known)
+    by_label = {one.candidate.label: (one.candidate,) for one in known.found}
+    both = (*by_label["viscous"], *by_label["coulomb"])
+    assert spaces.within(by_label["viscous"], both)
+    assert not spaces.within(by_label["quadratic"], both)
+    assert not spaces.within(by_label["spring"], by_label["centrifugal"])  # the same, and neither can do more

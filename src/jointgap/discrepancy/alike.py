@@ -5,6 +5,8 @@ import numpy as np
 from jointgap.discrepancy.problem import Explanation
 from jointgap.discrepancy.screen import Signatures
 
+_INSIDE = 0.03  # of a signature's length may lie outside another's span, for it to be a special case of that
+
 
 class Subspaces:
     """What each candidate can change in the whitened residuals beyond what nuisances can, as orthonormal columns.
@@ -34,6 +36,13 @@ class Subspaces:
         """Largest cosine of anything that `label` changes with the orthonormal columns `space`; 0 where it changes nothing."""
         found = [np.linalg.norm(space.T @ one, 2) for one in self.of[label] if one.size and space.size]
         return float(min(max(found, default=0.0), 1.0))
+
+    def within(self, one: Explanation, other: Explanation) -> bool:
+        """Whether `one` is a special case of `other`, which can do more: a constant force is a spring without stiffness."""
+        part, whole = (self.span([c.label for c in explanation if c.label in self.of]) for explanation in (one, other))
+        if not 0 < part.shape[1] < whole.shape[1]:
+            return False
+        return bool(np.linalg.norm(part - whole @ (whole.T @ part), 2) < _INSIDE)
 
     def nearest(self, explanation: Explanation) -> tuple[str, float]:
         """The candidate beyond the explanation that it could stand for best, and the squared cosine; '' where there is none."""

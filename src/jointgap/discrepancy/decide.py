@@ -1,12 +1,13 @@
 """From fits to a verdict: is something missing, what is it, and can the data tell."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from jointgap.discrepancy.calibrate import Thresholds
 from jointgap.discrepancy.fit import FAILED, Fit
+from jointgap.discrepancy.problem import Explanation
 
 RIVAL = 10.0
 """Two explanations whose BIC differ by less are not told apart: odds of 150 to 1 (Kass and Raftery 1995: very strong)."""
@@ -82,6 +83,7 @@ def decide(
     limits: Thresholds,
     alikeness: Mapping[str, float],
     nuisance_bounds: Mapping[str, tuple[float, float, float]],
+    within: Callable[[Explanation, Explanation], bool] = lambda one, other: False,
 ) -> Decision:
     """Choose among fitted explanations.
 
@@ -96,6 +98,8 @@ def decide(
         Squared cosine of each explanation's signature with that of its nearest rival.
     nuisance_bounds : mapping of name to (nominal, low, high)
         Ranges of the nuisances that effects may replace.
+    within : function
+        Whether an explanation is a special case of another, which is then no rival but an addition.
     """
     ranking = rank(base, fits, limits, nuisance_bounds)
     good = [one for one in ranking if one.admissible and one.delta_bic > 0]
@@ -115,6 +119,7 @@ def decide(
         for one in ranking
         if one.admissible and one is not best and _rivals(one.fit, best.fit, RIVAL + limits.rough)
     ]
+    equals = [one for one in equals if not within(best.fit.explanation, one.fit.explanation)]
     if equals:
         alike = [best.fit, *(one.fit for one in equals)]
         if best.passes or best.share >= SHARE:

@@ -116,7 +116,7 @@ def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: 
         if one.status != FAILED and one.explanation
     }
     bounds = {p.name: (p.nominal, p.low, p.high) for p in base.problem.nuisances}
-    return decide(plain, base.nominal, list(best.values()), limits, alikeness, bounds)
+    return decide(plain, base.nominal, list(best.values()), limits, alikeness, bounds, subspaces.within)
 
 
 def swapped(base: Recalibrated, known: Signatures, fits: Sequence[Fit]) -> list[Fit]:
