@@ -5,6 +5,7 @@ import pytest
 
 from jointgap.discrepancy.calibrate import thresholds
 from jointgap.discrepancy.decide import Decision
+from jointgap.discrepancy.fit import fit
 from jointgap.discrepancy.naming import fitted, pairs, shortlist, swapped, verdict
 from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
 from jointgap.discrepancy.screen import signatures
@@ -111,3 +112,15 @@ def test_thresholds_hold_their_rate_and_know_of_other_numerics():
     dof = base.problem.size - len(base.base.parameters)
     exceeded = np.mean(generator.chisquare(dof, 20_000) / dof > white.omnibus)
     assert 0.03 < exceeded < 0.07
+
+
+def test_a_pair_in_another_order_is_no_rival():
+    model = toy({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1)
+    base = recalibrate(model, stated_noise(model))
+    known = signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    labelled = {candidate.label: candidate for candidate in model.candidates}
+    pair = labelled["coulomb"], labelled["spring"]
+    decision = verdict(base, known, [fit(base.problem, pair), fit(base.problem, pair[::-1])], limits)
+    assert decision.verdict == "named"
+    assert len(decision.ranking) == 1

@@ -83,7 +83,7 @@ def decide(
     limits: Thresholds,
     alikeness: Mapping[str, float],
     nuisance_bounds: Mapping[str, tuple[float, float, float]],
-    within: Callable[[Explanation, Explanation], bool] = lambda one, other: False,
+    within: Callable[[Explanation, Explanation], bool],
 ) -> Decision:
     """Choose among fitted explanations.
 
@@ -117,9 +117,10 @@ def decide(
     equals = [
         one
         for one in ranking
-        if one.admissible and one is not best and _rivals(one.fit, best.fit, RIVAL + limits.rough)
+        if one.admissible
+        and _rivals(one.fit, best.fit, RIVAL + limits.rough)
+        and not within(best.fit.explanation, one.fit.explanation)
     ]
-    equals = [one for one in equals if not within(best.fit.explanation, one.fit.explanation)]
     if equals:
         alike = [best.fit, *(one.fit for one in equals)]
         if best.passes or best.share >= SHARE:
@@ -201,4 +202,4 @@ def _best(good: Sequence[Ranked], limits: Thresholds) -> Ranked | None:
 def _rivals(one: Fit, best: Fit, apart: float) -> bool:
     """Whether `one` is another explanation that is as good as `best`: not one that merely adds to it or leaves something out."""
     names, named = ({c.label for c in fit.explanation} for fit in (one, best))
-    return one.bic - best.bic < apart and not names > named and not names < named and len(names) <= len(named)
+    return one.bic - best.bic < apart and not names >= named and not names < named and len(names) <= len(named)

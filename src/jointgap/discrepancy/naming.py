@@ -100,15 +100,15 @@ def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: 
     Where the motion is rough, base and rivals are first fitted again from the best one's nuisances: an explanation must not win
     by having found a deeper valley of parameters that all share.
     """
-    best: dict[str, Fit] = {}
+    best: dict[frozenset[str], Fit] = {}
     for one in sorted(fits, key=lambda one: one.chi2):
-        best.setdefault(one.label, one)
+        best.setdefault(frozenset(candidate.label for candidate in one.explanation), one)
     plain, ranked = base.base, sorted(best.values(), key=lambda one: one.bic)
     if ranked and limits.rough > _SMOOTH and ranked[0].bic < plain.bic:
         plain = _moved(base, plain, ranked[0])
-        for rival in ranked[1 : 1 + AMONG]:
-            if rival.status != FAILED:
-                best[rival.label] = _moved(base, rival, ranked[0])
+        for names, rival in list(best.items()):
+            if any(rival is one for one in ranked[1 : 1 + AMONG]) and rival.status != FAILED:
+                best[names] = _moved(base, rival, ranked[0])
     subspaces = Subspaces(known)
     alikeness = {
         one.label: subspaces.nearest(one.explanation)[1]
