@@ -16,6 +16,7 @@ from jointgap.discrepancy.fit import fit as regular_fit
 from jointgap.discrepancy.problem import Problem
 from jointgap.errors import InputError, SimulationError
 from tests.campaign.conftest import TRUTH
+from tests.discrepancy.toy import SPEEDS, candidate_of, stated_noise, toy
 
 
 def test_the_hidden_effect_is_named_with_its_size_within_its_interval(chain):
@@ -57,6 +58,50 @@ def test_what_a_held_out_run_has_for_itself_is_fitted_to_it_and_nothing_else(cha
     held_out = Problem(chain.model, chain.noise, held_out=True)
     values = confirm.own_fitted(held_out, base)
     assert {key for key, value in values.items() if value != base.mapping.get(key)} == {"speed@fast"}
+
+
+class _Breaking:
+    """A model that cannot simulate one run with any effect."""
+
+    def __init__(self, model, run):
+        self.model, self.run = model, run
+
+    def __getattr__(self, name):
+        return getattr(self.model, name)
+
+    def simulate(self, run, values, effects=(), numerics=0):
+        if run == self.run and effects:
+            raise SimulationError(f"run {run}: the rod does not reach the slide")
+        return self.model.simulate(run, values, effects, numerics)
+
+
+def test_a_held_out_run_that_cannot_be_simulated_with_the_effect_has_no_gap_after_and_the_reason(tmp_path):
+    model = toy({"coulomb": {"force_N": TRUTH}}, held_out=("mid", "fast"))
+    noise_ = stated_noise(model)
+    problem = Problem(model, noise_)
+    base, named = regular_fit(problem), regular_fit(problem, (candidate_of("coulomb"),))
+    whole = confirm.confirm(model, noise_, base, named).gaps
+    folder = Folder(tmp_path)
+    found = confirm.confirm(_Breaking(model, "fast"), noise_, base, named)
+    folder.write("residuals", found.residuals)
+    folder.write("gaps", found.gaps)
+    gaps = folder.read("gaps")
+    listed = {one["run"]: one for one in confirm.held_out(gaps, dict.fromkeys(SPEEDS, "confirm"))}
+    before = {run: confirm.gap_of(whole, "confirm", run)["before"] for run in ("mid", "fast")}
+    assert listed["fast"]["gap"] == {"before": pytest.approx(before["fast"]), "after": None}
+    assert "does not reach the slide" in listed["fast"]["not_simulated"]
+    assert listed["mid"]["gap"]["after"] == pytest.approx(1.0, abs=0.1)
+    assert "not_simulated" not in listed["mid"]
+    assert confirm.gap_of(gaps, "confirm")["after"] is None
+    assert confirm.gap_of(gaps, "identify") == confirm.gap_of(whole, "identify")
+
+
+def test_the_verdict_says_of_which_runs_only_the_last_third_is_held_out(chain):
+    found = confirm.confirm(chain.model, chain.noise, chain.recalibrated.base)
+    roles = {"slow": "identify", "mid": "identify", "fast": "split"}
+    (listed,) = confirm.held_out(found.gaps, roles)
+    assert (listed["run"], listed["part"]) == ("fast", "last_third")
+    assert confirm.held_out(found.gaps, roles | {"fast": "confirm"})[0]["part"] == "whole"
 
 
 def test_fits_come_back_from_files_with_the_same_intervals(chain, tmp_path):
@@ -129,6 +174,7 @@ def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain
     gap = {role: confirm.gap_of(found.gaps, role) for role in ("identify", "confirm")}
     made = verdict.document(
         *("rig", chain.outcome, chain.recalibrated.base, windows, gap),
+        [{"run": "fast", "part": "whole", "gap": {"before": 3.0, "after": None}, "not_simulated": "it flies off"}],
         *({"undetectable": ["crank_unbalance"], "merged": [["a", "b"]]}, 0.01),
     )
     read = json.loads(verdict.text(made | {"seconds": {"fit": 1.0}}))

@@ -2,6 +2,7 @@
 
 import re
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -100,12 +101,19 @@ def test_a_gap_that_does_not_fall_is_not_called_a_fall():
 
 
 def test_a_run_that_was_used_for_both_is_called_weaker_evidence():
-    gaps = pd.DataFrame({"run": ["slow", "fast", "slow"], "role": ["identify", "identify", "confirm"]})
-    gaps = gaps.assign(
-        channel="all", **{f"{when}{end}": 2.0 for when in ("before", "after") for end in ("", "_low", "_high")}
-    )
-    assert "Held out of slow is the last third" in summary.markdown(NAMED, {"gaps": gaps})
-    assert "last third" not in summary.markdown(NAMED, {"gaps": gaps.assign(run=["slow", "mid", "fast"])})
+    listed = [{"run": "slow", "part": "last_third", "gap": {"before": 8.7, "after": 1.05}}]
+    assert "Held out of slow is the last third" in summary.markdown(NAMED | {"held_out": listed}, {})
+    assert "last third" not in summary.markdown(NAMED | {"held_out": [listed[0] | {"part": "whole"}]}, {})
+
+
+def test_a_held_out_run_that_cannot_be_simulated_is_told_with_the_reason():
+    lost = {"run": "fast", "part": "whole", "gap": {"before": 8.7, "after": None}, "not_simulated": "it flies off"}
+    gaps = pd.DataFrame({"run": ["fast"], "role": "confirm", "channel": "all"})
+    gaps = gaps.assign(before=8.7, before_low=8.0, before_high=9.0, after=np.nan, after_low=np.nan, after_high=np.nan)
+    unknown = {"identify": {"before": 9.1, "after": 1.02}, "confirm": {"before": 8.7, "after": None}}
+    text = summary.markdown(NAMED | {"gap": unknown, "held_out": [lost]}, {"gaps": gaps})
+    assert "cannot be simulated in run fast (it flies off), so it is not confirmed there." in text
+    assert "| fast | 8.70 (8.00 to 9.00) | – |" in text
 
 
 def test_the_explanations_that_cannot_be_told_apart_are_listed_with_the_experiment_that_would():

@@ -4,7 +4,7 @@ from typing import Any
 
 from jointgap.campaign import summary, verdict
 from jointgap.campaign.case import Case
-from jointgap.campaign.confirm import gap_of
+from jointgap.campaign.confirm import gap_of, held_out
 from jointgap.campaign.folder import SUMMARIES, VERDICT
 from jointgap.campaign.preflight import groups, separated_by, undetectable
 from jointgap.campaign.stages import FALSE_ALARM_RATE, preflight
@@ -41,6 +41,7 @@ def conclude(case: Case) -> dict[str, Any]:
         case.recalibrated.base,
         folder.read("map_windows"),
         {role: gap_of(gaps, role) for role in ("identify", "confirm")},
+        held_out(gaps, {run.id: run.role for run in case.campaign.runs}),
         {"undetectable": undetectable(detectable), "merged": groups(confusability)},
         FALSE_ALARM_RATE,
         _separated_by(case, outcome.equivalent),

@@ -2,14 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from jointgap.discrepancy.fit import Fit, fit
-from jointgap.discrepancy.problem import Problem
+from jointgap.discrepancy.problem import Explanation, Problem
 from jointgap.discrepancy.protocol import Model
 from jointgap.discrepancy.whiten import Noise
+from jointgap.errors import InputError, SimulationError
 
 _BLOCKS = 20
 """Stretches into which a series is cut for the bootstrap: neighbours in one miss the measurement alike."""
@@ -34,10 +36,37 @@ class Confirmed:
     gaps: pd.DataFrame
 
 
-def gap_of(gaps: pd.DataFrame, role: str) -> dict[str, float]:
-    """Gap before and after over all runs and channels of a role, from table `jointgap.tables.GAPS`."""
-    whole = gaps[(gaps["role"] == role) & (gaps["run"] == "all") & (gaps["channel"] == "all")]
-    return {when: float(whole[when].iloc[0]) for when in ("before", "after")}
+def gap_of(gaps: pd.DataFrame, role: str, run: str = "all") -> dict[str, float | None]:
+    """Gap before and after over all channels of a run, or of all runs, in a role, from table `jointgap.tables.GAPS`.
+
+    None where there is no such gap: what was added cannot be simulated there.
+    """
+    whole = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")].iloc[0]
+    return {when: None if np.isnan(whole[when]) else float(whole[when]) for when in ("before", "after")}
+
+
+def held_out(gaps: pd.DataFrame, roles: Mapping[str, str]) -> list[dict[str, Any]]:
+    """The held-out data as a verdict lists them.
+
+    Parameters
+    ----------
+    gaps : DataFrame
+        Table `jointgap.tables.GAPS`.
+    roles : mapping of str to str
+        Of every run, as the campaign states it.
+
+    Returns
+    -------
+    list of dict
+        By run: ``run``, ``part`` of it, ``gap``; ``not_simulated``, the reason, where what was added cannot be simulated.
+    """
+    found = []
+    for row in gaps[(gaps["role"] == "confirm") & (gaps["channel"] == "all")].to_dict("records"):
+        if (run := row["run"]) != "all":
+            part = "last_third" if roles[run] == "split" else "whole"
+            lost = {"not_simulated": row["remark"]} if isinstance(row["remark"], str) else {}
+            found.append({"run": run, "part": part, "gap": gap_of(gaps, "confirm", run), **lost})
+    return found
 
 
 def confirm(
@@ -46,7 +75,8 @@ def confirm(
     """Predict every run with and without the effects of the verdict.
 
     What a held-out run has for itself (its speed, its first angle) is fitted to it, for the base as well as for the named effects:
-    what all runs share stays as found on the runs for fitting.
+    what all runs share stays as found on the runs for fitting. A held-out run that cannot be simulated with the named effects has
+    no prediction and no gap after, with the reason as a remark of its gaps; all runs together have none either.
 
     Parameters
     ----------
@@ -62,17 +92,34 @@ def confirm(
     Raises
     ------
     InputError, SimulationError
-        A held-out run cannot be simulated.
+        A held-out run cannot be simulated with the base.
     """
     named = base if named is None else named
-    frames = []
-    for role, held_out in (("identify", False), ("confirm", True)):
-        problem = Problem(model, noise, held_out=held_out)
-        before = own_fitted(problem, base) if held_out else base.mapping
-        after = before if named is base else own_fitted(problem, named) if held_out else named.mapping
-        frames.append(_compared(problem, base, before, named, after).assign(role=role))
+    used = Problem(model, noise)
+    frames, remarks = [_compared(used, base.mapping, named.mapping, named.explanation).assign(role="identify")], {}
+    for run in Problem(model, noise, held_out=True).runs:
+        problem = Problem(_Alone(model, run), noise, held_out=True)
+        before = own_fitted(problem, base)
+        try:
+            after = before if named is base else own_fitted(problem, named)
+            frame = _compared(problem, before, after, named.explanation)
+        except (InputError, SimulationError) as error:
+            remarks[run] = str(error)
+            frame = _compared(problem, before).assign(augmented=np.nan, whitened_augmented=np.nan)
+        frames.append(frame.assign(role="confirm"))
     residuals = pd.concat(frames, ignore_index=True)
-    return Confirmed(residuals.drop(columns="role"), _gaps(residuals, np.random.default_rng(seed)))
+    return Confirmed(residuals.drop(columns="role"), _gaps(residuals, remarks, np.random.default_rng(seed)))
+
+
+class _Alone:
+    """One run of a model, as a model: what belongs to it is fitted, and fails, without the others."""
+
+    def __init__(self, model: Model, run: str):
+        self._model = model
+        self.series = [series for series in model.series if series.run == run]
+
+    def __getattr__(self, name: str):
+        return getattr(self._model, name)
 
 
 def own_fitted(problem: Problem, found: Fit) -> dict[str, float]:
@@ -89,14 +136,14 @@ def own_fitted(problem: Problem, found: Fit) -> dict[str, float]:
     return found.mapping | refitted.mapping
 
 
-def _compared(problem: Problem, base: Fit, before: dict, named: Fit, after: dict) -> pd.DataFrame:
-    """Rows of the table residuals, run by run."""
-    whitened = problem.residual(before, base.explanation)
-    whitened_after = whitened if after is before else problem.residual(after, named.explanation)
+def _compared(problem: Problem, before: dict, after: dict | None = None, explanation: Explanation = ()) -> pd.DataFrame:
+    """Rows of the table residuals, run by run; the base stands for the named effects where there are none."""
+    whitened = problem.residual(before)
+    whitened_after = problem.residual(after, explanation) if explanation else whitened
     frames = []
     for run in problem.runs:
-        predicted = problem.predict(run, before, base.explanation)
-        augmented = predicted if after is before else problem.predict(run, after, named.explanation)
+        predicted = problem.predict(run, before)
+        augmented = problem.predict(run, after, explanation) if explanation else predicted
         for part in problem.parts:
             series = part.series
             if series.run != run:
@@ -122,8 +169,8 @@ def _compared(problem: Problem, base: Fit, before: dict, named: Fit, after: dict
     return pd.concat(frames, ignore_index=True)
 
 
-def _gaps(residuals: pd.DataFrame, random: np.random.Generator) -> pd.DataFrame:
-    """Rows of the table gaps: each run and channel, each run, and all, by role."""
+def _gaps(residuals: pd.DataFrame, remarks: Mapping[str, str], random: np.random.Generator) -> pd.DataFrame:
+    """Rows of the table gaps: each run and channel, each run, and all, by role; remarks by held-out run."""
     rows = []
     for role, of_role in residuals.groupby("role", sort=False):
         drawn = {key: _squares(series, random) for key, series in of_role.groupby(["run", "channel"], sort=False)}
@@ -133,7 +180,8 @@ def _gaps(residuals: pd.DataFrame, random: np.random.Generator) -> pd.DataFrame:
             if run != "all":
                 rows += [_row(run, role, channel, [squares]) for (_, channel), squares in within.items()]
             rows.append(_row(run, role, "all", list(within.values())))
-    return pd.DataFrame(rows)
+    gaps = pd.DataFrame(rows)
+    return gaps.assign(remark=gaps["run"].map(remarks).where(gaps["role"] == "confirm", None).astype(object))
 
 
 @dataclass(frozen=True)

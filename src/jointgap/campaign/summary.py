@@ -115,7 +115,12 @@ def _explanation(effects: Sequence[Mapping[str, Any]]) -> str:
 def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
     confirm, added = verdict["gap"]["confirm"], bool(verdict["effects"])
     meaning = "The gap is the residual in standard deviations of the noise (root mean square): 1 is noise alone."
-    if added:
+    if added and confirm["after"] is None:
+        found = (
+            f"On data that took no part in fitting or choosing it is {_two(confirm['before'])} before anything is added; "
+            f"after is not known for all of them. {_not_simulated(verdict)}"
+        )
+    elif added:
         falls = confirm["after"] < confirm["before"]
         found = (
             f"On data that took no part in fitting or choosing it {'falls' if falls else 'does not fall: it goes'} from "
@@ -133,8 +138,8 @@ def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
     else:
         found = f"On data that took no part in fitting it is {_two(confirm['before'])}"
     told: list[Block] = [Heading("How far simulation and measurement are apart"), Text(f"{meaning} {found}.")]
+    told += _parts_of_runs(verdict)
     if gaps is not None:
-        told += _parts_of_runs(gaps)
         own = gaps[(gaps["channel"] == "all") & (gaps["role"] == "confirm") & (gaps["run"] != "all")]
         when = ("before", "after") if added else ("before",)
         rows = tuple((row["run"], *(_interval(row, each) for each in when)) for row in own.to_dict("records"))
@@ -143,10 +148,15 @@ def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
     return [*told, Picture("gaps"), *([Picture("residuals")] if added else [])]
 
 
-def _parts_of_runs(gaps: pd.DataFrame) -> list[Block]:
+def _not_simulated(verdict: Mapping[str, Any]) -> str:
+    """Which held-out runs cannot be simulated with what was added, and why."""
+    lost = [f"run {one['run']} ({one['not_simulated']})" for one in verdict["held_out"] if "not_simulated" in one]
+    return f"What was added cannot be simulated in {joined(lost)}, so it is not confirmed there"
+
+
+def _parts_of_runs(verdict: Mapping[str, Any]) -> list[Block]:
     """Says where held-out data are from a run that was used for fitting too."""
-    runs = [set(gaps.loc[gaps["role"] == role, "run"]) - {"all"} for role in ("identify", "confirm")]
-    shared = sorted(set.intersection(*runs))
+    shared = [one["run"] for one in verdict.get("held_out", ()) if one["part"] == "last_third"]
     if not shared:
         return []
     return [
@@ -157,7 +167,8 @@ def _parts_of_runs(gaps: pd.DataFrame) -> list[Block]:
 
 
 def _interval(row: Mapping[str, Any], when: str) -> str:
-    return f"{_two(row[when])} ({_two(row[f'{when}_low'])} to {_two(row[f'{when}_high'])})"
+    low, high = (row[f"{when}_{end}"] for end in ("low", "high"))
+    return f"{_two(row[when])} ({_two(low)} to {_two(high)})" if row[when] == row[when] else "–"
 
 
 def _where(verdict: Mapping[str, Any], windows: pd.DataFrame | None) -> list[Block]:

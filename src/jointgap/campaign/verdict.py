@@ -24,7 +24,8 @@ def document(
     outcome: Outcome,
     base: Fit,
     windows: pd.DataFrame,
-    gap: Mapping[str, Mapping[str, float]],
+    gap: Mapping[str, Mapping[str, float | None]],
+    held_out: Sequence[Mapping[str, Any]],
     preflight: Mapping[str, Sequence],
     false_alarm_rate: float,
     separated_by: str = "",
@@ -41,6 +42,8 @@ def document(
         Table `jointgap.tables.MAP_WINDOWS`.
     gap : mapping
         Of identify and confirm, each with before and after.
+    held_out : sequence of mappings
+        As `jointgap.campaign.confirm.held_out` lists them.
     preflight : mapping
         ``undetectable`` and ``merged``.
     false_alarm_rate : float
@@ -67,6 +70,7 @@ def document(
             for row in windows.to_dict("records")
         ],
         "gap": {role: dict(one) for role, one in gap.items()},
+        "held_out": [dict(one) for one in held_out],
         "preflight": {key: list(value) for key, value in preflight.items()},
         "false_alarm_rate": false_alarm_rate,
     }

@@ -188,9 +188,14 @@ RESIDUALS = Table(
         _HELD_OUT,
         Column("measured", "SI", "as measured"),
         Column("base", "SI", "predicted by the recalibrated base"),
-        Column("augmented", "SI", "predicted with the effects of the verdict; the base's where there are none"),
+        Column(
+            "augmented",
+            "SI",
+            "predicted with the effects of the verdict; the base's where there are none; null where they cannot be simulated",
+            nullable=True,
+        ),
         Column("whitened_base", "1", "whitened residual of the base"),
-        Column("whitened_augmented", "1", "whitened residual with the effects"),
+        Column("whitened_augmented", "1", "whitened residual with the effects", nullable=True),
         Column("spread", "SI", "standard deviation that noise and numerics give the sample"),
     ),
 )
@@ -217,13 +222,18 @@ GAPS = Table(
         Column("channel", "", "channel, or 'all'", "text"),
         Column("samples", "1", "residuals counted", "int"),
         Column("before", "1", "root mean square of the whitened residual of the base"),
-        Column("after", "1", "the same with the effects of the verdict"),
+        Column(
+            "after", "1", "the same with the effects of the verdict; null where they cannot be simulated", nullable=True
+        ),
         *(
-            Column(f"{when}_{end}", "1", f"{words} end of the 90 % bootstrap interval of {when}")
+            Column(
+                f"{when}_{end}", "1", f"{words} end of the 90 % bootstrap interval of {when}", nullable=when == "after"
+            )
             for when in ("before", "after")
             for end, words in (("low", "lower"), ("high", "upper"))
         ),
         Column("closed", "1", "share of the excess closed, 1 - (after^2 - 1) / (before^2 - 1)", nullable=True),
+        Column("remark", "", "why there is no gap after", "text", nullable=True),
     ),
 )
 

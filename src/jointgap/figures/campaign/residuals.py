@@ -31,7 +31,7 @@ def residuals(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) ->
     runs, channels = runs_in(samples), list(samples["channel"].unique())
     sheet = Sheet(0.8 + 1.75 * len(channels), len(channels), len(runs), width=max(WIDTH, 2.9 * len(runs)))
     for row, channel in enumerate(channels):
-        largest = samples.loc[samples["channel"] == channel, list(moments)].abs().to_numpy().max()
+        largest = np.nanmax(samples.loc[samples["channel"] == channel, list(moments)].abs().to_numpy())
         for column, run in enumerate(runs):
             own = samples[(samples["run"] == run) & (samples["channel"] == channel)]
             if own.empty:
