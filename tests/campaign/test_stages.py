@@ -9,11 +9,12 @@ from jsonschema import validate
 
 from benchmarks.project import ROOT
 from jointgap import tables
-from jointgap.campaign import confirm, fit, fits, noise, preflight, screen, verdict
+from jointgap.campaign import confirm, decide, fit, fits, noise, preflight, screen, verdict
 from jointgap.campaign.folder import OF_FITS, Folder, tables_of
 from jointgap.discrepancy.fit import FAILED
 from jointgap.discrepancy.fit import fit as regular_fit
 from jointgap.discrepancy.problem import Problem
+from jointgap.discrepancy.recalibrate import recalibrate
 from jointgap.errors import InputError, SimulationError
 from tests.campaign.conftest import TRUTH
 from tests.discrepancy.toy import SPEEDS, candidate_of, stated_noise, toy
@@ -189,9 +190,33 @@ def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain
 def test_in_a_pair_each_effect_has_what_leaving_it_out_costs(chain):
     by_label = {candidate.label: candidate for candidate in chain.model.candidates}
     pair = regular_fit(chain.recalibrated.problem, (by_label["coulomb"], by_label["constant_force"]))
-    bic = {"base": chain.recalibrated.base.bic} | {one.label: one.bic for one in chain.fits}
-    for effect, other in zip(verdict.effects(pair, bic), reversed(pair.explanation), strict=True):
-        assert effect["delta_bic"] == pytest.approx(bic.get(other.label, bic["base"]) - pair.bic)
+    alone = {"coulomb": 900.0, "constant_force": 2000.0}
+    for effect, other in zip(verdict.effects(pair, alone), reversed(pair.explanation), strict=True):
+        assert effect["delta_bic"] == pytest.approx(alone[other.label] - pair.bic)
+
+
+def test_what_leaving_an_effect_out_costs_is_not_known_where_the_rest_cannot_be_simulated(chain):
+    by_label = {candidate.label: candidate for candidate in chain.model.candidates}
+    pair = regular_fit(chain.recalibrated.problem, (by_label["coulomb"], by_label["constant_force"]))
+    first, second = verdict.effects(pair, {"base": 2000.0, "coulomb": 900.0})
+    assert first["delta_bic"] is None
+    assert second["delta_bic"] == pytest.approx(900.0 - pair.bic)
+
+
+def test_the_other_one_of_two_effects_is_fitted_alone_where_it_never_was():
+    model = toy({"coulomb": {"force_N": TRUTH}, "spring": {"stiffness_N_m": 40.0}})
+    base = recalibrate(model, stated_noise(model))
+    screened = screen.screen(base, 0.01)
+    by_label = {candidate.label: candidate for candidate in model.candidates}
+    pair = regular_fit(base.problem, (by_label["coulomb"], by_label["spring"]))
+    coulomb = regular_fit(base.problem, (by_label["coulomb"],))
+    spring = regular_fit(base.problem, (by_label["spring"],))
+    outcome = decide.decide(base, screened.known, [pair, coulomb], {}, screened.limits)
+    assert outcome.chosen.label == "coulomb + spring"
+    gains = dict(zip(outcome.ranking["explanation"], outcome.ranking["bic"], strict=True)) | {"base": base.base.bic}
+    costs = {one["name"]: one["delta_bic"] for one in verdict.effects(outcome.chosen, gains)}
+    assert costs["coulomb"] == pytest.approx(spring.bic - pair.bic, rel=1e-3)
+    assert costs["spring"] == pytest.approx(coulomb.bic - pair.bic, rel=1e-3)
 
 
 def test_look_alikes_survive_as_groups_and_advice_names_what_separates_them():

@@ -137,6 +137,11 @@ def test_the_largest_windows_come_first_and_the_rest_are_counted():
     assert "- and 3 more windows" in text
 
 
+def test_a_gain_that_is_not_known_is_called_so():
+    text = summary.markdown(NAMED | {"effects": [COULOMB | {"delta_bic": None}, BIAS]}, {})
+    assert "Gain in BIC: not known for Coulomb friction of the slider and 40 for a bias of the sensor" in text
+
+
 def test_a_move_of_the_optimum_is_told_in_millimetres_and_percent():
     optimum = pd.DataFrame({"model": ["base", "augmented"], "source": "networks", "reduction": [0.038, 0.05]})
     optimum = optimum.assign(crank_length=[0.150, 0.1515], rod_length=0.564)

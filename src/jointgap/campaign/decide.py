@@ -9,7 +9,7 @@ import pandas as pd
 from jointgap.campaign.fits import to_frames
 from jointgap.discrepancy.calibrate import Thresholds
 from jointgap.discrepancy.decide import Decision
-from jointgap.discrepancy.fit import Fit
+from jointgap.discrepancy.fit import Fit, fit
 from jointgap.discrepancy.naming import refined, swapped, verdict
 from jointgap.discrepancy.recalibrate import Recalibrated
 from jointgap.discrepancy.screen import Signatures
@@ -49,6 +49,9 @@ def decide(
 ) -> Outcome:
     """Choose among the fits; what is chosen is fitted once more to its end, for its intervals.
 
+    What leaving out one of two effects costs is the fit of the other alone: where that is not among the fits it is made, and is open
+    to choice like them.
+
     Parameters
     ----------
     found : Recalibrated
@@ -58,10 +61,30 @@ def decide(
         How long each took.
     limits : Thresholds
     """
-    decision = verdict(found, known, [*fits, *swapped(found, known, fits)], limits)
+    fits = [*fits, *swapped(found, known, fits)]
+    decision = verdict(found, known, fits, limits)
+    while alone := _members(found, [decision.chosen, *decision.equivalent], fits):
+        fits += alone
+        decision = verdict(found, known, fits, limits)
     chosen = refined(found, decision.chosen) if decision.chosen.explanation else decision.chosen
     equivalent = [refined(found, one) for one in decision.equivalent]
     return Outcome(decision.verdict, decision.because, chosen, equivalent, ranking_frame(decision, seconds))
+
+
+def _members(found: Recalibrated, chosen: Sequence[Fit], fits: Sequence[Fit]) -> list[Fit]:
+    """Fits of single effects of the pairs among `chosen`, as far as they are not among `fits`."""
+    done, made = {one.label for one in fits}, []
+    for pair in (one for one in chosen if len(one.explanation) > 1):
+        for kept in pair.explanation:
+            if kept.label not in done:
+                done.add(kept.label)
+                own = {
+                    key: value
+                    for key, value in pair.mapping.items()
+                    if "." not in key or key.startswith(f"{kept.label}.")
+                }
+                made.append(fit(found.problem, (kept,), own, differences=found.differences))
+    return made
 
 
 def ranking_frame(decision: Decision, seconds: Mapping[str, float]) -> pd.DataFrame:

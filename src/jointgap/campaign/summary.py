@@ -209,10 +209,14 @@ def _why(verdict: Mapping[str, Any]) -> list[Block]:
     if verdict["verdict"] in ("no_disagreement", "parameters_only"):
         return []
     named = verdict["effects"]
-    gains = joined(f"{effect['delta_bic']:.0f} for {effect_in_words(effect)}" for effect in named)
+    gains = joined(f"{_gain(effect)} for {effect_in_words(effect)}" for effect in named)
     evidence = [Text(f"Gain in BIC: {gains}; 10 would be very strong evidence.")] if named else []
     force = [Picture("missing_force")] if named else []
     return [Heading("What else was tried"), *evidence, Picture("ranking"), *force]
+
+
+def _gain(effect: Mapping[str, Any]) -> str:
+    return "not known" if effect["delta_bic"] is None else f"{effect['delta_bic']:.0f}"
 
 
 def _optimum(optimum: pd.DataFrame | None) -> list[Block]:

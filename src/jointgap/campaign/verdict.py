@@ -128,10 +128,10 @@ def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
 
 
 def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
-    """One effect; its delta_bic is what leaving it out costs."""
+    """One effect; its delta_bic is what leaving it out costs, None where the rest cannot be simulated by itself."""
     left = label_of(tuple(candidate for candidate in fit.explanation if candidate not in own))
-    without = gains.get(left, gains["base"])
-    return {"name": name, "site": site, "delta_bic": without - fit.bic, "parameters": parameters}
+    cost = gains[left] - fit.bic if left in gains else None
+    return {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
 
 
 def _gains(outcome: Outcome, base: Fit) -> dict[str, float]:
