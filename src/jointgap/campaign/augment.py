@@ -1,12 +1,12 @@
 """Stage augment: the mechanism with what was found written in, ready for every other stage."""
 
-import numpy as np
 import pandas as pd
 import yaml
 
 from jointgap import tables
+from jointgap.campaign.axes import clockwise
 from jointgap.campaign.decide import Outcome
-from jointgap.campaign.fits import effect_parameters
+from jointgap.campaign.fits import effect_parameters, nuisances
 from jointgap.campaign.force import missing_force
 from jointgap.config import Mechanism
 from jointgap.config.campaign import Campaign
@@ -64,7 +64,7 @@ def augment(campaign: Campaign, base: Fit, outcome: Outcome) -> tuple[str, pd.Da
     speeds = {run.id: run.speed for run in campaign.runs if run.role != "confirm"}
     columns = [column.name for column in tables.MISSING_FORCE.columns]
     physical = any(not candidate.sensor for candidate in outcome.chosen.explanation)
-    force = missing_force(plain, augmented, speeds) if physical else pd.DataFrame(columns=columns)
+    force = missing_force(plain, augmented, speeds, clockwise(campaign)) if physical else pd.DataFrame(columns=columns)
     return "\n".join([*(f"# {line}" for line in _header(campaign, outcome)), body]), force
 
 
@@ -72,12 +72,8 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
     chosen = outcome.chosen
     lines = [f"The mechanism of campaign {campaign.name} with what was found: {outcome.verdict}."]
     covariance = chosen.covariance()
-    of_effects = {f"{c.label}.{p.key}" for c in chosen.explanation for p in c.coordinates}
-    for i, p in enumerate(chosen.parameters):
-        if p.key not in of_effects:
-            lines.append(
-                f"{p.key}: {chosen.values[i]:.6g} +- {np.sqrt(covariance[i, i]):.2g} {p.unit}".removesuffix(" 1")
-            )
+    for p, one in nuisances(chosen, covariance, clockwise(campaign)):
+        lines.append(f"{p.key}: {one['value']:.6g} +- {one['sd']:.2g} {p.unit}".removesuffix(" 1"))
     for candidate in chosen.explanation:
         for name, one in effect_parameters(chosen, candidate, covariance).items():
             low, high = one["interval_90"]

@@ -3,6 +3,7 @@
 from typing import Any
 
 from jointgap.campaign import summary, verdict
+from jointgap.campaign.axes import clockwise
 from jointgap.campaign.case import Case
 from jointgap.campaign.confirm import gap_of, held_out
 from jointgap.campaign.folder import SUMMARIES, VERDICT
@@ -45,6 +46,7 @@ def conclude(case: Case) -> dict[str, Any]:
         {"undetectable": undetectable(detectable), "merged": groups(confusability)},
         FALSE_ALARM_RATE,
         _separated_by(case, outcome.equivalent),
+        clockwise(case.campaign),
     )
     write_text(folder.path / VERDICT, verdict.text(found))
     return found

@@ -1,16 +1,18 @@
 """Fits to tables and back, so that stages hand them on through files."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from jointgap import tables
+from jointgap.campaign.axes import parameter_as_read
 from jointgap.campaign.folder import Frames
 from jointgap.discrepancy.fit import FAILED, Fit, bounds_of
 from jointgap.discrepancy.linear import compressed
 from jointgap.discrepancy.problem import Explanation, Problem, label_of
-from jointgap.discrepancy.protocol import Candidate
+from jointgap.discrepancy.protocol import Candidate, Parameter
 from jointgap.errors import InputError
 
 HALF_WIDTH = 1.645
@@ -126,22 +128,46 @@ def from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate] = ()
     return found
 
 
-def parameter_frame(fits: Iterable[Fit]) -> pd.DataFrame:
-    """Table `jointgap.tables.FIT_PARAMETERS`: nuisances as fitted, effects' parameters as a verdict states them."""
+def parameter_frame(fits: Iterable[Fit], clockwise: Collection[str] = ()) -> pd.DataFrame:
+    """Table `jointgap.tables.FIT_PARAMETERS`: nuisances as fitted, effects' parameters as a verdict states them.
+
+    Parameters
+    ----------
+    fits : iterable of Fit
+    clockwise : collection of str
+        As in `nuisances`.
+    """
     rows = []
     for fit in fits:
         if fit.status == FAILED:
             continue
         covariance = fit.covariance()
-        of_effects = {f"{c.label}.{p.key}" for c in fit.explanation for p in c.coordinates}
-        for i, p in enumerate(fit.parameters):
-            if p.key not in of_effects:
-                interval = stated(fit.values[i], np.sqrt(covariance[i, i]), p.low, p.high)
-                rows.append(_row(fit, p.key, p.name, None, p.run, interval, p.unit))
+        for p, interval in nuisances(fit, covariance, clockwise):
+            rows.append(_row(fit, p.key, p.name, None, p.run, interval, p.unit))
         for candidate in fit.explanation:
             for name, interval in effect_parameters(fit, candidate, covariance).items():
                 rows.append(_row(fit, f"{candidate.label}.{name}", name, candidate.label, None, interval, ""))
     return _frame(tables.FIT_PARAMETERS, [pd.DataFrame(rows)] if rows else [])
+
+
+def nuisances(
+    fit: Fit, covariance: np.ndarray, clockwise: Collection[str] = ()
+) -> list[tuple[Parameter, dict[str, Any]]]:
+    """Nuisances of a fit, each with value, sd and interval_90.
+
+    Parameters
+    ----------
+    fit : Fit
+    covariance : (k, k) array
+    clockwise : collection of str
+        Runs whose crank turns clockwise: their first angles are those of the file.
+    """
+    of_effects = {f"{c.label}.{p.key}" for c in fit.explanation for p in c.coordinates}
+    return [
+        (p, parameter_as_read(p, stated(fit.values[i], np.sqrt(covariance[i, i]), p.low, p.high), clockwise))
+        for i, p in enumerate(fit.parameters)
+        if p.key not in of_effects
+    ]
 
 
 def effect_parameters(fit: Fit, candidate: Candidate, covariance: np.ndarray) -> dict[str, dict]:

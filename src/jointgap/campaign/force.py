@@ -1,21 +1,24 @@
 """The force that the effects of a verdict add, along the motion of each run."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
-import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.assemble import parameters
 from jointgap.dynamics.effects import crank_losses, slider_force
 from jointgap.dynamics.simulate import simulate
+from jointgap.rig.changes import mirrored
+from jointgap.rig.clock import TURN
 
 _SAMPLES = 360  # of the one revolution that is shown
 _SETTLES = 2  # revolutions
 _TOLERANCE = 1e-9  # m
 
 
-def missing_force(base: Mechanism, augmented: Mechanism, speeds: Mapping[str, float]) -> pd.DataFrame:
+def missing_force(
+    base: Mechanism, augmented: Mechanism, speeds: Mapping[str, float], clockwise: Collection[str] = ()
+) -> pd.DataFrame:
     """Force on the slider and torque on the crank of the augmented model less those of the base, at the same motion.
 
     Effects that act otherwise (masses, lengths, clearances, sensors) leave both at zero.
@@ -26,6 +29,8 @@ def missing_force(base: Mechanism, augmented: Mechanism, speeds: Mapping[str, fl
         The model before and after.
     speeds : mapping of str to float
         Crank speed by run [rad/s].
+    clockwise : collection of str
+        Runs whose crank turns clockwise.
 
     Returns
     -------
@@ -37,7 +42,15 @@ def missing_force(base: Mechanism, augmented: Mechanism, speeds: Mapping[str, fl
     InputError, SimulationError
         As `jointgap.dynamics.simulate`.
     """
-    return pd.concat([_along(run, base, augmented, speed) for run, speed in speeds.items()], ignore_index=True)
+    parts = []
+    for run, speed in speeds.items():
+        if run not in clockwise:
+            parts.append(_along(run, base, augmented, speed))
+            continue
+        behind = _along(run, mirrored(base.applied()), mirrored(augmented.applied()), speed).iloc[::-1]
+        turned = {"crank_angle": TURN - behind["crank_angle"], "crank_torque": -behind["crank_torque"]}
+        parts.append(behind.assign(**turned))
+    return pd.concat(parts, ignore_index=True)
 
 
 def _along(run: str, base: Mechanism, augmented: Mechanism, speed: float) -> pd.DataFrame:
@@ -51,7 +64,7 @@ def _along(run: str, base: Mechanism, augmented: Mechanism, speed: float) -> pd.
     return pd.DataFrame(
         {
             "run": run,
-            "crank_angle": samples["crank_angle"].to_numpy() - 2.0 * np.pi * _SETTLES,
+            "crank_angle": samples["crank_angle"].to_numpy() - TURN * _SETTLES,
             "slider_position": places[:, 0],
             "slider_velocity": places[:, 1],
             "slider_force": pushes,

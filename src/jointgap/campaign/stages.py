@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from jointgap.campaign.axes import clockwise, map_as_read, residuals_as_read
 from jointgap.campaign.case import Case
 from jointgap.campaign.folder import MECHANISM, OF_OUTCOME
 from jointgap.config import load_mechanism
@@ -78,7 +79,9 @@ def locate(case: Case) -> None:
     from jointgap.discrepancy.locate import locate as located
 
     found = located(case.recalibrated.problem, case.recalibrated.base.residual, FALSE_ALARM_RATE)
-    for name in ("bins", "windows", "tests", "orders", "scaling"):
+    for name in ("bins", "windows"):
+        case.folder.write(f"map_{name}", map_as_read(getattr(found, name), clockwise(case.campaign)))
+    for name in ("tests", "orders", "scaling"):
         case.folder.write(f"map_{name}", getattr(found, name))
 
 
@@ -143,9 +146,10 @@ def _settled(case: Case, outcome: "Outcome", stage: str) -> None:
     from jointgap.campaign import fits
 
     named = outcome.verdict.startswith("named")
+    parameters = fits.parameter_frame([outcome.chosen, *outcome.equivalent], clockwise(case.campaign))
     kept = [outcome.chosen] if named else outcome.equivalent
     case.folder.write_all(fits.to_frames(kept), stage)
-    case.folder.write("fit_parameters", fits.parameter_frame([outcome.chosen, *outcome.equivalent]), stage)
+    case.folder.write("fit_parameters", parameters, stage)
     case.folder.write("ranking", outcome.ranking, stage)
     case.folder.write("decision", outcome.frame(), stage)
 
@@ -158,7 +162,7 @@ def confirm(case: Case) -> None:
     base = case.recalibrated.base
     named = outcome.chosen if outcome.chosen.explanation else None
     found = confirming.confirm(case.model, case.whole_noise, base, named, SEED)
-    case.folder.write("residuals", found.residuals)
+    case.folder.write("residuals", residuals_as_read(found.residuals, clockwise(case.campaign)))
     case.folder.write("gaps", found.gaps)
 
 
@@ -179,6 +183,7 @@ def rechain(case: Case) -> None:
         return  # the transmission angle of ideal joints follows from the lengths alone, whatever acts on the slider
     from jointgap.campaign.augment import mechanisms
     from jointgap.campaign.rechain import rechain as chained
+    from jointgap.rig.changes import mirrored
 
     models = dict(
         zip(
@@ -187,8 +192,10 @@ def rechain(case: Case) -> None:
             strict=True,
         )
     )
-    speed = max(run.speed for run in case.campaign.runs if run.role != "confirm")
-    case.folder.write("campaign_optimum", chained(models, speed))
+    fastest = max((run for run in case.campaign.runs if run.role != "confirm"), key=lambda run: run.speed)
+    if fastest.direction == "clockwise":
+        models = {name: mirrored(one.applied()) for name, one in models.items()}
+    case.folder.write("campaign_optimum", chained(models, fastest.speed))
 
 
 def conclude(case: Case) -> None:

@@ -1,14 +1,14 @@
 """verdict.json: what was found, in the form that people script against."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from jointgap.campaign.decide import Outcome
-from jointgap.campaign.fits import effect_parameters, stated
+from jointgap.campaign.fits import effect_parameters, nuisances, stated
 from jointgap.discrepancy.fit import Fit
 from jointgap.discrepancy.problem import label_of
 from jointgap.discrepancy.regress import effect_of, law_of
@@ -29,6 +29,7 @@ def document(
     preflight: Mapping[str, Sequence],
     false_alarm_rate: float,
     separated_by: str = "",
+    clockwise: Collection[str] = (),
 ) -> dict[str, Any]:
     """The content of ``verdict.json``.
 
@@ -49,6 +50,8 @@ def document(
     false_alarm_rate : float
     separated_by : str
         Which experiment would separate equivalent explanations, in a sentence.
+    clockwise : collection of str
+        Runs whose crank turns clockwise.
     """
     gains = _gains(outcome, base)
     return {
@@ -59,7 +62,7 @@ def document(
         "effects": effects(outcome.chosen, gains),
         "equivalent": [effects(one, gains) for one in outcome.equivalent],
         "separated_by": separated_by,
-        "nuisances": _nuisances(outcome.chosen),
+        "nuisances": _nuisances(outcome.chosen, clockwise),
         "where": [
             {
                 "run": row["run"],
@@ -139,14 +142,9 @@ def _gains(outcome: Outcome, base: Fit) -> dict[str, float]:
     return {"base": base.bic} | dict(zip(known["explanation"], known["bic"], strict=True))
 
 
-def _nuisances(fit: Fit) -> dict[str, dict[str, float]]:
-    of_effects = {f"{c.label}.{p.key}" for c in fit.explanation for p in c.coordinates}
-    sd = np.sqrt(np.diag(fit.covariance()))
-    return {
-        p.key: {"value": float(fit.values[i]), "sd": float(sd[i])}
-        for i, p in enumerate(fit.parameters)
-        if p.key not in of_effects
-    }
+def _nuisances(fit: Fit, clockwise: Collection[str]) -> dict[str, dict[str, Any]]:
+    found = nuisances(fit, fit.covariance(), clockwise)
+    return {p.key: {key: one[key] for key in ("value", "sd")} for p, one in found}
 
 
 def _finite(value: Any) -> Any:

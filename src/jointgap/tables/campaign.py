@@ -16,7 +16,12 @@ MEASURED = Table(
         Column("channel", "", "channel", "text"),
         _SAMPLE,
         Column("time", "s", "time of the sample", nullable=True),
-        Column("crank_angle", "rad", "crank angle as measured, running on over revolutions", nullable=True),
+        Column(
+            "crank_angle",
+            "rad",
+            "crank angle as measured, running on over revolutions; of a clockwise crank its mirror image",
+            nullable=True,
+        ),
         Column("value", "SI", "what the channel reads, in its SI unit; null where there is no datum", nullable=True),
         _HELD_OUT,
     ),
