@@ -7,11 +7,13 @@ from click.testing import CliRunner
 from jsonschema import validate
 
 from benchmarks.project import ROOT
-from jointgap.campaign import stages
+from jointgap.campaign import preflight, stages
 from jointgap.campaign.files import campaigns
 from jointgap.cli import cli
 from jointgap.config import load_mechanism
+from jointgap.config.campaign import load_campaign
 from jointgap.errors import InputError
+from jointgap.rig import rig_model
 from jointgap.tables import describe
 
 DEMONSTRATION = "config/campaigns/demonstration.yaml"
@@ -64,6 +66,25 @@ def test_a_run_whose_file_is_not_there_is_named_before_anything_runs(tmp_path):
     (tmp_path / "mine.yaml").write_text(plan)
     with pytest.raises(InputError, match=r"run slow: no file 'demonstration/slow\.csv' in .*; correct `file`"):
         campaigns(["mine.yaml"], (tmp_path,))
+
+
+def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path):
+    (tmp_path / "demonstration").mkdir()
+    for name, rows in (("slow", 360), ("mid", 200)):
+        lines = (ROOT / f"config/campaigns/demonstration/{name}.csv").read_text().splitlines()[: rows + 1]
+        (tmp_path / f"demonstration/{name}.csv").write_text("\n".join(lines))
+    plan = (ROOT / DEMONSTRATION).read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
+    (tmp_path / "mine.yaml").write_text(plan.replace("speed: 280 rpm, role: identify", "speed: 280 rpm, role: split"))
+    campaign = load_campaign(tmp_path / "mine.yaml")
+    recordings = preflight.recorded(campaign)
+    assert set(recordings) == {"slow", "mid"}  # of the third run there is no file yet
+    turns = preflight.revolutions(campaign, recordings)
+    assert turns["slow"] == pytest.approx(360 * 4.1237e-3 * 150 / 60, rel=0.01)
+    counts = preflight.counts(rig_model(campaign), recordings)
+    assert counts["slow", "crank_torque"] == counts["slow", "crank_angle"] == 360
+    assert counts["mid", "crank_torque"] == pytest.approx(200 * 2 / 3, abs=1)  # the last third is held out
+    assert counts["mid", "slider_acceleration"] == counts["mid", "crank_torque"] - 10  # cells of which are empty
+    assert ("fast", "crank_torque") not in counts
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jointgap.discrepancy.decide import RIVAL
@@ -72,6 +73,18 @@ def test_a_fault_of_a_channel_that_is_not_measured_cannot_be_detected():
     row = found.effects.set_index("label").loc["sensor_gain:acceleration"]
     assert np.isnan(row["smallest_detectable"]) and not row["detectable"]
     assert "sensor_gain:acceleration" not in [label for group in found.merged for label in group]
+
+
+def test_four_times_the_samples_show_half_the_size_and_the_gap_stays():
+    model = planned()
+    found, more = (
+        preflight(model, counts={series.key: many * series.value.size for series in model.series}) for many in (1, 4)
+    )
+    for label in ("coulomb", "viscous", "constant_force", "sensor_bias:torque"):
+        # a little less, as the BIC asks for the logarithm of the number
+        assert 1.9 < found.sizes[label] / more.sizes[label] < 2.0
+    pd.testing.assert_series_equal(found.effects["typical"], more.effects["typical"], rtol=1e-6)
+    assert found.sizes == preflight(model).sizes
 
 
 @pytest.mark.parametrize("label", ["coulomb", "viscous", "spring", "added_mass", "sensor_lag:torque"])

@@ -35,6 +35,7 @@ rule campaign_measure:
 rule campaign_preflight:
     input:
         plan=plan,
+        data=recordings,
     output:
         handed_on("preflight"),
     log:

@@ -1,14 +1,23 @@
-"""Stage preflight: what a campaign can show and tell apart, from its plan alone, and what would help most."""
+"""Stage preflight: what a campaign can show and tell apart, from its plan, and what would help most.
+
+Nothing that was measured is looked at but how much there is of it: of runs whose files are there, as many samples and (where the
+motion is chaotic) revolutions count as these hold. Others are planned with `jointgap.rig.clock.PLANNED_REVOLUTIONS`.
+"""
 
 import math
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Mapping
 
+import numpy as np
 import pandas as pd
 
 from jointgap.config.campaign import CHANNELS, Campaign, Channel
 from jointgap.discrepancy.preflight import Preflight, advise
 from jointgap.discrepancy.preflight import preflight as planned
+from jointgap.discrepancy.protocol import Model
+from jointgap.measure import Recording, read_measurements
 from jointgap.rig import rig_model
+from jointgap.rig.clock import TURN
 
 _FASTER, _SLOWER = 1.5, 0.5
 """Further speeds that are tried, as shares of the fastest and of the slowest."""
@@ -18,7 +27,7 @@ _MOST_ADVICE = 3
 
 
 def preflight(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
-    """What the campaign's speeds and channels can show; its data need not exist.
+    """What the campaign's speeds and channels can show.
 
     Parameters
     ----------
@@ -36,17 +45,55 @@ def preflight(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
     InputError, SimulationError
         The model cannot be simulated as it stands.
     """
-    return _frames(planned(rig_model(campaign, None), None, rate))
+    recordings = recorded(campaign)
+    model = rig_model(campaign, None, revolutions(campaign, recordings))
+    return _frames(planned(model, None, rate, counts(model, recordings)))
 
 
 def advised(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
     """As `preflight`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most."""
-    plan = rig_model(campaign, None)
-    wider = rig_model(extended(campaign), None)
+    recordings, more = recorded(campaign), extended(campaign)
+    like = recordings.get(campaign.runs[0].id)
+    if like is not None:  # a further run is as long as the one that it is like
+        recordings |= {run.id: like for run in more.runs[len(campaign.runs) :]}
+    lengths = revolutions(more, recordings)
+    plan, wider = rig_model(campaign, None, lengths), rig_model(more, None, lengths)
     wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for
-    found, advice = advise(wider, [series.key for series in plan.series], None, rate)
+    found, advice = advise(wider, [series.key for series in plan.series], None, rate, counts(wider, recordings))
     told = {name: advice[name].map(", ".join) for name in ("newly_detectable", "separated")}
     return _frames(found) | {"advice": advice.assign(**told)}
+
+
+def recorded(campaign: Campaign) -> dict[str, Recording]:
+    """The runs whose files are there.
+
+    Raises
+    ------
+    InputError
+        As `jointgap.measure.read_measurements`.
+    """
+    there = tuple(run for run in campaign.runs if os.path.isfile(campaign.folder / run.file))
+    return dict(read_measurements(campaign.model_copy(update={"runs": there})).runs)
+
+
+def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict[str, float]:
+    """How often the crank turns in each recording, those without angles at the run's speed."""
+    speeds = {run.id: run.speed for run in campaign.runs}
+    found = {}
+    for run, one in recordings.items():
+        angle = one.crank_angle if one.has_angle else speeds[run] * one.time
+        found[run] = float(np.ptp(angle[np.isfinite(angle)])) / TURN * angle.size / (angle.size - 1)
+    return found
+
+
+def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str, str], int]:
+    """How many samples for fitting each recording has of each channel; of channels that it does not have, as many as rows."""
+    found = {}
+    for run, channel in (series.key for series in model.series if series.run in recordings):
+        one = recordings[run]
+        values = one.crank_angle if channel == "crank_angle" else one.channels.get(channel, np.zeros(one.held_out.size))
+        found[run, channel] = int(np.count_nonzero(np.isfinite(values) & ~one.held_out))
+    return found
 
 
 def extended(campaign: Campaign) -> Campaign:

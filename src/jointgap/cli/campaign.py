@@ -95,7 +95,7 @@ def preflight(campaign: Path, folder: Path | None) -> None:
     """Say before anything is measured what CAMPAIGN will be able to show.
 
     Which effects these speeds and channels can detect, from which size on, which of them they cannot tell apart, and which
-    further speed or channel would help most. The runs' files need not exist.
+    further speed or channel would help most. The runs' files need not exist; of those that do, the samples are counted.
     """
     from jointgap.campaign import stages
     from jointgap.campaign.preflight import in_words

@@ -52,7 +52,12 @@ class Preflight:
     remarks: tuple[str, ...] = ()
 
 
-def preflight(model: Model, noise: Mapping[Key, Noise] | None = None, rate: float = 0.01) -> Preflight:
+def preflight(
+    model: Model,
+    noise: Mapping[Key, Noise] | None = None,
+    rate: float = 0.01,
+    counts: Mapping[Key, int] | None = None,
+) -> Preflight:
     """Detectability and confusability of every candidate about the nominal model, as far as all is linear.
 
     Parameters
@@ -63,18 +68,24 @@ def preflight(model: Model, noise: Mapping[Key, Noise] | None = None, rate: floa
         As stated where absent, or assumed (`ASSUMED_SHARE`, `ASSUMED_ANGLE`), with what other numerics predict added.
     rate : float
         False alarms allowed over all candidates.
+    counts : mapping of (run, channel) to int, optional
+        How many samples there will be, where they are not as many as the model's: these then stand for them.
 
     Raises
     ------
     SimulationError
         The model cannot be simulated as it stands.
     """
-    problem, survey, remarks = _surveyed(model, noise, rate)
+    problem, survey, remarks = _surveyed(model, noise, rate, counts or {})
     return _preflight(problem.model, survey, remarks)
 
 
 def advise(
-    model: Model, planned: Collection[Key], noise: Mapping[Key, Noise] | None = None, rate: float = 0.01
+    model: Model,
+    planned: Collection[Key],
+    noise: Mapping[Key, Noise] | None = None,
+    rate: float = 0.01,
+    counts: Mapping[Key, int] | None = None,
 ) -> tuple[Preflight, pd.DataFrame]:
     """Which one further run or channel helps a planned campaign most.
 
@@ -84,7 +95,7 @@ def advise(
         With all runs and channels that could be had.
     planned : collection of (run, channel)
         Those that the campaign has.
-    noise, rate
+    noise, rate, counts
         As in `preflight`.
 
     Returns
@@ -95,10 +106,11 @@ def advise(
         Most helpful first: change; newly_detectable: labels; separated: merged pairs that it tells apart, as ``a | b``; gain:
         by how much the smallest detectable sizes shrink (median over effects).
     """
-    problem, survey, remarks = _surveyed(model, noise, rate)
+    counts = counts or {}
+    problem, survey, remarks = _surveyed(model, noise, rate, counts)
     keys = [part.series.key for part in problem.parts]
     runs, channels = ({key[i] for key in planned} for i in (0, 1))
-    base = _preflight(model, _of(survey, problem, planned), remarks)
+    base = _preflight(model, _of(survey, problem, planned, counts), remarks)
     choices = {
         f"run {run}": {*planned, *(key for key in keys if key[0] == run and key[1] in channels)}
         for run in dict.fromkeys(key[0] for key in keys)
@@ -109,7 +121,7 @@ def advise(
         if channel not in channels
     }
     rows = [
-        {"change": change, **_help(base, _preflight(model, _of(survey, problem, wider), ()))}
+        {"change": change, **_help(base, _preflight(model, _of(survey, problem, wider, counts), ()))}
         for change, wider in choices.items()
     ]
     table = pd.DataFrame(rows, columns=["change", "newly_detectable", "separated", "gain"])
@@ -155,7 +167,7 @@ def _assumed(series: Series, predicted: np.ndarray) -> tuple[float, str]:
     return ASSUMED_SHARE * size, f"{ASSUMED_SHARE:.0%} of its size, as it hardly varies"
 
 
-def _surveyed(model: Model, noise, rate: float) -> tuple[Problem, Survey, tuple[str, ...]]:
+def _surveyed(model: Model, noise, rate: float, counts: Mapping[Key, int]) -> tuple[Problem, Survey, tuple[str, ...]]:
     remarks: tuple[str, ...] = ()
     if noise is None:
         noise, remarks = assumed_noise(model)
@@ -167,17 +179,22 @@ def _surveyed(model: Model, noise, rate: float) -> tuple[Problem, Survey, tuple[
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
     known = signatures(problem, base, differences)
     remarks += tuple(f"{label} cannot be simulated: {reason}" for label, reason in known.failed.items())
-    return problem, Survey(known, _lengths(problem.parts), rate), remarks
+    return problem, Survey(known, *_lengths(problem.parts, counts), rate), remarks
 
 
-def _lengths(parts: Iterable) -> list[int]:
-    return [part.place.stop - part.place.start for part in parts]
+def _lengths(parts: Iterable, counts: Mapping[Key, int]) -> tuple[list[int], list[int]]:
+    """Samples of each series, and how many they stand for; statistics over cycles stand for themselves."""
+    lengths = [part.place.stop - part.place.start for part in parts]
+    return lengths, [
+        length if part.series.statistic else counts.get(part.series.key, length)
+        for part, length in zip(parts, lengths, strict=True)
+    ]
 
 
-def _of(survey: Survey, problem: Problem, keys: Collection[Key]) -> Survey:
+def _of(survey: Survey, problem: Problem, keys: Collection[Key], counts: Mapping[Key, int]) -> Survey:
     parts = [part for part in problem.parts if part.series.key in keys]
     rows = np.concatenate([np.arange(part.place.start, part.place.stop) for part in parts])
-    return survey.part(rows, _lengths(parts))
+    return survey.part(rows, *_lengths(parts, counts))
 
 
 def _preflight(model: Model, survey: Survey, remarks: tuple[str, ...]) -> Preflight:

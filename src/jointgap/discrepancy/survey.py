@@ -29,30 +29,33 @@ class Survey:
     known : Signatures
     lengths : sequence of int
         Samples of each channel of each run, in order.
+    counts : sequence of int
+        How many samples there are of each in truth, over which those at hand repeat.
     rate : float
         False alarms allowed over all candidates.
     """
 
-    def __init__(self, known: Signatures, lengths: Sequence[int], rate: float):
+    def __init__(self, known: Signatures, lengths: Sequence[int], counts: Sequence[int], rate: float):
         self.known, self.rate = known, rate
-        self.size = sum(lengths)
+        self.size = sum(counts)
         self.labels = list(dict.fromkeys(one.candidate.label for one in known.found))
         self._subspaces: dict[frozenset, Subspaces] = {}
         blocks = [known.jacobian, *(one.columns for one in known.found)]
-        share = np.concatenate([np.full(n, (len(lengths) * n) ** -0.5) for n in lengths])[:, None]
+        weight = np.repeat(np.sqrt(np.divide(counts, lengths)), lengths)[:, None]
+        share = np.repeat((len(lengths) * np.array(lengths)) ** -0.5, lengths)[:, None]
         # The same in few rows: as chi2 sees them, and as the gap does, in which each channel of each run counts the same.
-        self._chi2 = self._by_signature(compressed(*blocks))
+        self._chi2 = self._by_signature(compressed(*(weight * block for block in blocks)))
         self._gap = self._by_signature(compressed(*(share * block for block in blocks)))
 
     def _by_signature(self, blocks):
         return blocks[0], {id(one): block for one, block in zip(self.known.found, blocks[1:], strict=True)}
 
-    def part(self, rows: np.ndarray, lengths: Sequence[int]) -> "Survey":
-        """The survey of some of the rows, of which `lengths` belong to each channel of each run."""
+    def part(self, rows: np.ndarray, lengths: Sequence[int], counts: Sequence[int]) -> "Survey":
+        """The survey of some of the rows, of which `lengths` belong to each channel of each run, that stand for `counts`."""
         known = self.known
         found = [replace(one, columns=one.columns[rows], origin=one.origin[rows]) for one in known.found]
         fewer = replace(known, jacobian=known.jacobian[rows], residual=known.residual[rows], found=found)
-        return Survey(fewer, lengths, self.rate)
+        return Survey(fewer, lengths, counts, self.rate)
 
     def detectable_size(self, label: str) -> float:
         """Size that is found with a probability of 90 %, in the unit of the first size; infinite where none is.

@@ -1,6 +1,7 @@
 """From a campaign and its recordings to the model."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -8,16 +9,20 @@ import numpy as np
 from jointgap.config.campaign import Campaign, CampaignRun
 from jointgap.measure import Measurements
 from jointgap.measure.recording import noise_of
-from jointgap.rig.clock import TURN, Clock, clock, planned_clock
+from jointgap.rig.chaos import chaotic_channels
+from jointgap.rig.clock import MOST_PLANNED, TURN, Clock, clock, planned_clock
 from jointgap.rig.drives import DROPPED, measured_pieces
 from jointgap.rig.folding import folded_speed
 from jointgap.rig.model import RigModel
+from jointgap.rig.nuisances import of_run, shared
 from jointgap.rig.simulation import RunPlan, channels_read
 
 _SEARCHED = 720  # crank angles per revolution at which a first angle is looked for
 
 
-def rig_model(campaign: Campaign, measurements: Measurements | None = None) -> RigModel:
+def rig_model(
+    campaign: Campaign, measurements: Measurements | None = None, revolutions: Mapping[str, float] | None = None
+) -> RigModel:
     """The model of a campaign.
 
     Parameters
@@ -25,6 +30,9 @@ def rig_model(campaign: Campaign, measurements: Measurements | None = None) -> R
     campaign : Campaign
     measurements : Measurements, optional
         None for a campaign that is yet to be measured: some revolutions of each run are planned.
+    revolutions : mapping of str to float, optional
+        Of a campaign that is planned: how many a run is known to have. One whose motion is chaotic is planned as long, as each
+        cycle tells something new; one that repeats is not, as simulated cycles are alike.
 
     Raises
     ------
@@ -33,16 +41,15 @@ def rig_model(campaign: Campaign, measurements: Measurements | None = None) -> R
     """
     plans, measured, noise, held_out, searched = {}, {}, {}, {}, set()
     for run in campaign.runs:
-        clock_, values = _planned(campaign, run) if measurements is None else _recorded(campaign, run, measurements)
+        if measurements is None:
+            clock_, values = _planned(campaign, run, (revolutions or {}).get(run.id))
+        else:
+            clock_, values = _recorded(campaign, run, measurements)
         encoder = campaign.channels.get("crank_angle")
         compared = clock_.encoded and campaign.drive != "measured_angle"
         channels = [name for name in campaign.channels if name not in ("time", "crank_angle")]
         channels += ["crank_angle"] if encoder and compared else []
-        pieces = None
-        if campaign.drive == "measured_angle":
-            back = 0 if run.start in ("at_rest", "dead_centre") else DROPPED
-            pieces = measured_pieces(clock_, _resolution(campaign) or None, back)
-        plans[run.id] = RunPlan(run, clock_, tuple(channels), pieces)
+        plans[run.id] = RunPlan(run, clock_, tuple(channels), _pieces(campaign, run, clock_))
         held_out[run.id] = (
             _held_out(run, clock_.time.size) if measurements is None else measurements.runs[run.id].held_out
         )
@@ -66,18 +73,40 @@ def _resolution(campaign: Campaign) -> float:
     return encoder.resolution * campaign.factor("crank_angle") if encoder and encoder.resolution else 0.0
 
 
-def _planned(campaign: Campaign, run: CampaignRun) -> tuple[Clock, dict[str, np.ndarray]]:
+def _planned(campaign: Campaign, run: CampaignRun, revolutions: float | None) -> tuple[Clock, dict[str, np.ndarray]]:
     encoded = "crank_angle" in campaign.channels
-    found = planned_clock(run.speed, run.first_angle or 0.0, encoded)
+    first = _first_angle(run) or 0.0
+    found = planned_clock(run.speed, first, encoded)
+    if revolutions is not None and _is_chaotic(campaign, run, found):
+        found = planned_clock(run.speed, first, encoded, min(max(round(revolutions), 1), MOST_PLANNED))
     return found, {channel: np.full(found.time.size, np.nan) for channel in campaign.channels}
+
+
+def _is_chaotic(campaign: Campaign, run: CampaignRun, clock_: Clock) -> bool:
+    channels = tuple(name for name in campaign.channels if name != "time")
+    nominal = {p.name: p.nominal for p in (*shared(campaign), *of_run(campaign, run, clock_, False))}
+    plan = RunPlan(run, clock_, channels, _pieces(campaign, run, clock_))
+    return bool(chaotic_channels(campaign, plan, nominal, noise_of(campaign, run.id)))
+
+
+def _pieces(campaign: Campaign, run: CampaignRun, clock_: Clock) -> tuple[np.ndarray, float] | None:
+    """Of a measured angle that drives the crank."""
+    if campaign.drive != "measured_angle":
+        return None
+    back = 0 if run.start in ("at_rest", "dead_centre") else DROPPED
+    return measured_pieces(clock_, _resolution(campaign) or None, back)
+
+
+def _first_angle(run: CampaignRun) -> float | None:
+    """As stated; of a clockwise crank the mirror image turns, as its angles are read."""
+    return -run.first_angle if run.first_angle is not None and run.direction == "clockwise" else run.first_angle
 
 
 def _recorded(campaign: Campaign, run: CampaignRun, measurements: Measurements) -> tuple[Clock, dict[str, np.ndarray]]:
     recording = measurements.runs[run.id]
     constant = campaign.drive == "constant_speed"
-    # of a clockwise crank the mirror image turns, as its angles are read
-    first = -run.first_angle if run.first_angle is not None and run.direction == "clockwise" else run.first_angle
-    found = clock(recording.time, recording.crank_angle, run.speed, first, _resolution(campaign), constant)
+    first, step = _first_angle(run), _resolution(campaign)
+    found = clock(recording.time, recording.crank_angle, run.speed, first, step, constant)
     return found, {**recording.channels, "crank_angle": recording.crank_angle}
 
 

@@ -11,6 +11,9 @@ TURN = 2.0 * math.pi
 PLANNED_REVOLUTIONS, PLANNED_PER_REVOLUTION = 4, 120
 """Samples of a run that is yet to be measured."""
 
+MOST_PLANNED = 60
+"""Revolutions at most of a chaotic run that is planned as long as it was recorded: of more, the simulated ones are what limits."""
+
 _OUTLIER = 5.0  # robust standard deviations beyond which a reading of the angle is taken for an outlier
 _STEADY = math.radians(0.5)  # angles that keep this near a line over their rows were sampled evenly in time
 _REACH = 5.0  # standard errors that an estimated speed or phase may be off
@@ -73,9 +76,9 @@ class Clock:
         return float(first), float(slope)
 
 
-def planned_clock(speed: float, first_angle: float, encoded: bool) -> Clock:
+def planned_clock(speed: float, first_angle: float, encoded: bool, revolutions: int = PLANNED_REVOLUTIONS) -> Clock:
     """Samples of a run that is yet to be measured, at even times."""
-    elapsed = np.arange(PLANNED_REVOLUTIONS * PLANNED_PER_REVOLUTION) * (TURN / speed / PLANNED_PER_REVOLUTION)
+    elapsed = np.arange(revolutions * PLANNED_PER_REVOLUTION) * (TURN / speed / PLANNED_PER_REVOLUTION)
     angle = first_angle + speed * elapsed
     return Clock(
         elapsed, angle if encoded else np.full(elapsed.size, np.nan), angle, first_angle, speed, 0.0, 0.0, True
