@@ -1,14 +1,18 @@
 """From a base to a verdict: the order in which explanations are sought, fitted and weighed."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from jointgap.discrepancy.alike import Subspaces
+import numpy as np
+
+from jointgap.discrepancy.alike import Subspaces, orthonormal
 from jointgap.discrepancy.calibrate import Thresholds
-from jointgap.discrepancy.decide import Decision, decide, reduced
+from jointgap.discrepancy.decide import SHARE, Decision, decide, reduced
 from jointgap.discrepancy.fit import FAILED, Fit, fit
-from jointgap.discrepancy.recalibrate import Recalibrated, best_of
+from jointgap.discrepancy.recalibrate import Recalibrated, best_of, other_numerics
 from jointgap.discrepancy.screen import Screen, Screened, Signatures
 from jointgap.discrepancy.start import fit_screened
+from jointgap.errors import InputError, SimulationError
 
 SINGLES = 8
 """Candidates that are fitted alone, at most."""
@@ -38,8 +42,10 @@ def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
     return singles[: min(max(len(near), FEWEST), SINGLES)]
 
 
-def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> list[tuple[Screened, Fit]]:
-    """Pairs of effects that are worth a fit, each with the fit of one of the two that it starts from.
+def pairs(
+    base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds
+) -> list[tuple[Screened, Fit | None]]:
+    """Pairs of effects that are worth a fit, each with the fit of one of the two that it starts from; None for single ones.
 
     Where a single effect is enough, only partners that would add to it beyond chance; else all pairs among the best single
     effects, and the partners that would add most to each of them.
@@ -52,16 +58,22 @@ def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Th
         Of the single effects.
     limits : Thresholds
     """
+    limits = about(base, fits, limits)
     good = sorted((one for one in fits if one.status != FAILED and one.bic < base.base.bic), key=lambda one: one.bic)
     enough = [one for one in good if reduced(one) <= limits.omnibus]
     if not good or (reduced(base.base) <= limits.omnibus and not enough):
         return []
     leading = {one.label for one in good[:AMONG]}
-    found: dict[frozenset[str], tuple[Screened, Fit]] = {}
+    found: dict[frozenset[str], tuple[Screened, Fit | None]] = {}
     if not enough:
         # the base took up what it could of the effect with its nuisances, which may hold a fit in the wrong valley
         for one in good[:AGAIN]:
             found[frozenset({one.label})] = Screened((), one.chi2, one.mapping, one.bic, one.explanation), one
+        # signatures say little of these, which have to be tried
+        alone, fitted_alone = Screen(known), {one.label for one in fits}
+        for signature in known.found:
+            if signature.candidate.grid and signature.candidate.label not in fitted_alone:
+                found.setdefault(frozenset({signature.candidate.label}), (alone.explained((signature,)), None))
     for one in enough[:1] or good[:AMONG]:
         partners = Screen(known.about(one), one.explanation).singles()
         if enough:
@@ -87,6 +99,28 @@ def fitted(base: Recalibrated, known: Signatures, one: Screened, beside: Fit | N
     return fit_screened(base.problem, one, about.known(one.signatures), base.differences)
 
 
+def about(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
+    """The thresholds beside the best single effect, where it explains nearly all.
+
+    The numerics may matter more where it is there: a joint that was ideal hits and slides. What other numerics change there,
+    beyond what nuisances can, is no sign of a second effect.
+    """
+    alone = [one for one in fits if one.status != FAILED and len(one.explanation) == 1]
+    best = min(alone, key=lambda one: one.chi2, default=None)
+    if best is None:
+        return limits
+    across = orthonormal(base.base.jacobian)
+    try:
+        changes = other_numerics(base.problem, best)
+    except (InputError, SimulationError):
+        return limits
+    left = float(max((np.sum((row - across @ (across.T @ row)) ** 2) for row in changes), default=0.0))
+    if left > (1.0 - SHARE) * (base.base.chi2 - best.chi2):
+        return limits
+    dof = max(best.residual.size - len(best.parameters), 1)
+    return replace(limits, omnibus=limits.omnibus + left / dof, directed=max(limits.directed, left))
+
+
 def refined(base: Recalibrated, one: Fit) -> Fit:
     """A fit with its Jacobian made anew at the end: what intervals need."""
     if one.status == FAILED:
@@ -100,6 +134,7 @@ def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: 
     Where the motion is rough, base and rivals are first fitted again from the best one's nuisances: an explanation must not win
     by having found a deeper valley of parameters that all share.
     """
+    limits = about(base, fits, limits)
     best: dict[frozenset[str], Fit] = {}
     for one in sorted(fits, key=lambda one: one.chi2):
         best.setdefault(frozenset(candidate.label for candidate in one.explanation), one)

@@ -62,7 +62,12 @@ class Candidate:
     sizes : tuple of str
         Keys of the coordinates that are 0 where the effect is absent; the rest are shapes (an exponent, a frequency).
     starts : tuple of mappings
-        Values of all shapes to start from; one empty mapping where there are none.
+        Values of all shapes to start from; one empty mapping where there are none. Where the motion does not depend on a size
+        about linearly from 0 on, such as the clearance of a joint that was ideal, starts hold sizes too: what the effect changes
+        is then told from there.
+    grid : tuple of float
+        Of an effect with one size on which the motion depends so roughly that a fit comes to an end from near by alone: values to
+        begin from, each at most a third larger than the one before.
     parameters : function
         From values of the coordinates to the parameters that a verdict states. The coordinates themselves by default.
     replaces : mapping of str to str
@@ -87,6 +92,7 @@ class Candidate:
     sensor: bool = False
     choice: bool = False
     carrier: str = ""
+    grid: tuple[float, ...] = ()
 
     @property
     def label(self) -> str:

@@ -14,6 +14,7 @@ from jointgap.discrepancy.spectrum import frequencies
 from jointgap.errors import InputError, SimulationError
 
 MOST_FREQUENCIES = 3  # at which one candidate is tried
+_SECANT = 2.0  # times or parts of a size for which a secant to it holds
 
 
 @dataclass(frozen=True)
@@ -24,9 +25,9 @@ class Signature:
     ----------
     candidate : Candidate
     shapes : mapping of str to float
-        Shapes by name.
+        Shapes by name, and sizes that are not small.
     columns : (n, m) array
-        Derivatives with respect to its sizes, per unit [1/unit].
+        Derivatives with respect to its sizes, per unit [1/unit]: at 0, or secants from there to sizes among `shapes`.
     origin : (n,) array
         Residuals at zero size: the base's, unless the candidate replaces a nuisance.
     runs : tuple of str
@@ -48,6 +49,13 @@ class Signature:
     def sizes(self) -> tuple[Parameter, ...]:
         """The coordinates that `columns` belong to."""
         return tuple(p for p in self.coordinates if p.key in self.candidate.sizes)
+
+    def reach(self, size: Parameter) -> tuple[float, float]:
+        """Between what values `columns` say what a size changes."""
+        if size.key not in self.shapes:
+            return size.low, size.high
+        at = self.shapes[size.key]
+        return max(at / _SECANT, size.low), min(at * _SECANT, size.high)
 
 
 @dataclass(frozen=True)
@@ -152,9 +160,13 @@ def signatures(
             if candidate.replaces:
                 origin = problem.residual(_absent(candidate, candidate.starts[0], base), (candidate,))
             for shapes in _starts(problem, base, candidate, carriers):
-                found.append(_signature(problem, base, differences, candidate, shapes, origin))
+                try:
+                    found.append(_signature(problem, base, differences, candidate, shapes, origin))
+                except (InputError, SimulationError) as error:
+                    failed[candidate.label] = str(error)
         except (InputError, SimulationError) as error:
             failed[candidate.label] = str(error)
+    failed = {label: why for label, why in failed.items() if label not in {one.candidate.label for one in found}}
     known = Signatures(base.parameters, base.values, base.jacobian, base.residual, found, failed)
     return replace(known, found=[one for one in found if np.isfinite(one.columns).all()])
 
@@ -180,6 +192,10 @@ def _signature(problem, base, differences, candidate, shapes, origin) -> Signatu
     for name in candidate.replaces:  # held at nominal
         values = {key: value for key, value in values.items() if key.partition("@")[0] != name}
     sizes = {f"{candidate.label}.{key}" for key in candidate.sizes}
+    if finite := [key for key in candidate.sizes if key in shapes]:
+        (key,) = finite  # a secant to several sizes at once would not tell them apart
+        away = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, (candidate,)) - origin
+        return Signature(candidate, dict(shapes), away[:, None] / shapes[key], origin, problem.runs)
     columns = [
         differences.column(p, values, origin, (candidate,)) for p in problem.parameters((candidate,)) if p.key in sizes
     ]
@@ -215,14 +231,18 @@ class Screen:
         matrix = np.hstack([self._jacobian[:, kept], *(self._columns[i] for i in places)])
         target = self._residual + sum((self._origins[i] for i in places), np.zeros(self._residual.size))
         sizes = [(one, p) for one in chosen for p in one.sizes]
-        low, high = bounds_of([*(known.parameters[i] for i in kept), *(p for _, p in sizes)])
-        here = np.concatenate([known.values[kept], np.zeros(len(sizes))])
+        low, high = bounds_of([known.parameters[i] for i in kept])
+        reach = np.array([one.reach(p) for one, p in sizes]).reshape(-1, 2).T
+        low, high = np.append(low, reach[0]), np.append(high, reach[1])
+        here = np.append(known.values[kept], [one.shapes.get(p.key, 0.0) for one, p in sizes])
+        target = target + matrix[:, len(kept) :] @ here[len(kept) :]
         step, chi2 = bounded_step(matrix, target, low - here, high - here)
         start = {known.parameters[i].key: float(value) for i, value in zip(kept, here + step, strict=False)}
         for (one, p), value in zip(sizes, step[len(kept) :], strict=True):
             start[f"{one.candidate.label}.{p.key}"] = float(value)
         for one in chosen:
-            start |= {f"{one.candidate.label}.{name}": value for name, value in one.shapes.items()}
+            shapes = {name: value for name, value in one.shapes.items() if name not in one.candidate.sizes}
+            start |= {f"{one.candidate.label}.{name}": value for name, value in shapes.items()}
         effects = (*self.beside, *(one.candidate for one in chosen))
         free = len(kept) + sum(len(one.coordinates) for one in chosen)
         free += sum(len(candidate.replaces) for candidate in effects)  # as `Fit.bic` counts

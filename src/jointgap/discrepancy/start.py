@@ -7,10 +7,14 @@ import numpy as np
 from jointgap.discrepancy.differences import Differences
 from jointgap.discrepancy.fit import Fit, fit
 from jointgap.discrepancy.problem import Problem
+from jointgap.discrepancy.protocol import Candidate
 from jointgap.discrepancy.screen import Screened
 from jointgap.errors import InputError, SimulationError
 
 _FARTHEST = 16.0  # times the linear answer
+
+_BINS = 24  # of a cycle, in which departures are compared
+_BESIDE, _FINE = 1.35, 41  # how far around the best of a grid samples are looked at, and at how many sizes
 
 
 def fit_screened(problem: Problem, one: Screened, known: Mapping[str, np.ndarray], differences: Differences) -> Fit:
@@ -29,6 +33,16 @@ def fit_screened(problem: Problem, one: Screened, known: Mapping[str, np.ndarray
     """
     sizes = {f"{new.candidate.label}.{p.key}" for new in one.signatures for p in new.sizes}
     bounds = {p.key: (p.low, p.high) for p in problem.parameters(one.explanation)}
+    for new in one.signatures:
+        if new.candidate.grid and not any(part.series.statistic for part in problem.parts):
+            start, left = _from_grid(problem, one, new.candidate, known)
+            if left >= float(new.origin @ new.origin):
+                raise SimulationError(
+                    f"no size of {new.candidate.label} that was tried comes nearer to the data than none"
+                )
+            return fit(problem, one.explanation, start, differences=differences)
+    if any(p.key in new.shapes for new in one.signatures for p in new.sizes):  # it starts far from the base already
+        return fit(problem, one.explanation, one.start, differences=differences)
     start, multiple, least = one.start, 1.0, np.inf
     while multiple <= _FARTHEST:
         trial = {
@@ -44,3 +58,53 @@ def fit_screened(problem: Problem, one: Screened, known: Mapping[str, np.ndarray
         start, least, multiple = trial, chi2, 2.0 * multiple
     near = multiple <= 2.0  # derivatives at the base are good enough
     return fit(problem, one.explanation, start, known if near else None, differences)
+
+
+def _from_grid(
+    problem: Problem, one: Screened, candidate: Candidate, known: Mapping[str, np.ndarray]
+) -> tuple[dict[str, float], float]:
+    """The start with the size of `candidate` that leaves least once nuisances take up what they can, and the chi2 that is left.
+
+    Samples answer to sizes that are some percent off alone; where over the cycle the motion departs from what it is without the
+    effect, and how far, says more from afar. So sizes are told apart by that first, and by samples beside the best one.
+    """
+    key = f"{candidate.label}.{candidate.sizes[0]}"
+    kept = [known[p.key] for p in problem.parameters(one.explanation) if p.key in known and p.key != key]
+    across = np.linalg.qr(np.column_stack([np.zeros(problem.size), *kept]))[0]
+    origin = next(new.origin for new in one.signatures if new.candidate is candidate)
+    sought = _course(problem, np.square(origin))
+
+    def departure(left: np.ndarray) -> float:
+        return float(np.mean(np.square(_course(problem, 1.0 + np.square(left - origin)) - sought)))
+
+    def misfit(left: np.ndarray) -> float:
+        return float(left @ left - np.sum(np.square(across.T @ left)))
+
+    start, _ = _best_of(problem, one, key, candidate.grid, departure)
+    fine = start[key] * np.geomspace(1.0 / _BESIDE, _BESIDE, _FINE)
+    return _best_of(problem, one, key, fine, misfit)
+
+
+def _best_of(problem: Problem, one: Screened, key: str, values, measure) -> tuple[dict[str, float], float]:
+    """The start with that of `values` of which `measure` is least, and the measure; infinite where none can be simulated."""
+    best, least = dict(one.start), np.inf
+    for value in values:
+        trial = {**one.start, key: float(value)}
+        try:
+            found = measure(problem.residual(trial, one.explanation))
+        except (InputError, SimulationError):
+            continue
+        if found < least:
+            best, least = trial, found
+    return best, least
+
+
+def _course(problem: Problem, squares: np.ndarray) -> np.ndarray:
+    """Logarithm of the mean square over the cycle, in bins of each channel of each run, one behind the other."""
+    found = []
+    for part in problem.parts:
+        angle = np.nan_to_num(part.series.angle[part.used])
+        at = np.floor(np.mod(angle, 2.0 * np.pi) / (2.0 * np.pi) * _BINS).astype(int) % _BINS
+        total, count = np.bincount(at, squares[part.place], _BINS), np.bincount(at, minlength=_BINS)
+        found.append(np.log(np.maximum(total[count > 0] / count[count > 0], 1e-3)))
+    return np.concatenate(found)

@@ -12,6 +12,11 @@ from jointgap.rig.nuisances import other_pins, replaced_by
 _SHARE = 0.02  # of a channel's size: what noise could just hide
 _INF = math.inf
 
+_FIRST_CLEARANCES = (1e-5, 4e-5, 1.6e-4, 6.4e-4)  # [m] of a joint that was ideal: any of them lets the pin fly and hit
+_CLEARANCES = tuple(8e-6 * 1.3**place for place in range(18))
+_VISCOSITIES = (0.02, 0.08, 0.32)  # [Pa s], of light and heavy oils: the least film carries the pin already
+_BENDING_ORDERS = (80.0, 40.0, 20.0, 10.0)  # frequencies of a bending rod over the crank's
+
 Values = Mapping[str, float]
 
 
@@ -220,7 +225,10 @@ def _data(mechanism: Mechanism, scale: Scale, nuisances: Mapping[str, Parameter]
             "frequency_Hz": 1.0 / (2.0 * math.pi * math.sqrt(max(values["compliance_s2"], 1e-300))),
             "damping_ratio": values["damping_ratio"],
         },
-        starts=({"damping_ratio": 0.02},),
+        starts=[
+            {"damping_ratio": 0.02},
+            *({"damping_ratio": 0.02, "compliance_s2": (order * scale.turning) ** -2.0} for order in _BENDING_ORDERS),
+        ],
     )
 
 
@@ -255,6 +263,7 @@ def _pin(mechanism: Mechanism, pin: str, scale: Scale, nuisances: Mapping[str, P
             (size("viscosity_Pa_s", scale.force / shear, "Pa*s", 0.0),),
             ("viscosity_Pa_s",),
             lambda values: {"viscosity_Pa_s": values["viscosity_Pa_s"], "length_m": length},
+            [{"viscosity_Pa_s": value} for value in _VISCOSITIES],
             site=pin,
             choice=True,
         )
@@ -268,6 +277,8 @@ def _clearance(mechanism: Mechanism, joint: str, nuisances: Mapping[str, Paramet
         name,
         size("change_m", 0.05 * known if known else 2e-5, "m", -0.95 * known, 0.05 * mechanism.crank.length),
         parameters=lambda values: {"clearance_m": known + values["change_m"]},
+        starts=({},) if known else [{"change_m": value} for value in _FIRST_CLEARANCES],
+        grid=() if known else _CLEARANCES,
         site=joint,
         replaces=replaced_by(name, joint, nuisances),
     )
