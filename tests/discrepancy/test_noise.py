@@ -55,6 +55,25 @@ def test_white_noise_counts_every_sample_and_noise_with_memory_fewer():
     assert effective_samples(360, (-0.7,)) == 360
 
 
+@pytest.mark.parametrize("stated", [True, False])
+def test_the_held_out_part_of_a_run_tells_nothing_of_its_noise(stated):
+    model = toy(seed=4, stated=stated, held_out=())
+    late = np.arange(360) >= 240
+    quiet = replace(model, series=[replace(s, held_out=late) for s in model.series])
+    loud = replace(
+        model,
+        series=[
+            replace(s, held_out=late, value=s.value + 5.0 * late * np.random.default_rng(0).standard_normal(360))
+            for s in model.series
+        ],
+    )
+    one, other = (estimate_noise(each, residuals(each)) for each in (quiet, loud))
+    for series in quiet.series:
+        np.testing.assert_array_equal(one[series.key].sd, other[series.key].sd)
+        assert one[series.key].autocorrelation == other[series.key].autocorrelation
+        assert one[series.key].effective_samples == other[series.key].effective_samples <= 240
+
+
 def test_a_stated_noise_wins_and_is_told_where_cycles_differ_by_far_more():
     model = toy(seed=2)
     claimed = replace(model, series=[replace(s, stated_noise=s.stated_noise / 3) for s in model.series])

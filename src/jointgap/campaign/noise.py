@@ -7,7 +7,7 @@ import pandas as pd
 
 from jointgap.campaign.confirm import own_fitted
 from jointgap.discrepancy.fit import FAILED, fit
-from jointgap.discrepancy.noise import FoundNoise, estimate_noise
+from jointgap.discrepancy.noise import FoundNoise, estimate_noise, telling
 from jointgap.discrepancy.problem import Problem
 from jointgap.discrepancy.protocol import Model
 from jointgap.discrepancy.whiten import Noise
@@ -46,7 +46,7 @@ def noise(model: Model) -> dict[tuple[str, str], FoundNoise]:
 def _guess(series) -> Noise:
     if series.stated_noise is not None:
         return Noise(series.stated_noise)
-    known = series.value[np.isfinite(series.value)]
+    known = series.value[telling(series) & np.isfinite(series.value)]
     spread = max(_GUESS * float(np.std(known)), np.finfo(float).tiny) if known.size else 1.0
     return Noise(np.full(series.value.shape, spread), source="guessed")
 

@@ -43,7 +43,7 @@ def estimate_noise(model: Model, residuals: Mapping[Key, np.ndarray]) -> dict[Ke
 
     A stated standard deviation is taken as it is; the memory from sample to sample is always found, from the differences of
     neighbouring cycles. Where they differ by more than the stated noise, the rest is a motion out of step with the crank and
-    is not taken for noise.
+    is not taken for noise. Of a run that is held out in part, the part for fitting tells the noise.
 
     Parameters
     ----------
@@ -64,8 +64,15 @@ def estimate_noise(model: Model, residuals: Mapping[Key, np.ndarray]) -> dict[Ke
     return {series.key: _noise_of(series, residuals[series.key]) for series in model.series}
 
 
+def telling(series: Series) -> np.ndarray:
+    """Samples of a series that may tell its noise, shape (n,) bool: those for fitting, or all where all of it is held out."""
+    return ~series.held_out | series.held_out.all()
+
+
 def _noise_of(series: Series, residual: np.ndarray) -> FoundNoise:
-    count = int(np.isfinite(series.value).sum())
+    told = telling(series)
+    value, residual = np.where(told, series.value, np.nan), np.where(told, residual, np.nan)
+    count = int(np.isfinite(value).sum())
     stated = series.stated_noise
     if series.statistic:
         if stated is None:
@@ -74,7 +81,7 @@ def _noise_of(series: Series, residual: np.ndarray) -> FoundNoise:
     scatter, source = cycles.from_cycles(residual, series.angle), "differences between neighbouring cycles"
     if scatter is None:
         scatter, source = cycles.from_roughness(residual), "differences between neighbouring samples"
-    least = _LEAST_SHARE * float(np.nanstd(series.value)) if count else 0.0
+    least = _LEAST_SHARE * float(np.nanstd(value)) if count else 0.0
     remarks, autocorrelation = [], ()
     if scatter is not None and scatter.spectrum is not None:
         autocorrelation = cycles.memory(scatter, None if stated is None else _rms(stated))
