@@ -1,6 +1,7 @@
 """Stages of a campaign on a model in closed form: what they find, and that files hand it on unchanged."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from jointgap.campaign.folder import OF_FITS, Folder, tables_of
 from jointgap.discrepancy.fit import FAILED
 from jointgap.discrepancy.fit import fit as regular_fit
 from jointgap.discrepancy.problem import Problem
+from jointgap.discrepancy.protocol import Parameter
 from jointgap.discrepancy.recalibrate import recalibrate
 from jointgap.errors import InputError, SimulationError
 from tests.campaign.conftest import TRUTH
@@ -116,6 +118,27 @@ def test_fits_come_back_from_files_with_the_same_intervals(chain, tmp_path):
     named = next(one for one in again if one.label == chain.outcome.chosen.label)
     same = next(one for one in chain.fits if one.label == named.label)
     np.testing.assert_allclose(np.diag(named.covariance()), np.diag(same.covariance()), rtol=1e-6)
+
+
+def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
+    model = toy({"coulomb": {"force_N": TRUTH}}, {"slider_mass": 0.53})  # beyond its range
+    problem = Problem(model, stated_noise(model))
+    bounded = replace(candidate_of("coulomb"), coordinates=(Parameter("force_N", 0.0, 0.0, 1.0, 0.3, "N"),))
+    derived = replace(bounded, parameters=lambda at: {"push_N": 2.0 * at["force_N"], "length_m": 0.1})
+    for candidate, names in ((bounded, ["force_N"]), (derived, ["push_N", "length_m"])):
+        one = regular_fit(problem, (candidate,))
+        folder = Folder(tmp_path)
+        folder.write("fit_parameters", fits.parameter_frame([one]), "decide")
+        shown = folder.read("fit_parameters", "decide").set_index("key")
+        drawn = ["slider_mass", *(f"coulomb.{name}" for name in names if name != "length_m")]
+        assert shown.loc[drawn, ["sd", "low_90", "high_90"]].isna().all(axis=None)
+        assert (shown.loc[drawn, "remark"] == "at its bound").all()
+        assert (shown.loc[shown["remark"].isna(), "sd"] > 0).all()
+        assert shown["remark"].isna().any()
+        (effect,) = verdict.effects(one, {"base": 0.0})
+        assert effect["parameters"][names[0]]["remark"] == "at its bound"
+    assert effect["parameters"]["length_m"]["remark"] == "not estimated"
+    assert verdict.effects(one, {"base": 0.0})[0]["parameters"]["push_N"]["sd"] is None
 
 
 def test_noise_comes_back_from_files(chain, tmp_path):

@@ -70,6 +70,14 @@ def test_a_value_stands_with_its_unit_and_its_interval():
     assert "| slider_coulomb_friction: force_N | 21.30 N | 0.40 | 20.60 to 22.00 |" in summary.markdown(NAMED, {})
 
 
+def test_a_parameter_at_its_bound_is_called_so_in_place_of_a_standard_error():
+    lost = {"sd": None, "remark": "at its bound"}
+    friction = COULOMB | {"parameters": {"force_N": {"value": 21.3, "interval_90": [None, None]} | lost}}
+    text = summary.markdown(NAMED | {"effects": [friction], "nuisances": {"slider_mass": {"value": 0.47} | lost}}, {})
+    assert "| slider_coulomb_friction: force_N | 21.3 N | at its bound | – |" in text
+    assert "| slider_mass | 0.47 | at its bound |" in text
+
+
 def test_a_formula_stands_as_it_is_with_its_coefficients():
     parameters = {"formula": {"value": "-a*v*|v|"}, "a": {"value": 1.25, "sd": 0.1, "interval_90": [1.09, 1.41]}}
     law = {"name": "discovered_slider_force", "site": "slider", "delta_bic": 99.0, "parameters": parameters}

@@ -73,12 +73,18 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
     lines = [f"The mechanism of campaign {campaign.name} with what was found: {outcome.verdict}."]
     covariance = chosen.covariance()
     for p, one in nuisances(chosen, covariance, clockwise(campaign)):
-        lines.append(f"{p.key}: {one['value']:.6g} +- {one['sd']:.2g} {p.unit}".removesuffix(" 1"))
+        error = "" if one["sd"] is None else f" +- {one['sd']:.2g}"
+        line = f"{p.key}: {one['value']:.6g}{error} {p.unit}".removesuffix(" 1")
+        lines.append(line + (f" ({one['remark']})" if one["sd"] is None else ""))
     for candidate in chosen.explanation:
         for name, one in effect_parameters(chosen, candidate, covariance).items():
-            low, high = one["interval_90"]
             sensor = " (a fault of the sensor, no part of the mechanism)" if candidate.sensor else ""
-            lines.append(
-                f"{candidate.label}, {name}: {one['value']:.6g} +- {one['sd']:.2g}, 90 % {low:.6g} to {high:.6g}{sensor}"
-            )
+            lines.append(f"{candidate.label}, {name}: {one['value']:.6g}{_error(one)}{sensor}")
     return [*lines, "Values that belong to one run, and standard errors, are for reading only. All numbers are SI."]
+
+
+def _error(one: dict) -> str:
+    if one["sd"] is None:
+        return f" ({one['remark']})"
+    low, high = one["interval_90"]
+    return f" +- {one['sd']:.2g}, 90 % {low:.6g} to {high:.6g}"

@@ -53,4 +53,5 @@ def parameter_as_read(parameter: Parameter, stated: dict[str, Any], runs: Collec
     if parameter.name != "first_angle" or parameter.run not in runs:
         return stated
     low, high = stated["interval_90"]
-    return stated | {"value": -stated["value"], "interval_90": [-high, -low]}
+    mirrored = [None, None] if low is None else [-high, -low]
+    return stated | {"value": -stated["value"], "interval_90": mirrored}

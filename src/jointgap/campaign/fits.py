@@ -20,6 +20,12 @@ HALF_WIDTH = 1.645
 
 JOINED = " + "
 
+AT_BOUND = "at its bound"
+"""A parameter that the fit drew to an end of its range: the data would have it beyond, and an error within says nothing."""
+
+NOT_ESTIMATED = "not estimated"
+"""A number that goes with an effect and that no fit varies, such as the length of a film or a whole order."""
+
 
 def explanation_of(label: str, candidates: Sequence[Candidate]) -> Explanation:
     """The explanation that `label_of` calls so.
@@ -153,7 +159,7 @@ def parameter_frame(fits: Iterable[Fit], clockwise: Collection[str] = ()) -> pd.
 def nuisances(
     fit: Fit, covariance: np.ndarray, clockwise: Collection[str] = ()
 ) -> list[tuple[Parameter, dict[str, Any]]]:
-    """Nuisances of a fit, each with value, sd and interval_90.
+    """Nuisances of a fit, each as `stated` says it.
 
     Parameters
     ----------
@@ -171,7 +177,7 @@ def nuisances(
 
 
 def effect_parameters(fit: Fit, candidate: Candidate, covariance: np.ndarray) -> dict[str, dict]:
-    """Parameters of an effect as a verdict states them, each with value, sd and interval_90 (errors carried on linearly)."""
+    """Parameters of an effect as a verdict states them, each as `stated` says it (errors carried on linearly)."""
     low, high = bounds_of(fit.parameters)
     keys = [p.key for p in fit.parameters]
     own = [p for p in candidate.coordinates if f"{candidate.label}.{p.key}" in keys]
@@ -187,17 +193,27 @@ def effect_parameters(fit: Fit, candidate: Candidate, covariance: np.ndarray) ->
             for name in values:
                 slopes[name][i] = (moved[0][name] - moved[1][name]) / (2 * step)
     block = covariance[np.ix_(places, places)]
+    # coordinates at a bound, each with a value within
+    bounded = [(p, at[p.key] + p.step) for p in own if at[p.key] <= p.low]
+    bounded += [(p, at[p.key] - p.step) for p in own if at[p.key] >= p.high]
     found = {}
     for name, value in values.items():
         error = float(np.sqrt(max(slopes[name] @ block @ slopes[name], 0.0)))
         same = next((i for p, i in zip(own, places, strict=True) if p.key == name), None)
         ends = (low[same], high[same]) if same is not None else (-np.inf, np.inf)
         found[name] = stated(value, error, *ends)
+        if found[name].get("remark") == NOT_ESTIMATED and any(
+            candidate.parameters(at | {p.key: inside})[name] != value for p, inside in bounded
+        ):
+            found[name]["remark"] = AT_BOUND
     return found
 
 
-def stated(value: float, sd: float, low: float, high: float) -> dict:
-    """Value, standard error and 90 % interval, cut at the bounds."""
+def stated(value: float, sd: float, low: float, high: float) -> dict[str, Any]:
+    """Value, standard error and 90 % interval, cut at the bounds; where there is no error to state, a remark why."""
+    if not sd > 0.0:
+        remark = NOT_ESTIMATED if low < value < high else AT_BOUND
+        return {"value": float(value), "sd": None, "interval_90": [None, None], "remark": remark}
     ends = np.clip([value - HALF_WIDTH * sd, value + HALF_WIDTH * sd], low, high)
     return {"value": float(value), "sd": float(sd), "interval_90": [float(end) for end in ends]}
 
@@ -214,6 +230,7 @@ def _row(fit: Fit, key, parameter, effect, run, interval, unit) -> dict:
         "sd": interval["sd"],
         "low_90": low,
         "high_90": high,
+        "remark": interval.get("remark"),
         "unit": unit,
     }
 

@@ -249,13 +249,13 @@ def _optimum(optimum: pd.DataFrame | None) -> list[Block]:
 def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
     if not verdict["nuisances"]:
         return []
-    rows = tuple(
-        (name.replace("@", ", run "), *with_error(one["value"], one["sd"]))
-        for name, one in verdict["nuisances"].items()
-    )
+    rows = []
+    for name, one in verdict["nuisances"].items():
+        value, error = with_error(one["value"], one["sd"])
+        rows.append((name.replace("@", ", run "), value, one.get("remark", error)))
     return [
         Heading("Parameters re-fitted within their ranges"),
-        Rows(("parameter", "value [SI]", "standard error"), rows),
+        Rows(("parameter", "value [SI]", "standard error"), tuple(rows)),
     ]
 
 

@@ -144,7 +144,7 @@ def _gains(outcome: Outcome, base: Fit) -> dict[str, float]:
 
 def _nuisances(fit: Fit, clockwise: Collection[str]) -> dict[str, dict[str, Any]]:
     found = nuisances(fit, fit.covariance(), clockwise)
-    return {p.key: {key: one[key] for key in ("value", "sd")} for p, one in found}
+    return {p.key: {key: one[key] for key in ("value", "sd", "remark") if key in one} for p, one in found}
 
 
 def _finite(value: Any) -> Any:

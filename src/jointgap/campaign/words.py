@@ -70,7 +70,7 @@ def parameter_rows(effects: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...
             shown = f"{digits} {unit}".removesuffix(" 1").rstrip()
             low, high = one.get("interval_90") or (None, None)
             interval = "–" if low is None else f"{with_error(low, error)[0]} to {with_error(high, error)[0]}"
-            rows.append((f"{effect['name']}: {name}", shown, spread, interval))
+            rows.append((f"{effect['name']}: {name}", shown, one.get("remark", spread), interval))
     return tuple(rows)
 
 

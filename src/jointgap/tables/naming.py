@@ -35,9 +35,10 @@ FIT_PARAMETERS = Table(
         Column("effect", "", "label of the effect; null for a nuisance", "text", nullable=True),
         Column("run", "", "the one run that it belongs to; null where all share it", "text", nullable=True),
         Column("value", "SI", "fitted value", nullable=True),
-        Column("sd", "SI", "its standard error", nullable=True),
+        Column("sd", "SI", "its standard error; null where there is none, see remark", nullable=True),
         Column("low_90", "SI", "lower end of the 90 % interval", nullable=True),
         Column("high_90", "SI", "upper end of the 90 % interval", nullable=True),
+        Column("remark", "", "why there is no standard error: at its bound, or not estimated", "text", nullable=True),
         Column("unit", "", "SI unit", "text"),
     ),
 )
