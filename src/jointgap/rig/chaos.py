@@ -12,15 +12,19 @@ from jointgap.config import Mechanism
 from jointgap.config.campaign import Campaign
 from jointgap.discrepancy.protocol import Effects
 from jointgap.dynamics.ensemble import cores
-from jointgap.rig.clock import TURN
+from jointgap.rig.clock import TURN, Clock
 from jointgap.rig.simulation import RunPlan, channels_read
 from jointgap.rig.statistics import CycleStatistics, cycle_variance, persistence
 
 _NEARBY = 1e-7  # [m] between two starts
 _APART = 0.3  # of the noise: what they may differ by for samples to be compared
 _NOISE = 0.02  # of a channel's standard deviation where the noise is not stated
-_CYCLES, _LEARNT = 48, 240  # simulated every time, and once to learn how statistics scatter
-_LONGEST, _SETTLING = 12, 1  # cycles of one simulation, and those that it drops besides
+_CYCLES, _LEARNT = 18, 180  # simulated every time, and once to learn how statistics scatter
+_CYCLES_OF_ONE, _SETTLING = 9, 1  # cycles of one simulation, and those that it drops besides
+_REMEMBERED = (
+    30  # cycles of one simulation to learn from: slow changes make a record's mean less sure than its cycles' scatter
+)
+_DENSE = 320  # samples of a simulated revolution, at least: what lies between the record's makes a mean surer
 _PRIOR = 60  # cycles that the simulated scatter counts for
 
 
@@ -35,12 +39,12 @@ class ChaoticRun:
     statistics : CycleStatistics
     members : int
         Simulations of an evaluation.
-    cycles : int
-        Cycles of them all.
     variance : (m,) array
-        Of the simulated statistics from cycle to cycle.
-    persistence : float
-        How many times the variance of a mean is what it would be if cycles were independent.
+        Of statistics from cycle to cycle, sampled as the record is.
+    persistence : (m,) array
+        How many times the variance of their mean is what it would be if cycles were independent.
+    error : (m,) array
+        Standard error of what an evaluation simulates.
     noise : mapping of str to float
         Of the samples, by channel; it is added to what is simulated.
     """
@@ -48,9 +52,9 @@ class ChaoticRun:
     plan: RunPlan
     statistics: CycleStatistics
     variance: np.ndarray
-    persistence: float
+    persistence: np.ndarray
     members: int
-    cycles: int
+    error: np.ndarray
     noise: Mapping[str, float]
 
 
@@ -101,23 +105,51 @@ def chaotic_run(
     noise : mapping of channel to float or None
         As stated; where it is not, it is what the quietest bins have beyond the simulation.
     """
-    # the samples of the record's first cycles: narrow features that keep to an angle are met, or missed, as they were measured
-    cycles = min(_LONGEST, max(int(plan.clock.turned / TURN) - _SETTLING, 1))
-    member = replace(plan, channels=channels, clock=plan.clock.first((cycles + _SETTLING) * TURN))
-    many, members = math.ceil(_LEARNT / cycles), math.ceil(_CYCLES / cycles)
-    angle, read = _members(campaign, member, values, (), 0, many)
-    clean = CycleStatistics.of(channels, angle, list(read.values()))
+    recorded = max(int(plan.clock.turned / TURN) - _SETTLING, 1)
+    # a measured angle ends with the record; a crank that turns by itself goes on
+    cycles = _CYCLES_OF_ONE if plan.pieces is None else min(_CYCLES_OF_ONE, recorded)
+    finer = math.ceil(_DENSE * plan.clock.turned / TURN / plan.clock.angle.size)
+
+    def lasting(cycles: int) -> RunPlan:
+        turned = (cycles + _SETTLING) * TURN
+        clock = _lasting(plan.clock, turned) if plan.pieces is None else plan.clock
+        return replace(plan, channels=channels, clock=_finer(clock.first(turned), finer))
+
+    remembered = max(min(recorded, _REMEMBERED), cycles)
+    many, members = math.ceil(_LEARNT / remembered), math.ceil(_CYCLES / cycles)
+    angle, read = _members(campaign, lasting(remembered), values, (), 0, many)
+    clean = CycleStatistics.of(channels, angle, list(read.values()), finer)
     known = {channel: noise.get(channel) for channel in channels}
     if any(np.isfinite(measured[channel]).any() for channel in channels):
         left = clean.noise(plan.clock.angle, [measured[channel] for channel in channels], angle, list(read.values()))
         known = {channel: left[i] if known[channel] is None else known[channel] for i, channel in enumerate(channels)}
     known = {channel: sd or 0.0 for channel, sd in known.items()}
     noisy = [_noisy(read[channel], known[channel], place) for place, channel in enumerate(channels)]
-    learnt = CycleStatistics.of(channels, angle, noisy)
-    rows = learnt.independent(learnt.cycles(angle, noisy))
-    return ChaoticRun(
-        member, learnt, cycle_variance(rows), persistence(rows, len(rows) // many), members, members * cycles, known
+    learnt = CycleStatistics.of(channels, angle, noisy, finer)
+    rows = learnt.independent(learnt.cycles(angle[::finer], [one[::finer] for one in noisy]))
+    dense = learnt.independent(learnt.cycles(angle, noisy))
+    error = np.sqrt(persistence(dense, cycles) * cycle_variance(dense) / (members * cycles))
+    persistent = persistence(rows, len(rows) // many)
+    return ChaoticRun(lasting(cycles), learnt, cycle_variance(rows), persistent, members, error, known)
+
+
+def _lasting(clock: Clock, turned: float) -> Clock:
+    """The record, going on evenly where it ends before the crank has `turned` [rad]."""
+    count = clock.time.size
+    more = max(math.ceil((turned / clock.turned - 1.0) * (count - 1)), 0)
+    time, read, angle = (
+        np.append(values, values[-1] + (values[-1] - values[0]) / (count - 1) * np.arange(1, more + 1))
+        for values in (clock.time, clock.read, clock.angle)
     )
+    return replace(clock, time=time, read=read, angle=angle)
+
+
+def _finer(clock: Clock, factor: int) -> Clock:
+    """The record with `factor` samples for each of its own: itself every `factor`-th."""
+    own = np.arange(clock.time.size)
+    at = np.arange((clock.time.size - 1) * factor + 1) / factor
+    time, read, angle = (np.interp(at, own, values) for values in (clock.time, clock.read, clock.angle))
+    return replace(clock, time=time, read=read, angle=angle)
 
 
 def measured_statistics(
@@ -150,7 +182,7 @@ def measured_statistics(
         ratio = cycle_variance(found[:, several]) / simulated[several]
         weight = count[several] / (count[several] + _PRIOR)
         variance[several] *= weight * ratio + (1.0 - weight) * np.median(ratio)
-    error = np.sqrt(chaotic.persistence * (variance / count + simulated / chaotic.cycles))
+    error = np.sqrt(chaotic.persistence * variance / count + chaotic.error**2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a bin without samples
         mean = np.nanmean(found, axis=0)

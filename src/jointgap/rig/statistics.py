@@ -9,13 +9,13 @@ left is independent.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 BINS = 24
 KINDS = ("mean", "spread")
-_FINE = 72  # angles of the usual course
+_FINE = 144  # angles of the usual course
 _BENT = 3.0  # mean sizes of a deviation
 _BEFORE = 2  # bins that a prediction looks back
 _EDGE = 1e-6  # of a bin, within which a sample lies on its edge and counts for the bin that begins
@@ -29,8 +29,10 @@ class CycleStatistics:
     Attributes
     ----------
     channels : tuple of str
-    course : (channels, 72) array
-        Usual course of each channel over a revolution [unit].
+    angles : (a,) array
+        Crank angles of the usual course, growing over somewhat more than a revolution [rad].
+    course : (channels, a) array
+        Usual course of each channel [unit].
     bend : (channels,) array
         k [unit].
     weights : list of (places, weights)
@@ -38,12 +40,15 @@ class CycleStatistics:
     """
 
     channels: tuple[str, ...]
+    angles: np.ndarray
     course: np.ndarray
     bend: np.ndarray
     weights: list[tuple[np.ndarray, np.ndarray]]
 
     @classmethod
-    def of(cls, channels: Sequence[str], angle: np.ndarray, values: Sequence[np.ndarray]) -> "CycleStatistics":
+    def of(
+        cls, channels: Sequence[str], angle: np.ndarray, values: Sequence[np.ndarray], finer: int = 1
+    ) -> "CycleStatistics":
         """Learnt from many simulated cycles.
 
         Parameters
@@ -53,25 +58,27 @@ class CycleStatistics:
             [rad], running on.
         values : sequence of (n,) arrays
             By channel.
+        finer : int
+            Samples for each that is measured: the course is learnt from all, predictions from every `finer`-th.
         """
-        fine = (np.floor(angle / _TURN * _FINE).astype(int)) % _FINE
+        turned = _turned(angle)
+        fine = np.minimum((turned * (_FINE / _TURN)).astype(int), _FINE - 1)
         known = np.unique(fine)
-        course = np.array(
-            [
-                np.interp(np.arange(_FINE), known, [np.median(value[fine == place]) for place in known])
-                for value in values
-            ]
+        # a bin's medians belong to its samples' angle: where these keep to a few angles, that is not its middle
+        angles, *course = (
+            np.array([np.median(value[fine == place]) for place in known]) for value in (turned, *values)
         )
-        found = cls(tuple(channels), course, np.ones(len(channels)), [])
+        angles = np.concatenate([[angles[-1] - _TURN], angles, [angles[0] + _TURN]])
+        course = np.array([np.concatenate([one[-1:], one, one[:1]]) for one in course])
+        found = cls(tuple(channels), angles, course, np.ones(len(channels)), [])
         away = [np.abs(value - one) for value, one in zip(values, found._usual(angle), strict=True)]
         bend = np.array([max(_BENT * float(np.mean(one)), 1e-300) for one in away])
-        found = cls(tuple(channels), course, bend, [])
-        return cls(tuple(channels), course, bend, _predictions(found.cycles(angle, values), len(channels)))
+        found = replace(found, bend=bend)
+        rows = found.cycles(angle[::finer], [one[::finer] for one in values])
+        return replace(found, weights=_predictions(rows, len(channels)))
 
     def _usual(self, angle: np.ndarray) -> list[np.ndarray]:
-        middles = (np.arange(-1, _FINE + 1) + 0.5) * (_TURN / _FINE)
-        turned = np.mod(angle, _TURN)
-        return [np.interp(turned, middles, np.append(np.append(one[-1], one), one[0])) for one in self.course]
+        return [np.interp(_turned(angle), self.angles, one) for one in self.course]
 
     def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
         """Statistics of every cycle, shape (cycles, channels * 2 * BINS); NaN where a bin has no sample."""
@@ -122,6 +129,11 @@ class CycleStatistics:
         }
 
 
+def _turned(angle: np.ndarray) -> np.ndarray:
+    """Crank angles within a revolution [rad]; those on its edge begin one, whichever way they were rounded."""
+    return np.mod(angle + _EDGE * _TURN / BINS, _TURN)
+
+
 def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """For each statistic the least-squares weights of those that may predict it."""
     places = np.arange(rows.shape[1]).reshape(channels, 2, BINS)
@@ -144,14 +156,20 @@ def cycle_variance(rows: np.ndarray) -> np.ndarray:
     return np.maximum(np.nanvar(rows, axis=0, ddof=1), 1e-300)
 
 
-def persistence(rows: np.ndarray, block: int) -> float:
-    """How many times the variance of the mean of many cycles is what it would be if they were independent, on average.
+def persistence(rows: np.ndarray, block: int) -> np.ndarray:
+    """How many times the variance of the mean of many cycles is what it would be if they were independent.
 
     Parameters
     ----------
     rows : (cycles, m) array
     block : int
         Cycles of one block; blocks are taken for independent.
+
+    Returns
+    -------
+    (m,) array
+        The same for all bins of a channel's mean, or of its spread.
     """
     blocks = np.nanmean(rows[: len(rows) // block * block].reshape(-1, block, rows.shape[1]), axis=1)
-    return max(float(np.mean(block * np.nanvar(blocks, axis=0, ddof=1) / cycle_variance(rows))), 1.0)
+    ratio = block * np.nanvar(blocks, axis=0, ddof=1) / cycle_variance(rows)
+    return np.repeat(np.maximum(np.nanmean(ratio.reshape(-1, BINS), axis=1), 1.0), BINS)
