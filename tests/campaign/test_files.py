@@ -32,6 +32,13 @@ def test_only_fits_of_loose_joints_are_worth_a_second_process(tmp_path):
     (tmp_path / "loose.yaml").write_text(loose)
     found = campaigns([DEMONSTRATION, "loose.yaml"], (ROOT, tmp_path))
     assert {name: files.parts for name, files in found.items()} == {"demonstration": 1, "loose": 2}
+    assert {files.parts for files in campaigns([DEMONSTRATION, "loose.yaml"], (ROOT, tmp_path), 5).values()} == {5}
+
+
+@pytest.mark.parametrize("parts", [0, "many", 2.5, True])
+def test_a_number_of_parts_that_is_none_is_refused(parts):
+    with pytest.raises(InputError, match=r"fit_parts = .* must be a whole number of jobs, 1 or more"):
+        campaigns([DEMONSTRATION], (ROOT,), parts)
 
 
 def test_stages_follow_each_other_in_one_process_on_the_same_case(tmp_path, monkeypatch):

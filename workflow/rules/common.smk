@@ -17,7 +17,7 @@ from jointgap.tables import JOINT_NUMBERS, outputs
 FOLDERS = (Path(), Path(workflow.current_basedir).parent.parent)
 try:
     SCENARIOS = resolve(config, FOLDERS)
-    CAMPAIGNS = campaigns(config.get("campaigns", []), FOLDERS)
+    CAMPAIGNS = campaigns(config.get("campaigns", []), FOLDERS, config.get("fit_parts"))
 except InputError as error:
     raise WorkflowError(str(error)) from None
 

@@ -24,7 +24,7 @@ class CampaignFiles:
     data : tuple of str
         One of each run.
     parts : int
-        Jobs that share the fits: one where all joints are ideal, as fits without contact are over sooner than a process starts.
+        Jobs that share the fits.
     """
 
     campaign: str
@@ -33,7 +33,7 @@ class CampaignFiles:
     parts: int
 
 
-def campaigns(paths: Any, folders: Sequence[Path]) -> dict[str, CampaignFiles]:
+def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[str, CampaignFiles]:
     """The campaigns of a configuration, by name.
 
     Parameters
@@ -42,12 +42,20 @@ def campaigns(paths: Any, folders: Sequence[Path]) -> dict[str, CampaignFiles]:
         Value of the key ``campaigns``.
     folders : sequence of Path
         Where the files are looked for, first found wins.
+    parts : int, optional
+        Value of the key ``fit_parts``. Two by default where joints are loose; one where all are ideal, as fits without contact are
+        over sooner than a process starts.
 
     Raises
     ------
     InputError
-        Not a list of paths, no such file, not a campaign, a run's file that is not there, or two of one name.
+        Not a list of paths, no such file, not a campaign, a run's file that is not there, or two of one name; or not a number of
+        parts.
     """
+    if parts is not None and (not isinstance(parts, int) or isinstance(parts, bool) or parts < 1):
+        raise InputError(
+            f"fit_parts = {parts!r} must be a whole number of jobs, 1 or more; leave it out for the default"
+        )
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
         raise InputError(f"campaigns = {paths!r} must be a list of campaign files, e.g. [config/campaigns/mine.yaml]")
     found: dict[str, CampaignFiles] = {}
@@ -66,7 +74,8 @@ def campaigns(paths: Any, folders: Sequence[Path]) -> dict[str, CampaignFiles]:
                     f"{file}: run {run.id}: no file '{run.file}' in {campaign.folder}; correct `file` of the run, or `folder`"
                 )
         data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
-        found[campaign.name] = CampaignFiles(str(file), plan, data, 2 if campaign.mechanism.applied().loose else 1)
+        shared = parts or (2 if campaign.mechanism.applied().loose else 1)
+        found[campaign.name] = CampaignFiles(str(file), plan, data, shared)
     return found
 
 

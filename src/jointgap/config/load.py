@@ -100,6 +100,9 @@ def _with_found_drive(data: dict[str, Any], folders: tuple[Path, ...]) -> dict[s
     return data | {"simulate": dict(simulate) | {"drive": dict(drive) | {"file": found}}}
 
 
+_NOT_OF_SCENARIOS = ("run", "scenarios", "campaigns", "fit_parts")
+
+
 def resolve(
     config: Mapping[str, Any], folders: tuple[Path, ...] = (Path(),), source: str = "configuration"
 ) -> dict[str, Scenario]:
@@ -108,7 +111,8 @@ def resolve(
     Parameters
     ----------
     config : mapping
-        Base sections, ``scenarios`` (overrides by name) and ``run`` (names to run; all when absent); ``campaigns`` is passed over.
+        Base sections, ``scenarios`` (overrides by name) and ``run`` (names to run; all when absent); ``campaigns`` and ``fit_parts``
+        are passed over.
     folders : tuple of Path
         Where mechanism files are looked for, first found wins.
     source : str
@@ -124,7 +128,7 @@ def resolve(
     InputError
         Unknown scenario or key, wrong type, impossible value.
     """
-    known = {"run", "scenarios", "campaigns", *Scenario.model_fields}
+    known = {*_NOT_OF_SCENARIOS, *Scenario.model_fields}
     for key in config:
         if key not in known:
             raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(str(key), known)}")
@@ -136,7 +140,7 @@ def resolve(
     names = config.get("run", list(scenarios))
     if not isinstance(names, list | tuple) or not names:
         raise InputError(f"{source}: run = {names!r} must be a list of scenario names")
-    base = {key: value for key, value in config.items() if key not in ("run", "scenarios", "campaigns")}
+    base = {key: value for key, value in config.items() if key not in _NOT_OF_SCENARIOS}
     resolved = {}
     for name in names:
         if not isinstance(name, str | int) or name not in scenarios:
@@ -201,6 +205,11 @@ def json_schema() -> dict[str, Any]:
         "items": {"type": "string"},
         "description": "paths of the campaign files to analyse; none when absent",
     }
+    fit_parts = {
+        "type": ["integer", "null"],
+        "minimum": 1,
+        "description": "jobs that share the fits of a campaign; null: two where joints are loose, else one",
+    }
     overrides = {
         "type": "object",
         "minProperties": 1,
@@ -213,6 +222,12 @@ def json_schema() -> dict[str, Any]:
         "type": "object",
         "additionalProperties": False,
         "required": ["scenarios"],
-        "properties": {"run": names, "scenarios": overrides, "campaigns": campaigns, **sections},
+        "properties": {
+            "run": names,
+            "scenarios": overrides,
+            "campaigns": campaigns,
+            "fit_parts": fit_parts,
+            **sections,
+        },
         "$defs": schema["$defs"],
     }
