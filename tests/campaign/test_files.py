@@ -75,6 +75,21 @@ def test_a_run_whose_file_is_not_there_is_named_before_anything_runs(tmp_path):
         campaigns(["mine.yaml"], (tmp_path,))
 
 
+@pytest.mark.parametrize(
+    ("command", "blocked"),
+    [("analyse", "screen"), ("fit", "fit"), ("conclude", "figures"), ("preflight", "preflight")],
+)
+def test_a_folder_that_cannot_be_written_is_told_before_anything_is_computed(tmp_path, monkeypatch, command, blocked):
+    def untouched(*given, **options):
+        raise AssertionError("computed in vain")
+
+    for name in ("measure", "fit", "conclude", "preflight"):
+        monkeypatch.setattr(stages, name, untouched)
+    (tmp_path / blocked).write_text("a file where a folder should be")
+    with pytest.raises(InputError, match=rf"{blocked}.*cannot be written .* check permission and space"):
+        CliRunner().invoke(cli, [command, str(ROOT / DEMONSTRATION), "--folder", str(tmp_path)], catch_exceptions=False)
+
+
 def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path):
     (tmp_path / "demonstration").mkdir()
     for name, rows in (("slow", 360), ("mid", 200)):

@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from jointgap import tables
-from jointgap.tables import Table
+from jointgap.tables import Table, check_writable
 
 Frames = dict[str, pd.DataFrame]
 """Frames of several tables, by name."""
@@ -62,6 +62,9 @@ _FURTHER = {
 }
 """Tables of a stage among those that several stages write, and under which name."""
 
+_FILES = {"augment": (MECHANISM,), "conclude": (VERDICT, *SUMMARIES, "figures/gaps.png")}
+"""What a stage writes besides tables, or the first of many files in a folder."""
+
 _TABLES = {table.name: table for table in vars(tables).values() if isinstance(table, Table)}
 
 
@@ -87,6 +90,12 @@ class Folder:
     def place(self, name: str, stage: str = "") -> Path:
         """Where the table `name` lies; `stage` for one that several stages write."""
         return self.path / PLACES[name].format(stage=stage)
+
+    def check_writable(self, *stages: str) -> None:
+        """Make sure that what stages write finds a place, before hours of work; errors as `jointgap.tables.check_writable`."""
+        check_writable(
+            *(self.path / place for stage in stages for place in (*tables_of(stage), *_FILES.get(stage, ())))
+        )
 
     def read(self, name: str, stage: str = "") -> pd.DataFrame:
         """The frame of a table; errors as `jointgap.tables.read`."""

@@ -49,11 +49,12 @@ def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
     Raises
     ------
     InputError
-        Campaign or data cannot be used; the message says what to do.
+        Campaign or data cannot be used, or the folder cannot be written; the message says what to do.
     SimulationError
         The model as it stands cannot be simulated.
     """
     case, seconds = Case(Path(campaign), Path(folder)), {}
+    case.folder.check_writable(*(f"{name}/0" if name in ("fit", "pair") else name for name in ORDER), "conclude")
     for name in ORDER:
         begin = time.monotonic()
         getattr(stages, name)(case, **_OPTIONS.get(name, {}))

@@ -70,6 +70,7 @@ def _stage(name: str, words: str) -> None:
         from jointgap.campaign import stages
 
         case = _case(campaign, folder)
+        case.folder.check_writable(f"{name}/{given['part']}" if "part" in given else name, *further)
         getattr(stages, name)(case, **given)
         for other in further:
             getattr(stages, other)(case)
@@ -101,6 +102,7 @@ def preflight(campaign: Path, folder: Path | None) -> None:
     from jointgap.campaign.preflight import in_words
 
     case = _case(campaign, folder)
+    case.folder.check_writable("preflight")
     stages.preflight(case)
     click.echo(in_words(*(case.folder.read(name) for name in ("detectable", "confusability", "advice"))))
 
