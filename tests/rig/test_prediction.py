@@ -118,6 +118,25 @@ def test_a_clockwise_crank_is_the_mirror_image_of_a_counter_clockwise_one():
     assert worst(found["slow"], expected["slow"]) < 1e-9
 
 
+def test_a_formula_of_a_clockwise_crank_is_in_the_angles_and_signs_of_its_file():
+    laws = [
+        {"name": "discovered_slider_force", "parameters": {"formula": "20*sin(theta) + 0.1*w*v"}},
+        {"name": "discovered_crank_torque", "parameters": {"formula": "0.3*cos(theta) - 0.01*w"}},
+    ]
+    behind = [
+        {"name": "discovered_slider_force", "parameters": {"formula": "-20*sin(theta) - 0.1*w*v"}},
+        {"name": "discovered_crank_torque", "parameters": {"formula": "-0.3*cos(theta) - 0.01*w"}},
+    ]
+    own = campaign(mechanism(effects=laws))
+    mirror = campaign(mechanism(effects=behind), run={"direction": "clockwise"})
+    measurements = recorded(own)
+    for one in measurements.runs.values():
+        for channel in ("crank_speed", "rod_acceleration_y", "crank_torque", "guide_force", "frame_force_y"):
+            one.channels[channel] *= -1.0
+    _, found, expected = predicted(mirror, measurements)
+    assert worst(found["slow"], expected["slow"]) < 1e-9
+
+
 def test_gaps_are_predicted_too():
     own = campaign(mechanism())
     measurements = recorded(own)

@@ -175,7 +175,10 @@ def swapped(base: Recalibrated, known: Signatures, fits: Sequence[Fit]) -> list[
             names = frozenset(candidate.label for candidate in pair.explanation)
             if names not in done:
                 done.add(names)
-                found.append(fitted(base, known, pair, alone))
+                try:
+                    found.append(fitted(base, known, pair, alone))
+                except (InputError, SimulationError):
+                    continue  # it is no explanation then; those that were asked for by name say why
     return found
 
 

@@ -13,8 +13,10 @@ from jointgap.discrepancy.protocol import Model
 from jointgap.discrepancy.whiten import Noise
 from jointgap.errors import InputError, SimulationError
 
-STARTS = 4
+STARTS = 3
 """Values of the nuisances that a fit is started from where it does not leave noise alone: those given, and drawn ones."""
+
+_SAME = 0.01  # of chi2: two starts that end this near each other have found the same
 
 _SURE = 3.0  # standard deviations of chi2 that noise alone may leave
 
@@ -86,10 +88,11 @@ def best_of(
     for place in range(STARTS if shared else 1):
         drawn = {p.key: float(generator.uniform(p.low, p.high)) for p in shared if np.isfinite(p.high - p.low)}
         found = fit(problem, explanation, at | drawn if place else at, differences=differences)
+        same = best is not None and abs(found.chi2 - best.chi2) < _SAME * best.chi2
         if best is None or found.chi2 < best.chi2:
             best = found
         dof = max(problem.size - len(found.parameters), 1)
-        if best.status == FAILED or best.chi2 < dof + _SURE * np.sqrt(2.0 * dof):
+        if same or best.status == FAILED or best.chi2 < dof + _SURE * np.sqrt(2.0 * dof):
             break
     return best
 

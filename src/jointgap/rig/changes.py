@@ -1,5 +1,6 @@
 """A mechanism with other values of its nuisances and with effects, as a simulation and a mechanism file see it."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,10 +11,11 @@ from jointgap.errors import InputError
 
 PINS = ("crank_pin", "piston_pin")
 
-LEAST_COMPLIANCE = 2.5e-8
-"""1 / (2 pi nu)^2 [s^2] of a rod that bends at 1 kHz: one that is stiffer follows its load as a spring does."""
+LEAST_COMPLIANCE = 2.8e-9
+"""1 / (2 pi nu)^2 [s^2] of a rod that bends at 3 kHz: one that is stiffer follows its load as a spring does."""
 
 _FOUND = "discovered_"
+_OPPOSITE = re.compile(r"\b(theta|w)\b", re.ASCII)  # variables of a formula that have the other sign behind
 
 
 def friction_speed(mechanism: Mechanism) -> float | None:
@@ -167,6 +169,10 @@ def mirrored(mechanism: Mechanism) -> Mechanism:
         if key := turned.get(effect.name):
             own = effect.parameters.model_copy(update={key: -getattr(effect.parameters, key)})
             effect = effect.model_copy(update={"parameters": own})
+        elif effect.name.startswith(_FOUND):
+            formula = _OPPOSITE.sub(r"(-\1)", effect.parameters.formula)
+            formula = f"-({formula})" if effect.name == "discovered_crank_torque" else formula
+            effect = effect.model_copy(update={"parameters": effect.parameters.model_copy(update={"formula": formula})})
         effects.append(effect)
     slider = mechanism.slider.model_copy(update={"offset": -mechanism.slider.offset})
     return mechanism.model_copy(

@@ -46,7 +46,9 @@ class RigModel:
         for run, plan in plans.items():
             values = self.nominal(run)
             if channels := chaotic_channels(campaign, plan, values, noise[run]):
-                self._chaotic[run] = chaotic_run(campaign, plan, channels, values, measured[run], noise[run])
+                kept = ~held_out[run] | held_out[run].all()
+                told = {channel: np.where(kept, measured[run][channel], np.nan) for channel in channels}
+                self._chaotic[run] = chaotic_run(campaign, plan, channels, values, told, noise[run])
         self.series = tuple(
             series for run in plans for series in self._all_series(run, measured[run], noise[run], held_out[run])
         )

@@ -106,6 +106,8 @@ def _passage(campaign, plan, mechanism: Mechanism, values, offset, tolerance) ->
 def _read(campaign, plan, passage, faults, tolerance, perturbation) -> dict[str, np.ndarray]:
     """What the sensors make of the motion at the samples."""
     sensor = {channel: campaign.channels[channel] for channel in plan.channels}
+    if sensor.keys() == {"crank_angle"}:
+        return {"crank_angle": passage.angles + faults.offset}
     corners = [one.bandwidth for one in sensor.values() if one.bandwidth]
     angles, grid = passage.angles, np.empty(0)
     if corners or any(faults.lag(channel) for channel in sensor):
