@@ -17,6 +17,10 @@ from jointgap.errors import InputError, SimulationError
 SINGLES = 8
 """Candidates that are fitted alone, at most."""
 
+LACKING = 0.1
+"""Where the best signature would leave more than this part of the misfit, effects that have to be sought on a grid are fitted too:
+signatures say little of these."""
+
 NEAR = 30.0
 """Where the base leaves no more than noise, effects are small and signatures exact: those whose BIC is this much above the
 best one's are not fitted."""
@@ -25,8 +29,8 @@ FEWEST = 3
 
 _SMOOTH = 0.01  # of chi2: less roughness than this makes no valleys
 
-AGAIN = 2
-"""Where no single effect is enough, this many of the best are fitted again from other values of the nuisances."""
+AGAIN = 1
+"""Where no single effect is enough, so many of the best are fitted again from other values of the nuisances."""
 
 AMONG = 3
 """Where no single effect is enough, all pairs among this many of the best are fitted, and each with as many partners."""
@@ -36,16 +40,18 @@ def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
     """Single effects that are worth a fit, best first."""
     singles = Screen(known).singles()
     free = known.residual.size - len(known.parameters)
-    if known.residual @ known.residual > limits.omnibus * free:
-        return singles[:SINGLES]
+    left = known.residual @ known.residual
+    if left > limits.omnibus * free:
+        short = singles[:SINGLES]
+        if singles and singles[0].chi2 - free > LACKING * (left - free):
+            short += [one for one in singles[SINGLES:] if one.signatures[0].candidate.grid]
+        return short
     near = [one for one in singles if one.bic < singles[0].bic + NEAR]
     return singles[: min(max(len(near), FEWEST), SINGLES)]
 
 
-def pairs(
-    base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds
-) -> list[tuple[Screened, Fit | None]]:
-    """Pairs of effects that are worth a fit, each with the fit of one of the two that it starts from; None for single ones.
+def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> list[tuple[Screened, Fit]]:
+    """Pairs of effects that are worth a fit, each with the fit of one of the two that it starts from.
 
     Where a single effect is enough, only partners that would add to it beyond chance; else all pairs among the best single
     effects, and the partners that would add most to each of them.
@@ -64,16 +70,11 @@ def pairs(
     if not good or (reduced(base.base) <= limits.omnibus and not enough):
         return []
     leading = {one.label for one in good[:AMONG]}
-    found: dict[frozenset[str], tuple[Screened, Fit | None]] = {}
+    found: dict[frozenset[str], tuple[Screened, Fit]] = {}
     if not enough:
         # the base took up what it could of the effect with its nuisances, which may hold a fit in the wrong valley
         for one in good[:AGAIN]:
             found[frozenset({one.label})] = Screened((), one.chi2, one.mapping, one.bic, one.explanation), one
-        # signatures say little of these, which have to be tried
-        alone, fitted_alone = Screen(known), {one.label for one in fits}
-        for signature in known.found:
-            if signature.candidate.grid and signature.candidate.label not in fitted_alone:
-                found.setdefault(frozenset({signature.candidate.label}), (alone.explained((signature,)), None))
     for one in enough[:1] or good[:AMONG]:
         partners = Screen(known.about(one), one.explanation).singles()
         if enough:
