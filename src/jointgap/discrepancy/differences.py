@@ -12,9 +12,9 @@ _TARGET = 5.0
 """Length of the whitened change over one step: a parameter's step is some five standard deviations. Smaller ones meet the
 roughness of impacts, larger ones curvature."""
 
-_MISFIT = 0.5
+_MISFIT = 0.05
 """While fits are far off, the change over a step is this part of what is left, at least: impacts that move past samples make
-the motion rough on a small scale, and a derivative over a step of the misfit's own scale looks past that."""
+the motion rough on a small scale. Much larger parts lose the way where the motion bends: a film is not found then."""
 
 _STATISTICS = 1.5
 """Statistics of chaotic motion scatter by about 1 each: there the whole change is made this many times their scatter."""

@@ -21,8 +21,8 @@ _GAIN = (
     0.05  # of chi2: less than this is not worth a step; a hundredth of what counts in a BIC. Poor fits need less care.
 )
 _MOST_STEPS = 20
-_PATIENCE = 3  # steps over which a fit that is still poor has to gain
-_PROGRESS = 0.05  # of its chi2
+_PATIENCE = 4  # steps over which a fit that is still poor has to gain
+_PROGRESS = 0.02  # of its chi2
 _POOR = 2.0  # chi2 per sample
 _ROUGH = 10.0  # damping at which steps are so short that a gain foretold and not found is the model's roughness
 _ROUGHNESS = "steps that should help do not: the motion depends on its parameters roughly here"
