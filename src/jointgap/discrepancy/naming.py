@@ -172,7 +172,7 @@ def swapped(base: Recalibrated, known: Signatures, fits: Sequence[Fit]) -> list[
             }
             alone = fit(base.problem, (kept,), start, differences=base.differences)
         partners = Screen(known.about(alone), alone.explanation).singles()
-        for pair in partners[: 2 * AMONG]:
+        for pair in partners[:AMONG]:
             names = frozenset(candidate.label for candidate in pair.explanation)
             if names not in done:
                 done.add(names)

@@ -14,7 +14,8 @@ from jointgap.errors import InputError, SimulationError
 _FARTHEST = 16.0  # times the linear answer
 
 _BINS = 24  # of a cycle, in which departures are compared
-_BESIDE, _FINE = 1.35, 41  # how far around the best of a grid samples are looked at, and at how many sizes
+_LIKELY = 0.5  # of the distance to the course without the effect: a size that comes no nearer is not looked at further
+_BESIDE, _FINE = 1.35, 31  # how far around the best of a grid samples are looked at, and at how many sizes
 
 
 def fit_screened(problem: Problem, one: Screened, known: Mapping[str, np.ndarray], differences: Differences) -> Fit:
@@ -80,7 +81,9 @@ def _from_grid(
     def misfit(left: np.ndarray) -> float:
         return float(left @ left - np.sum(np.square(across.T @ left)))
 
-    start, _ = _best_of(problem, one, key, candidate.grid, departure)
+    start, away = _best_of(problem, one, key, candidate.grid, departure)
+    if away > _LIKELY * departure(origin):
+        return start, np.inf
     fine = start[key] * np.geomspace(1.0 / _BESIDE, _BESIDE, _FINE)
     return _best_of(problem, one, key, fine, misfit)
 

@@ -12,10 +12,10 @@ from jointgap.rig.nuisances import other_pins, replaced_by
 _SHARE = 0.02  # of a channel's size: what noise could just hide
 _INF = math.inf
 
-_FIRST_CLEARANCES = (1e-5, 4e-5, 1.6e-4, 6.4e-4)  # [m] of a joint that was ideal: any of them lets the pin fly and hit
-_CLEARANCES = tuple(8e-6 * 1.3**place for place in range(18))
-_VISCOSITIES = (0.02, 0.08, 0.32)  # [Pa s], of light and heavy oils: the least film carries the pin already
-_BENDING_ORDERS = (80.0, 40.0, 20.0, 10.0)  # frequencies of a bending rod over the crank's
+_FIRST_CLEARANCES = (2e-5, 1e-4)  # [m] of a joint that was ideal: any of them lets the pin fly and hit
+_CLEARANCES = tuple(8e-6 * 1.35**place for place in range(15))
+_VISCOSITIES = (0.03, 0.2)  # [Pa s], of light and heavy oils: the least film carries the pin already
+_BENDING_ORDERS = (60.0, 25.0, 10.0)  # frequencies of a bending rod over the crank's
 
 Values = Mapping[str, float]
 
