@@ -24,6 +24,7 @@ _MOST_STEPS = 20
 _PATIENCE = 4  # steps over which a fit that is still poor has to gain
 _PROGRESS = 0.02  # of its chi2
 _POOR = 2.0  # chi2 per sample
+_BEATEN, _SHORT, _HASTE = 3.0, 2, 0.2  # chi2 over that of an explanation that is enough; patience and progress there
 _ROUGH = 10.0  # damping at which steps are so short that a gain foretold and not found is the model's roughness
 _ROUGHNESS = "steps that should help do not: the motion depends on its parameters roughly here"
 
@@ -120,6 +121,7 @@ def fit(
     differences: Differences | None = None,
     refresh: bool = False,
     vary: Sequence[Parameter] | None = None,
+    enough: float = np.inf,
 ) -> Fit:
     """Fit nuisances and the parameters of an explanation's effects.
 
@@ -138,6 +140,8 @@ def fit(
         Whether to make the Jacobian anew at the end, for intervals.
     vary : sequence of Parameter
         Vary these alone, the others stay at `start`. All that belong to the explanation by default.
+    enough : float
+        chi2 of another explanation that leaves noise alone: a fit far above it, and no more in haste, ends early.
 
     Returns
     -------
@@ -173,8 +177,10 @@ def fit(
     rough = differences.rough_chi2
     course = [float(r @ r)]
     for _ in range(_MOST_STEPS):
-        behind = course[max(len(course) - 1 - _PATIENCE, 0)]
-        if len(course) > _PATIENCE and behind - course[-1] < _PROGRESS * course[-1] > _PROGRESS * _POOR * r.size:
+        beaten = course[-1] > _BEATEN * enough
+        patience, progress = (_SHORT, _HASTE) if beaten else (_PATIENCE, _PROGRESS)
+        behind = course[max(len(course) - 1 - patience, 0)]
+        if len(course) > patience and behind - course[-1] < progress * course[-1] > progress * _POOR * r.size:
             reason = "poor, and hardly better from step to step"
             break
         worth = max(_GAIN * max(1.0, r @ r / r.size) ** 2, rough)

@@ -87,8 +87,12 @@ def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Th
     return sorted(found.values(), key=lambda pair: pair[0].bic)
 
 
-def fitted(base: Recalibrated, known: Signatures, one: Screened, beside: Fit | None = None) -> Fit:
+def fitted(
+    base: Recalibrated, known: Signatures, one: Screened, beside: Fit | None = None, enough: float = np.inf
+) -> Fit:
     """The forward-simulated fit of a screened explanation, from where its signatures say; `beside`: the fit it adds to.
+
+    `enough`: as in `jointgap.discrepancy.fit.fit`.
 
     Where there is no signature to add, the effects of `beside` are fitted again, from other values of the nuisances.
     """
@@ -97,7 +101,7 @@ def fitted(base: Recalibrated, known: Signatures, one: Screened, beside: Fit | N
         start |= {p.key: p.nominal for p in base.problem.nuisances if p.run is None and p.key in one.start}
         return best_of(base.problem, base.differences, one.explanation, start)
     about = known if beside is None else known.about(beside)
-    return fit_screened(base.problem, one, about.known(one.signatures), base.differences)
+    return fit_screened(base.problem, one, about.known(one.signatures), base.differences, enough)
 
 
 def about(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:

@@ -18,7 +18,13 @@ _LIKELY = 0.5  # of the distance to the course without the effect: a size that c
 _BESIDE, _FINE = 1.35, 31  # how far around the best of a grid samples are looked at, and at how many sizes
 
 
-def fit_screened(problem: Problem, one: Screened, known: Mapping[str, np.ndarray], differences: Differences) -> Fit:
+def fit_screened(
+    problem: Problem,
+    one: Screened,
+    known: Mapping[str, np.ndarray],
+    differences: Differences,
+    enough: float = np.inf,
+) -> Fit:
     """The fit from the best of 1, 2, 4 ... times the linear answer.
 
     A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be several times
@@ -31,6 +37,8 @@ def fit_screened(problem: Problem, one: Screened, known: Mapping[str, np.ndarray
     known : mapping of str to (n,) array
         Derivatives by key about the base; used where the start is near it.
     differences : Differences
+    enough : float
+        As in `jointgap.discrepancy.fit.fit`.
     """
     sizes = {f"{new.candidate.label}.{p.key}" for new in one.signatures for p in new.sizes}
     bounds = {p.key: (p.low, p.high) for p in problem.parameters(one.explanation)}
@@ -41,9 +49,9 @@ def fit_screened(problem: Problem, one: Screened, known: Mapping[str, np.ndarray
                 raise SimulationError(
                     f"no size of {new.candidate.label} that was tried comes nearer to the data than none"
                 )
-            return fit(problem, one.explanation, start, differences=differences)
+            return fit(problem, one.explanation, start, differences=differences, enough=enough)
     if any(p.key in new.shapes for new in one.signatures for p in new.sizes):  # it starts far from the base already
-        return fit(problem, one.explanation, one.start, differences=differences)
+        return fit(problem, one.explanation, one.start, differences=differences, enough=enough)
     start, multiple, least = one.start, 1.0, np.inf
     while multiple <= _FARTHEST:
         trial = {
@@ -58,7 +66,7 @@ def fit_screened(problem: Problem, one: Screened, known: Mapping[str, np.ndarray
             break
         start, least, multiple = trial, chi2, 2.0 * multiple
     near = multiple <= 2.0  # derivatives at the base are good enough
-    return fit(problem, one.explanation, start, known if near else None, differences)
+    return fit(problem, one.explanation, start, known if near else None, differences, enough=enough)
 
 
 def _from_grid(
