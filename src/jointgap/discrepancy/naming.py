@@ -7,7 +7,7 @@ import numpy as np
 
 from jointgap.discrepancy.alike import Subspaces, orthonormal
 from jointgap.discrepancy.calibrate import Thresholds
-from jointgap.discrepancy.decide import SHARE, Decision, decide, reduced
+from jointgap.discrepancy.decide import RIVAL, SHARE, Decision, decide, reduced
 from jointgap.discrepancy.fit import FAILED, Fit, fit
 from jointgap.discrepancy.recalibrate import Recalibrated, best_of, other_numerics
 from jointgap.discrepancy.screen import Screen, Screened, Signatures
@@ -23,9 +23,9 @@ signatures say little of these."""
 
 NEAR = 30.0
 """Where the base leaves no more than noise, effects are small and signatures exact: those whose BIC is this much above the
-best one's are not fitted."""
+best one's are not fitted, nor those that gain less than half of what would be called an effect."""
 
-FEWEST = 3
+FEWEST = 2
 
 _SMOOTH = 0.01  # of chi2: less roughness than this makes no valleys
 
@@ -46,7 +46,8 @@ def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
         if singles and singles[0].chi2 - free > LACKING * (left - free):
             short += [one for one in singles[SINGLES:] if one.signatures[0].candidate.grid]
         return short
-    near = [one for one in singles if one.bic < singles[0].bic + NEAR]
+    worth = left + len(known.parameters) * np.log(known.residual.size) - 0.5 * max(RIVAL, limits.directed)
+    near = [one for one in singles if one.bic < min(singles[0].bic + NEAR, worth)]
     return singles[: min(max(len(near), FEWEST), SINGLES)]
 
 
