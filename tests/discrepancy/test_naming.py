@@ -1,5 +1,7 @@
 """Naming from end to end on a mechanism in closed form: the right name, no name, or an honest doubt."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,12 +11,13 @@ from jointgap.discrepancy.fit import fit
 from jointgap.discrepancy.naming import fitted, pairs, shortlist, swapped, verdict
 from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
 from jointgap.discrepancy.screen import signatures
-from tests.discrepancy.toy import stated_noise, toy
+from tests.discrepancy.toy import RINGING, ringing, stated_noise, toy
 
 
-def named(effects=None, **how) -> tuple[Decision, float]:
-    """The decision and the gap of the recalibrated base."""
+def named(effects=None, more=(), **how) -> tuple[Decision, float]:
+    """The decision and the gap of the recalibrated base; `more`: further candidates."""
     model = toy(effects, **how)
+    model = replace(model, candidates=(*model.candidates, *more))
     base = recalibrate(model, stated_noise(model))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
@@ -44,6 +47,29 @@ def test_each_effect_is_named(label):
     assert gap > 1.05
     assert decision.verdict == "named"
     assert decision.chosen.label == label
+
+
+@pytest.mark.parametrize("size", [0.09, 0.31, 0.7])
+def test_an_effect_whose_samples_answer_from_near_alone_is_found_from_afar(size):
+    decision, gap = named(more=[RINGING], hidden=lambda x, v, angle, time: ringing(size, angle), seed=4)
+    assert gap > 1.3
+    assert decision.verdict == "named"
+    assert decision.chosen.label == "ringing"
+    assert decision.chosen.mapping["ringing.size"] == pytest.approx(size, rel=0.01)
+
+
+def test_such_an_effect_is_not_named_where_another_is_hidden():
+    decision, _ = named({"coulomb": {"force_N": 0.3}}, more=[RINGING], seed=4)
+    assert decision.verdict == "named"
+    assert decision.chosen.label == "coulomb"
+
+
+def test_where_nothing_is_missing_hardly_anything_is_fitted():
+    model = toy(seed=0)
+    base = recalibrate(model, stated_noise(model))
+    known = signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    assert len(shortlist(known, limits)) <= 3
 
 
 def test_a_gain_of_one_sensor_alone_hides_behind_a_length_within_its_range():

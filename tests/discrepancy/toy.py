@@ -54,6 +54,18 @@ CANDIDATES = (
 )
 
 
+RINGING = _effect(
+    "ringing", "size", 0.01, "1", low=0.0, starts=({"size": 0.1},), grid=tuple(0.02 * 1.35**i for i in range(13))
+)
+"""Not among those: a hit that rings, whose phase tells a size to some percent and beyond that nothing."""
+
+
+def ringing(size: float, angle: np.ndarray) -> np.ndarray:
+    """Its force [N]."""
+    since = np.mod(angle, 2 * np.pi)
+    return 3.0 * np.sqrt(size) * np.exp(-since) * np.cos(17.0 * since + 40.0 * size * since**2)
+
+
 @dataclass(frozen=True)
 class Toy:
     """A `jointgap.discrepancy.protocol.Model`."""
@@ -84,7 +96,7 @@ class Toy:
             if candidate.name == "added_mass":
                 mass = mass + at["mass_kg"]
             elif not candidate.sensor:
-                force = force + _force(candidate.name, at, x, v, w, time, width)
+                force = force + _force(candidate.name, at, x, v, w, time, width, angle)
         if self.hidden is not None:
             force = force + self.hidden(x, v, angle, time)
         drive = mass * a - force
@@ -95,8 +107,10 @@ class Toy:
         return {series.channel: read[series.channel] for series in self.series if series.run == run}
 
 
-def _force(name: str, at: Mapping[str, float], x, v, w: float, time, width: float) -> np.ndarray:
+def _force(name: str, at: Mapping[str, float], x, v, w: float, time, width: float, angle) -> np.ndarray:
     match name:
+        case "ringing":
+            return ringing(at["size"], angle)
         case "coulomb":
             return -at["force_N"] * np.tanh(v / width)
         case "viscous":
