@@ -176,10 +176,10 @@ def test_parts_of_the_fits_together_are_all_of_them(chain):
 
 
 def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, monkeypatch):
-    def fails(base, known, one, beside):
+    def fails(base, known, one, *others):
         if one.label == "viscous":
             raise SimulationError("the slide flies off")
-        return fitted(base, known, one, beside)
+        return fitted(base, known, one, *others)
 
     fitted = fit.fitted
     monkeypatch.setattr(fit, "fitted", fails)
