@@ -12,6 +12,7 @@ from benchmarks.project import ROOT
 from jointgap import tables
 from jointgap.campaign import confirm, decide, fit, fits, noise, preflight, screen, verdict
 from jointgap.campaign.folder import OF_FITS, Folder, tables_of
+from jointgap.discrepancy import naming
 from jointgap.discrepancy.fit import FAILED
 from jointgap.discrepancy.fit import fit as regular_fit
 from jointgap.discrepancy.problem import Problem
@@ -176,13 +177,13 @@ def test_parts_of_the_fits_together_are_all_of_them(chain):
 
 
 def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, monkeypatch):
-    def fails(base, known, one, *others):
+    def fails(problem, one, *others):
         if one.label == "viscous":
             raise SimulationError("the slide flies off")
-        return fitted(base, known, one, *others)
+        return fit_screened(problem, one, *others)
 
-    fitted = fit.fitted
-    monkeypatch.setattr(fit, "fitted", fails)
+    fit_screened = naming.fit_screened
+    monkeypatch.setattr(naming, "fit_screened", fails)
     found, _ = fit.fits(chain.recalibrated, chain.screening.known, [(one, None) for one in chain.screening.chosen])
     rows = fits.to_frames(found)["fits"].set_index("explanation")
     assert rows.loc["viscous", "status"] == FAILED

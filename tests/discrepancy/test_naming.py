@@ -8,10 +8,11 @@ import pytest
 from jointgap.discrepancy.calibrate import thresholds
 from jointgap.discrepancy.decide import Decision
 from jointgap.discrepancy.fit import fit
-from jointgap.discrepancy.naming import fitted, pairs, shortlist, swapped, verdict
+from jointgap.discrepancy.naming import beside_best, fitted, pairs, shortlist, swapped, verdict
+from jointgap.discrepancy.protocol import Candidate, Parameter
 from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
-from jointgap.discrepancy.screen import signatures
-from tests.discrepancy.toy import RINGING, ringing, stated_noise, toy
+from jointgap.discrepancy.screen import Screen, signatures
+from tests.discrepancy.toy import CANDIDATES, RINGING, ringing, stated_noise, toy
 
 
 def named(effects=None, more=(), **how) -> tuple[Decision, float]:
@@ -56,6 +57,39 @@ def test_an_effect_whose_samples_answer_from_near_alone_is_found_from_afar(size)
     assert decision.verdict == "named"
     assert decision.chosen.label == "ringing"
     assert decision.chosen.mapping["ringing.size"] == pytest.approx(size, rel=0.01)
+
+
+@pytest.mark.parametrize("size", [0.15, 0.2, 0.35])
+def test_a_fit_from_a_finite_size_begins_at_the_size_that_the_secant_says(size):
+    law = next(one for one in CANDIDATES if one.label == "quadratic")
+    finite = replace(law, starts=({"drag_N_s2_m2": 0.2},))
+    model = toy(hidden=lambda x, v, angle, time: -size * v * np.abs(v), seed=2)
+    model = replace(model, candidates=(finite,))
+    base = recalibrate(model, stated_noise(model))
+    (found,) = Screen(signatures(base.problem, base.base, base.differences)).singles()
+    assert found.start["quadratic.drag_N_s2_m2"] == pytest.approx(size, rel=0.1)
+
+
+@pytest.mark.parametrize(("sizes", "starts"), [(("a", "b"), {"a": 1.0}), (("a",), {"a": -1.0})])
+def test_finite_starts_are_of_a_single_size_above_zero(sizes, starts):
+    with pytest.raises(ValueError, match="single size"):
+        Candidate("odd", "slider", tuple(Parameter(key, 0.0) for key in sizes), sizes, (starts,))
+
+
+def test_another_choice_of_numerics_is_no_second_effect():
+    """What changes with the width of friction at rest is about as much as a second effect may then have to gain."""
+    model = toy({"coulomb": {"force_N": 30.0}}, seed=1)
+    base = recalibrate(model, stated_noise(model))
+    known = signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    fits = [fitted(base, known, one) for one in shortlist(known, limits)]
+    best = min(fits, key=lambda one: one.chi2)
+    assert best.label == "coulomb"
+    changed = np.sum(other_numerics(base.problem, best) ** 2)
+    second = beside_best(base, fits, limits)
+    assert second.omnibus == limits.omnibus
+    assert 0.5 * changed < second.directed <= changed
+    assert limits.directed < second.directed
 
 
 def test_such_an_effect_is_not_named_where_another_is_hidden():

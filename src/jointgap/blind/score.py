@@ -201,10 +201,10 @@ def _difference(truth: Mapping, run: str, channel: str) -> Sequence[float | None
     """Noise-free difference over the noise by piece of the crank angle; None where it is not known.
 
     That of the crank angle is not: the seal's base turns as the encoder says, but the analyst's is fitted to all channels and may
-    turn off it where it cannot follow the others.
+    turn off it where it cannot follow the others. Where nothing is hidden, it can.
     """
     if channel == "crank_angle":
-        return None
+        return None if truth["effects"] else [0.0] * PIECES
     return truth["difference"].get(run, {}).get(channel)
 
 

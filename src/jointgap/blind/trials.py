@@ -34,7 +34,10 @@ _NUMBERS = {
     "gap_before": ("1", "gap of the held-out run before"),
     "gap_after": ("1", "gap of the held-out run after"),
     "closed": ("1", "share of the held-out excess closed, where the gap before is over 1.5"),
-    "windows": ("1", "windows in the map"),
+    "windows": (
+        "1",
+        "windows in the map whose noise-free difference is known; not those in the crank angle, unless nothing is hidden",
+    ),
     "false_windows": ("1", "of these, with a noise-free difference below 0.1 of the noise"),
     "bins_off": ("1", "bins of 10 deg with a noise-free difference above half of the noise"),
     "missed_bins": ("1", "of these, in no window"),

@@ -10,7 +10,6 @@ from jointgap.discrepancy.fit import FAILED, Fit
 from jointgap.discrepancy.naming import fitted
 from jointgap.discrepancy.recalibrate import Recalibrated
 from jointgap.discrepancy.screen import Screened, Signatures
-from jointgap.errors import InputError, SimulationError
 
 Chosen = Sequence[tuple[Screened, Fit | None]]
 """Explanations to fit, each with the fit that it adds to; None for the base."""
@@ -21,8 +20,8 @@ def fits(
 ) -> tuple[list[Fit], list[float]]:
     """Fit every explanation of one part, and say how long each took [s].
 
-    A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those that stay far
-    behind it end early.
+    A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those of the same part
+    that stay far behind it end early: they are no rivals, but their chi2 depends on how fits are shared out.
 
     Parameters
     ----------
@@ -37,18 +36,6 @@ def fits(
     for one, beside in chosen[part::parts]:
         begin = time.monotonic()
         enough = min((one.chi2 for one in fits if one.status != FAILED and reduced(one) <= SLIGHT), default=np.inf)
-        fits.append(_fitted(found, known, one, beside, enough))
+        fits.append(fitted(found, known, one, beside, enough))
         seconds.append(time.monotonic() - begin)
     return fits, seconds
-
-
-def _fitted(found: Recalibrated, known: Signatures, one: Screened, beside: Fit | None, enough: float) -> Fit:
-    try:
-        return fitted(found, known, one, beside, enough)
-    except (InputError, SimulationError) as error:
-        parameters = found.problem.parameters(one.explanation)
-        start = np.array([one.start.get(p.key, p.nominal) for p in parameters])
-        size = found.problem.size
-        return Fit(
-            one.explanation, parameters, start, np.full(size, np.nan), np.empty((size, 0)), 0, FAILED, str(error)
-        )

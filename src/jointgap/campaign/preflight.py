@@ -7,6 +7,7 @@ motion is chaotic) revolutions count as these hold. Others are planned with `joi
 import math
 import os
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -55,7 +56,8 @@ def advised(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
     recordings, more = recorded(campaign), extended(campaign)
     like = recordings.get(campaign.runs[0].id)
     if like is not None:  # a further run is as long as the one that it is like
-        recordings |= {run.id: like for run in more.runs[len(campaign.runs) :]}
+        whole = replace(like, held_out=np.zeros_like(like.held_out))  # a further run is for fitting
+        recordings |= {run.id: whole for run in more.runs[len(campaign.runs) :]}
     lengths = revolutions(more, recordings)
     plan, wider = rig_model(campaign, None, lengths), rig_model(more, None, lengths)
     wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for

@@ -15,7 +15,7 @@ from jointgap.discrepancy.start import fit_screened
 from jointgap.errors import InputError, SimulationError
 
 SINGLES = 8
-"""Candidates that are fitted alone, at most."""
+"""Candidates that are fitted alone, at most, beside those that have to be sought on a grid."""
 
 LACKING = 0.1
 """Where the best signature would leave more than this part of the misfit, effects that have to be sought on a grid are fitted too:
@@ -65,9 +65,10 @@ def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Th
         Of the single effects.
     limits : Thresholds
     """
-    limits = about(base, fits, limits)
+    second = beside_best(base, fits, limits)
     good = sorted((one for one in fits if one.status != FAILED and one.bic < base.base.bic), key=lambda one: one.bic)
-    enough = [one for one in good if reduced(one) <= limits.omnibus]
+    slack = second.directed if second.directed > limits.directed else 0.0  # what of a misfit other numerics may be
+    enough = [one for one in good if reduced(one) <= limits.omnibus + slack / one.residual.size]
     if not good or (reduced(base.base) <= limits.omnibus and not enough):
         return []
     leading = {one.label for one in good[:AMONG]}
@@ -79,7 +80,7 @@ def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Th
     for one in enough[:1] or good[:AMONG]:
         partners = Screen(known.about(one), one.explanation).singles()
         if enough:
-            partners = [pair for pair in partners if one.bic - pair.bic > limits.directed]
+            partners = [pair for pair in partners if one.bic - pair.bic > second.directed]
         inner = [] if enough else [pair for pair in partners if pair.explanation[-1].label in leading]
         for pair in (*partners[:AMONG], *inner):
             names = frozenset(candidate.label for candidate in pair.explanation)
@@ -101,12 +102,18 @@ def fitted(
         start = one.start | {key: value for key, value in base.nominal.mapping.items() if key in one.start}
         start |= {p.key: p.nominal for p in base.problem.nuisances if p.run is None and p.key in one.start}
         return best_of(base.problem, base.differences, one.explanation, start)
-    about = known if beside is None else known.about(beside)
-    return fit_screened(base.problem, one, about.known(one.signatures), base.differences, enough)
+    near = known if beside is None else known.about(beside)
+    try:
+        return fit_screened(base.problem, one, near.known(one.signatures), base.differences, enough)
+    except (InputError, SimulationError) as error:
+        parameters = base.problem.parameters(one.explanation)
+        start = np.array([one.start.get(p.key, p.nominal) for p in parameters])
+        lost, size = np.empty((0, len(parameters))), base.problem.size
+        return Fit(one.explanation, parameters, start, np.full(size, np.nan), lost, 0, FAILED, str(error))
 
 
-def about(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
-    """The thresholds beside the best single effect, where it explains nearly all.
+def beside_best(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
+    """The thresholds for a second effect beside the best single one, where that explains nearly all.
 
     The numerics may matter more where it is there: a joint that was ideal hits and slides. What other numerics change there,
     beyond what nuisances can, is no sign of a second effect.
@@ -123,8 +130,7 @@ def about(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> Thresh
     left = float(max((np.sum((row - across @ (across.T @ row)) ** 2) for row in changes), default=0.0))
     if left > (1.0 - SHARE) * (base.base.chi2 - best.chi2):
         return limits
-    dof = max(best.residual.size - len(best.parameters), 1)
-    return replace(limits, omnibus=limits.omnibus + left / dof, directed=max(limits.directed, left))
+    return replace(limits, directed=max(limits.directed, left))
 
 
 def refined(base: Recalibrated, one: Fit) -> Fit:
@@ -140,7 +146,7 @@ def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: 
     Where the motion is rough, base and rivals are first fitted again from the best one's nuisances: an explanation must not win
     by having found a deeper valley of parameters that all share.
     """
-    limits = about(base, fits, limits)
+    limits = beside_best(base, fits, limits)
     best: dict[frozenset[str], Fit] = {}
     for one in sorted(fits, key=lambda one: one.chi2):
         best.setdefault(frozenset(candidate.label for candidate in one.explanation), one)
@@ -181,10 +187,7 @@ def swapped(base: Recalibrated, known: Signatures, fits: Sequence[Fit]) -> list[
             names = frozenset(candidate.label for candidate in pair.explanation)
             if names not in done:
                 done.add(names)
-                try:
-                    found.append(fitted(base, known, pair, alone))
-                except (InputError, SimulationError):
-                    continue  # it is no explanation then; those that were asked for by name say why
+                found.append(fitted(base, known, pair, alone))
     return found
 
 

@@ -63,11 +63,11 @@ class Candidate:
         Keys of the coordinates that are 0 where the effect is absent; the rest are shapes (an exponent, a frequency).
     starts : tuple of mappings
         Values of all shapes to start from; one empty mapping where there are none. Where the motion does not depend on a size
-        about linearly from 0 on, such as the clearance of a joint that was ideal, starts hold sizes too: what the effect changes
-        is then told from there.
+        about linearly from 0 on, such as the clearance of a joint that was ideal, starts hold the size too, if it is the only
+        one: what the effect changes is then told from there.
     grid : tuple of float
         Of an effect with one size on which the motion depends so roughly that a fit comes to an end from near by alone: values to
-        begin from, each at most a third larger than the one before.
+        begin from, growing, each 1.35 times the one before or nearer.
     parameters : function
         From values of the coordinates to the parameters that a verdict states. The coordinates themselves by default.
     replaces : mapping of str to str
@@ -93,6 +93,12 @@ class Candidate:
     choice: bool = False
     carrier: str = ""
     grid: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse finite sizes that nothing could be told from."""
+        finite = [start[key] for start in self.starts for key in self.sizes if key in start] + list(self.grid)
+        if finite and (len(self.sizes) > 1 or min(finite) <= 0.0):
+            raise ValueError(f"{self.name}: starts and grids hold values of a single size, above 0; got {finite}")
 
     @property
     def label(self) -> str:

@@ -1,7 +1,7 @@
 """Which effects are worth a fit: what each would explain if the motion depended on it linearly."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -119,6 +119,8 @@ class Screened:
     bic : float
     beside : tuple of Candidate
         Effects that are fitted already; `start` holds their values.
+    near : mapping of str to float
+        Values by key about which the signatures were taken.
     """
 
     signatures: tuple[Signature, ...]
@@ -126,6 +128,7 @@ class Screened:
     start: Mapping[str, float]
     bic: float
     beside: Explanation = ()
+    near: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def explanation(self) -> Explanation:
@@ -193,7 +196,7 @@ def _signature(problem, base, differences, candidate, shapes, origin) -> Signatu
         values = {key: value for key, value in values.items() if key.partition("@")[0] != name}
     sizes = {f"{candidate.label}.{key}" for key in candidate.sizes}
     if finite := [key for key in candidate.sizes if key in shapes]:
-        (key,) = finite  # a secant to several sizes at once would not tell them apart
+        (key,) = finite
         away = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, (candidate,)) - origin
         return Signature(candidate, dict(shapes), away[:, None] / shapes[key], origin, problem.runs)
     columns = [
@@ -238,7 +241,7 @@ class Screen:
         target = target + matrix[:, len(kept) :] @ here[len(kept) :]
         step, chi2 = bounded_step(matrix, target, low - here, high - here)
         start = {known.parameters[i].key: float(value) for i, value in zip(kept, here + step, strict=False)}
-        for (one, p), value in zip(sizes, step[len(kept) :], strict=True):
+        for (one, p), value in zip(sizes, (here + step)[len(kept) :], strict=True):
             start[f"{one.candidate.label}.{p.key}"] = float(value)
         for one in chosen:
             shapes = {name: value for name, value in one.shapes.items() if name not in one.candidate.sizes}
@@ -246,7 +249,8 @@ class Screen:
         effects = (*self.beside, *(one.candidate for one in chosen))
         free = len(kept) + sum(len(one.coordinates) for one in chosen)
         free += sum(len(candidate.replaces) for candidate in effects)  # as `Fit.bic` counts
-        return Screened(tuple(chosen), chi2, start, chi2 + free * np.log(self._rows), self.beside)
+        near = {p.key: float(value) for p, value in zip(known.parameters, known.values, strict=True)}
+        return Screened(tuple(chosen), chi2, start, chi2 + free * np.log(self._rows), self.beside, near)
 
     def singles(self) -> list[Screened]:
         """Every candidate with its best start, best first."""

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from jointgap.discrepancy.alike import orthonormal
 from jointgap.discrepancy.differences import Differences
 from jointgap.discrepancy.fit import Fit, fit
 from jointgap.discrepancy.problem import Problem
-from jointgap.discrepancy.protocol import Candidate
-from jointgap.discrepancy.screen import Screened
+from jointgap.discrepancy.screen import Screened, Signature
 from jointgap.errors import InputError, SimulationError
 
 _FARTHEST = 16.0  # times the linear answer
@@ -39,12 +39,17 @@ def fit_screened(
     differences : Differences
     enough : float
         As in `jointgap.discrepancy.fit.fit`.
+
+    Raises
+    ------
+    InputError, SimulationError
+        Nothing near the start can be simulated, or no size on a candidate's grid comes near.
     """
     sizes = {f"{new.candidate.label}.{p.key}" for new in one.signatures for p in new.sizes}
     bounds = {p.key: (p.low, p.high) for p in problem.parameters(one.explanation)}
     for new in one.signatures:
         if new.candidate.grid and not any(part.series.statistic for part in problem.parts):
-            start, left = _from_grid(problem, one, new.candidate, known)
+            start, left = _from_grid(problem, one, new, known)
             if left >= float(new.origin @ new.origin):
                 raise SimulationError(
                     f"no size of {new.candidate.label} that was tried comes nearer to the data than none"
@@ -70,17 +75,20 @@ def fit_screened(
 
 
 def _from_grid(
-    problem: Problem, one: Screened, candidate: Candidate, known: Mapping[str, np.ndarray]
+    problem: Problem, one: Screened, new: Signature, known: Mapping[str, np.ndarray]
 ) -> tuple[dict[str, float], float]:
-    """The start with the size of `candidate` that leaves least once nuisances take up what they can, and the chi2 that is left.
+    """The start with the size of an effect that leaves least once nuisances take up what they can, and the chi2 that is left.
 
     Samples answer to sizes that are some percent off alone; where over the cycle the motion departs from what it is without the
     effect, and how far, says more from afar. So sizes are told apart by that first, and by samples beside the best one.
     """
-    key = f"{candidate.label}.{candidate.sizes[0]}"
+    (size,) = new.sizes
+    key = f"{new.candidate.label}.{size.key}"
+    # nuisances stay where the origin was seen from: the answer to a secant that does not hold would lead them astray
+    start = {name: one.near.get(name, value) for name, value in one.start.items()}
     kept = [known[p.key] for p in problem.parameters(one.explanation) if p.key in known and p.key != key]
-    across = np.linalg.qr(np.column_stack([np.zeros(problem.size), *kept]))[0]
-    origin = next(new.origin for new in one.signatures if new.candidate is candidate)
+    across = orthonormal(np.column_stack(kept) if kept else np.empty((problem.size, 0)))
+    origin = new.origin
     sought = _course(problem, np.square(origin))
 
     def departure(left: np.ndarray) -> float:
@@ -89,18 +97,19 @@ def _from_grid(
     def misfit(left: np.ndarray) -> float:
         return float(left @ left - np.sum(np.square(across.T @ left)))
 
-    start, away = _best_of(problem, one, key, candidate.grid, departure)
+    within = [value for value in new.candidate.grid if value <= size.high]
+    start, away = _best_of(problem, one, start, key, within, departure)
     if away > _LIKELY * departure(origin):
         return start, np.inf
-    fine = start[key] * np.geomspace(1.0 / _BESIDE, _BESIDE, _FINE)
-    return _best_of(problem, one, key, fine, misfit)
+    fine = np.minimum(start[key] * np.geomspace(1.0 / _BESIDE, _BESIDE, _FINE), size.high)
+    return _best_of(problem, one, start, key, fine, misfit)
 
 
-def _best_of(problem: Problem, one: Screened, key: str, values, measure) -> tuple[dict[str, float], float]:
+def _best_of(problem: Problem, one: Screened, start, key: str, values, measure) -> tuple[dict[str, float], float]:
     """The start with that of `values` of which `measure` is least, and the measure; infinite where none can be simulated."""
-    best, least = dict(one.start), np.inf
+    best, least = start, np.inf
     for value in values:
-        trial = {**one.start, key: float(value)}
+        trial = {**start, key: float(value)}
         try:
             found = measure(problem.residual(trial, one.explanation))
         except (InputError, SimulationError):

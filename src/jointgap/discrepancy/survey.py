@@ -60,15 +60,21 @@ class Survey:
     def detectable_size(self, label: str) -> float:
         """Size that is found with a probability of 90 %, in the unit of the first size; infinite where none is.
 
-        The median over the shapes to start from. Of an effect that is a nuisance's own parameter, it lies beyond its range.
+        The median over the shapes to start from. Of an effect that is a nuisance's own parameter, it lies beyond its range; of one
+        that is told by finite sizes, it is no less than what these speak for.
         """
-        found = [self._smallest(one, 0, self._chi2, self._noncentrality(one)) for one in self.known.of(label)]
-        return float(np.median(found))
+        return self._usual(
+            label, [self._smallest(s, 0, self._chi2, self._noncentrality(s)) for s in self.known.of(label)]
+        )
 
     def typical_size(self, label: str) -> float:
         """Size that leaves a gap of `GAP` after recalibration, as `detectable_size`."""
-        found = [self._smallest(one, 0, self._gap, GAP**2 - 1.0) for one in self.known.of(label)]
-        return float(np.median(found))
+        return self._usual(label, [self._smallest(s, 0, self._gap, GAP**2 - 1.0) for s in self.known.of(label)])
+
+    def _usual(self, label: str, sizes: list[float]) -> float:
+        """Of the sizes that the signatures of one effect say: their median, or the least where each holds for other sizes."""
+        finite = any(one.sizes[0].key in one.shapes for one in self.known.of(label))
+        return float(min(sizes) if finite else np.median(sizes))
 
     def cosine(self, label: str, other: str) -> float:
         """Largest cosine of anything that the two effects change, beyond what nuisances can."""
@@ -120,8 +126,10 @@ class Survey:
         return float(np.sum((jacobian @ step - amount * columns[id(one)][:, size]) ** 2))
 
     def _smallest(self, one: Signature, size: int, measure, target: float) -> float:
-        """Amount of which at least `target` is left; infinite where bounds forbid it."""
+        """Amount of which at least `target` is left; infinite where bounds forbid it. A secant says nothing below its reach."""
         p = one.sizes[size]
+        if p.key in one.shapes and self._left(one, size, one.reach(p)[0], measure) >= target:
+            return float(one.reach(p)[0])
         reach = [abs(bound) for bound in (p.low, p.high) if np.isfinite(bound) and bound != 0.0]
         most = max(reach) if np.isfinite(p.high) and reach else _MOST_STEPS * p.step
         whole = float(np.sum(measure[1][id(one)][:, size] ** 2))
