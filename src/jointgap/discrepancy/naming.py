@@ -7,9 +7,9 @@ import numpy as np
 
 from jointgap.discrepancy.alike import Subspaces, orthonormal
 from jointgap.discrepancy.calibrate import Thresholds
-from jointgap.discrepancy.decide import RIVAL, SHARE, Decision, decide, reduced
+from jointgap.discrepancy.decide import RIVAL, SHARE, SLIGHT, Decision, decide, reduced
 from jointgap.discrepancy.fit import FAILED, Fit, fit
-from jointgap.discrepancy.recalibrate import Recalibrated, best_of, other_numerics
+from jointgap.discrepancy.recalibrate import Recalibrated, best_of, drawn, other_numerics
 from jointgap.discrepancy.screen import Screen, Screened, Signatures
 from jointgap.discrepancy.start import fit_screened
 from jointgap.errors import InputError, SimulationError
@@ -34,6 +34,10 @@ AGAIN = 1
 
 AMONG = 3
 """Where no single effect is enough, all pairs among this many of the best are fitted, and each with as many partners."""
+
+
+EVERYWHERE = 8
+"""Values of the nuisances from which the base is fitted again before an effect is named that hardly shows."""
 
 
 def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
@@ -156,6 +160,14 @@ def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: 
         for names, rival in list(best.items()):
             if any(rival is one for one in ranked[1 : 1 + AMONG]) and rival.status != FAILED:
                 best[names] = _moved(base, rival, ranked[0])
+        if reduced(plain) <= max(limits.omnibus, SLIGHT) and plain.bic - ranked[0].bic > RIVAL:
+            deeper = _deepest(base, plain)
+            if deeper.chi2 < plain.chi2:
+                plain = deeper
+                for one in ranked[: 1 + AMONG]:
+                    names = frozenset(candidate.label for candidate in one.explanation)
+                    if one.status != FAILED:
+                        best[names] = _moved(base, best[names], deeper)
     subspaces = Subspaces(known)
     alikeness = {
         one.label: subspaces.nearest(one.explanation)[1]
@@ -189,6 +201,16 @@ def swapped(base: Recalibrated, known: Signatures, fits: Sequence[Fit]) -> list[
                 done.add(names)
                 found.append(fitted(base, known, pair, alone))
     return found
+
+
+def _deepest(base: Recalibrated, plain: Fit) -> Fit:
+    """The base or, if it is better, the best fit of it from further values of the nuisances, looked for everywhere.
+
+    An effect that is called missing where the base leaves no more than noise must not be the way out of a valley.
+    """
+    starts = drawn(base.problem, (), EVERYWHERE)
+    found = [fit(base.problem, (), plain.mapping | one, differences=base.differences) for one in starts]
+    return min([plain, *found], key=lambda one: one.chi2)
 
 
 def _moved(base: Recalibrated, one: Fit, to: Fit) -> Fit:

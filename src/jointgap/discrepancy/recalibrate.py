@@ -83,11 +83,9 @@ def best_of(
         Where the first fit starts, and what is no shared nuisance always does; nominal where absent.
     """
     at = {p.key: p.nominal for p in problem.parameters(explanation)} | dict(start or {})
-    shared = [p for p in problem.parameters(explanation) if p.run is None and p in problem.nuisances]
-    generator, best = np.random.default_rng(0), None
-    for place in range(STARTS if shared else 1):
-        drawn = {p.key: float(generator.uniform(p.low, p.high)) for p in shared if np.isfinite(p.high - p.low)}
-        found = fit(problem, explanation, at | drawn if place else at, differences=differences)
+    best = None
+    for values in (at, *(at | one for one in drawn(problem, explanation, STARTS - 1))):
+        found = fit(problem, explanation, values, differences=differences)
         same = best is not None and abs(found.chi2 - best.chi2) < _SAME * best.chi2
         if best is None or found.chi2 < best.chi2:
             best = found
@@ -95,6 +93,14 @@ def best_of(
         if same or best.status == FAILED or best.chi2 < dof + _SURE * np.sqrt(2.0 * dof):
             break
     return best
+
+
+def drawn(problem: Problem, explanation: Explanation, count: int) -> list[dict[str, float]]:
+    """Values of the nuisances that runs share, drawn evenly from their ranges, by key; none where there are no such nuisances."""
+    shared = [p for p in problem.parameters(explanation) if p.run is None and p in problem.nuisances]
+    bounded = [p for p in shared if np.isfinite(p.high - p.low)]
+    generator = np.random.default_rng(0)
+    return [{p.key: float(generator.uniform(p.low, p.high)) for p in bounded} for _ in range(count if bounded else 0)]
 
 
 def probed(problem: Problem, values: Mapping[str, float]) -> Differences:
