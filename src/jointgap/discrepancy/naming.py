@@ -37,7 +37,8 @@ AMONG = 3
 
 
 EVERYWHERE = 8
-"""Values of the nuisances from which the base is fitted again before an effect is named that hardly shows."""
+"""Values of the nuisances from which the base is fitted again before an effect is named that hardly shows, and the best single
+effect where none is enough: a clearance some percent off holds impacts at other instants, a valley of its own."""
 
 
 def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
@@ -105,7 +106,7 @@ def fitted(
     if not one.signatures:
         start = one.start | {key: value for key, value in base.nominal.mapping.items() if key in one.start}
         start |= {p.key: p.nominal for p in base.problem.nuisances if p.run is None and p.key in one.start}
-        return best_of(base.problem, base.differences, one.explanation, start)
+        return best_of(base.problem, base.differences, one.explanation, start, EVERYWHERE)
     near = known if beside is None else known.about(beside)
     try:
         return fit_screened(base.problem, one, near.known(one.signatures), base.differences, enough)

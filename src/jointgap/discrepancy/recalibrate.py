@@ -16,8 +16,6 @@ from jointgap.errors import InputError, SimulationError
 STARTS = 3
 """Values of the nuisances that a fit is started from where it does not leave noise alone: those given, and drawn ones."""
 
-_SAME = 0.01  # of chi2: two starts that end this near each other have found the same
-
 _SURE = 3.0  # standard deviations of chi2 that noise alone may leave
 
 
@@ -68,7 +66,11 @@ def recalibrate(model: Model, noise: Mapping[tuple[str, str], Noise]) -> Recalib
 
 
 def best_of(
-    problem: Problem, differences: Differences, explanation: Explanation = (), start: Mapping[str, float] | None = None
+    problem: Problem,
+    differences: Differences,
+    explanation: Explanation = (),
+    start: Mapping[str, float] | None = None,
+    starts: int = STARTS,
 ) -> Fit:
     """The best of fits from several values of the nuisances; the first that leaves noise alone ends the search.
 
@@ -81,16 +83,17 @@ def best_of(
     explanation : tuple of Candidate
     start : mapping of str to float
         Where the first fit starts, and what is no shared nuisance always does; nominal where absent.
+    starts : int
+        How many fits, at most.
     """
     at = {p.key: p.nominal for p in problem.parameters(explanation)} | dict(start or {})
     best = None
-    for values in (at, *(at | one for one in drawn(problem, explanation, STARTS - 1))):
+    for values in (at, *(at | one for one in drawn(problem, explanation, starts - 1))):
         found = fit(problem, explanation, values, differences=differences)
-        same = best is not None and abs(found.chi2 - best.chi2) < _SAME * best.chi2
         if best is None or found.chi2 < best.chi2:
             best = found
         dof = max(problem.size - len(found.parameters), 1)
-        if same or best.status == FAILED or best.chi2 < dof + _SURE * np.sqrt(2.0 * dof):
+        if best.status == FAILED or best.chi2 < dof + _SURE * np.sqrt(2.0 * dof):
             break
     return best
 
