@@ -77,6 +77,7 @@ def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Th
     if not good or (reduced(base.base) <= limits.omnibus and not enough):
         return []
     leading = {one.label for one in good[:AMONG]}
+    lost = {one.label for one in fits if one.status == FAILED}
     found: dict[frozenset[str], tuple[Screened, Fit]] = {}
     if not enough:
         # the base took up what it could of the effect with its nuisances, which may hold a fit in the wrong valley
@@ -84,6 +85,7 @@ def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Th
             found[frozenset({one.label})] = Screened((), one.chi2, one.mapping, one.bic, one.explanation), one
     for one in enough[:1] or good[:AMONG]:
         partners = Screen(known.about(one), one.explanation).singles()
+        partners = [pair for pair in partners if pair.explanation[-1].label not in lost]
         if enough:
             partners = [pair for pair in partners if one.bic - pair.bic > second.directed]
         inner = [] if enough else [pair for pair in partners if pair.explanation[-1].label in leading]
