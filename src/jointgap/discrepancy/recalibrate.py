@@ -13,7 +13,7 @@ from jointgap.discrepancy.protocol import Model
 from jointgap.discrepancy.whiten import Noise
 from jointgap.errors import InputError, SimulationError
 
-STARTS = 3
+STARTS = 6
 """Values of the nuisances that a fit is started from where it does not leave noise alone: those given, and drawn ones."""
 
 _SURE = 3.0  # standard deviations of chi2 that noise alone may leave
