@@ -225,7 +225,7 @@ class Screen:
         self._columns, self._origins = blocks[2 : 2 + count], blocks[2 + count :]
         self._place = {id(one): i for i, one in enumerate(known.found)}
 
-    def explained(self, chosen: Sequence[Signature], residual: np.ndarray | None = None) -> Screened:
+    def explained(self, chosen: Sequence[Signature]) -> Screened:
         """What the signatures `chosen` together would explain, within all bounds."""
         known = self.known
         replaced = {name for one in chosen for name in one.candidate.replaces}

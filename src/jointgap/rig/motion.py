@@ -12,6 +12,7 @@ from jointgap.dynamics.equations import FURTHER, STATES
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, JOINTS, MOTOR, Parameters
 from jointgap.dynamics.simulate import VELOCITY_TIME, March, run_march
 from jointgap.dynamics.start import start_state
+from jointgap.rig.clock import TURN
 
 TOLERANCE, TOLERANCE_FILM = 1e-10, 1e-11
 """Local error of positions [m] in fits, and where a joint is lubricated. Whitened channels of loose pins with friction are then
@@ -20,7 +21,6 @@ fits come to no end. Films are stiff, so that their steps are short anyway, and 
 
 _LEAST = 1e-5  # [m] instead of a clearance where none is as large
 _WATCHED = 1.5  # revolutions from the start within which who looks wants to see how the motion settles
-_TURN = 2.0 * math.pi
 _DROPPED, _REPEATS = 2, 2e-3
 """Revolutions after which one may stand for all that follow, and by what share of the least clearance its ends may then differ.
 Whitened channels are off by about 1 in length then, over all samples; a record that begins after two revolutions is not nearer
@@ -70,10 +70,10 @@ def observed(
     def marched(places):
         return run_march(p, start, places, tolerance)
 
-    if perturbation is None and _may_repeat(p) and angles.min() > p.drive.start_angle + _WATCHED * _TURN:
-        begin = p.drive.start_angle + _DROPPED * _TURN
-        folded = begin + np.mod(angles - begin, _TURN)
-        seen = _seen(p, np.append(folded, [begin, begin + _TURN]), marched, _REPEATS)
+    if perturbation is None and _may_repeat(p) and angles.min() > p.drive.start_angle + _WATCHED * TURN:
+        begin = p.drive.start_angle + _DROPPED * TURN
+        folded = begin + np.mod(angles - begin, TURN)
+        seen = _seen(p, np.append(folded, [begin, begin + TURN]), marched, _REPEATS)
         if seen is not None:
             kept = {name: values[:-2] for name, values in seen.items()}
             return kept | {"crank_angle": angles, "time": _times(p, angles)}
