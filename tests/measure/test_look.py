@@ -8,7 +8,7 @@ import pytest
 from jointgap import tables
 from jointgap.config.campaign import load_campaign
 from jointgap.measure import look, read_measurements
-from tests.measure.rig import table, write_rig
+from tests.measure.rig import CAMPAIGN, table, write_rig
 
 
 def looked(folder, without=(), **given):
@@ -82,3 +82,15 @@ def test_gaps_of_the_angle_are_bridged_in_the_figure(tmp_path):
     shown = figures["slow"].data
     torque = shown[shown["panel"] == "slow: crank torque"]
     np.testing.assert_allclose(torque["x"].to_numpy(), noisy()["theta"], atol=1e-6)
+
+
+def test_a_clockwise_run_is_drawn_at_the_angles_of_its_file(tmp_path):
+    given = noisy().assign(theta=lambda t: 360 - t.theta)
+    clockwise = {"runs": [CAMPAIGN["runs"][0] | {"direction": "clockwise"}, CAMPAIGN["runs"][1]]}
+    numbers, figures = looked(tmp_path, over=clockwise, slow=given)
+    torque = figures["slow"].data.query("panel == 'slow: crank torque'")
+    np.testing.assert_allclose(np.mod(torque["x"], 360.0), given["theta"], atol=1e-6)
+    np.testing.assert_allclose(torque["y"], given["M"])
+    read = numbers.loc[("slow", "crank_angle")]
+    assert read["high"] == pytest.approx(np.radians(given["theta"][0]))
+    assert read["low"] == pytest.approx(read["high"] - 8 * math.tau * 399 / 400)

@@ -29,6 +29,8 @@ def look(campaign: Campaign, measurements: Measurements) -> "tuple[pd.DataFrame,
         the channel; NaN where none is stated].
     figures : dict of str to Drawing
         By run: every channel over the crank angle, cycles on top of each other.
+
+    Crank angles, and extremes of a crank angle, are those of the file also where the crank turns clockwise.
     """
     numbers = [row for recording in measurements.runs.values() for row in _numbers(campaign, recording)]
     return pd.DataFrame(numbers), {run: draw(campaign, recording) for run, recording in measurements.runs.items()}
@@ -66,16 +68,18 @@ def _numbers(campaign: Campaign, recording: Recording) -> list[dict]:
         mean = (angle[-1] - angle[0]) / (recording.time[-1] - recording.time[0])
         if cycles >= 2:
             spread = _speed_spread(recording.time, angle)
-    role = next(run.role for run in campaign.runs if run.id == recording.run)
+    run = next(run for run in campaign.runs if run.id == recording.run)
     rows = []
     for name, values in _shown(recording).items():
+        if name == "crank_angle" and run.direction == "clockwise":
+            values = -values
         noise = recording.noise[name]
         rows.append(
             {
                 "run": recording.run,
                 "channel": name,
                 "unit": CHANNELS[name],
-                "role": role,
+                "role": run.role,
                 "samples": values.size,
                 "gaps": int(np.count_nonzero(~np.isfinite(values))),
                 "cycles": cycles,
@@ -124,13 +128,17 @@ def draw(campaign: Campaign, recording: Recording) -> "Drawing":
 
     angle = turned(campaign, recording)
     cycle = np.floor(angle / TURN).astype(int)
+    within = angle - cycle * TURN
+    clockwise = next(run.direction == "clockwise" for run in campaign.runs if run.id == recording.run)
+    sign = -1.0 if clockwise and recording.has_angle else 1.0  # recordings of a clockwise crank are mirror images
+    seen = within if sign > 0.0 else TURN - within
     dotted = {"marker": ".", "markersize": 3.0} if angle.size * TURN / (angle[-1] - angle[0]) < _DOTTED else {}
     abscissa = (
         CRANK_ANGLE if recording.has_angle else Quantity("crank angle since the first sample, at nominal speed", "deg")
     )
     shown = dict(recording.channels)
     if recording.has_angle and recording.has_time:
-        shown = {"crank_angle": np.degrees(recording.crank_angle - steady_rotation(recording))} | shown
+        shown = {"crank_angle": sign * np.degrees(recording.crank_angle - steady_rotation(recording))} | shown
     with in_the_one_look():
         sheet = Sheet(0.9 + 1.6 * len(shown), len(shown), 1)
         above = None
@@ -144,7 +152,7 @@ def draw(campaign: Campaign, recording: Recording) -> "Drawing":
                 first = number == cycle[0]
                 panel.line(
                     _FIRST if first else _LATER,
-                    np.degrees(angle[own] - number * TURN),
+                    np.degrees(seen[own]),
                     values[own],
                     "first" if first else "settled",
                     alpha=1.0 if first else 0.5,
