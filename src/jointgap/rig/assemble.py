@@ -11,9 +11,10 @@ from jointgap.measure import Measurements
 from jointgap.measure.recording import noise_of
 from jointgap.rig.chaos import chaotic_channels
 from jointgap.rig.clock import MOST_PLANNED, TURN, Clock, clock, planned_clock
-from jointgap.rig.drives import DROPPED, measured_pieces
+from jointgap.rig.drives import measured_pieces
 from jointgap.rig.folding import folded_speed
 from jointgap.rig.model import RigModel
+from jointgap.rig.motion import DROPPED
 from jointgap.rig.nuisances import of_run, shared
 from jointgap.rig.simulation import RunPlan, channels_read
 

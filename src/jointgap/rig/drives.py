@@ -17,10 +17,7 @@ from jointgap.dynamics.simulate import run_march
 from jointgap.dynamics.start import start_state
 from jointgap.errors import InputError
 from jointgap.rig.clock import TURN, Clock
-from jointgap.rig.motion import options_of, prescribed_angles
-
-DROPPED = 2
-"""Revolutions simulated before the first sample of a run whose motion has settled."""
+from jointgap.rig.motion import DROPPED, options_of, prescribed_angles
 
 _MOST_DROPPED = 30
 _SETTLED = 7.0  # time constants in which a transient falls to a thousandth

@@ -21,9 +21,12 @@ fits come to no end. Films are stiff, so that their steps are short anyway, and 
 
 _LEAST = 1e-5  # [m] instead of a clearance where none is as large
 _WATCHED = 1.5  # revolutions from the start within which who looks wants to see how the motion settles
-_DROPPED, _REPEATS = 2, 2e-3
-"""Revolutions after which one may stand for all that follow, and by what share of the least clearance its ends may then differ.
-Whitened channels are off by about 1 in length then, over all samples; a record that begins after two revolutions is not nearer
+DROPPED = 2
+"""Revolutions that a motion is given to settle: simulated before the first sample."""
+
+_REPEATS = 2e-3
+"""Share of the least clearance by which the ends of a revolution may differ, for it to stand for all that follow.
+Whitened channels are off by about 1 in length then, over all samples; a record that begins after as many revolutions is not nearer
 to the settled motion."""
 
 
@@ -71,7 +74,7 @@ def observed(
         return run_march(p, start, places, tolerance)
 
     if perturbation is None and _may_repeat(p) and angles.min() > p.drive.start_angle + _WATCHED * TURN:
-        begin = p.drive.start_angle + _DROPPED * TURN
+        begin = p.drive.start_angle + DROPPED * TURN
         folded = begin + np.mod(angles - begin, TURN)
         seen = _seen(p, np.append(folded, [begin, begin + TURN]), marched, _REPEATS)
         if seen is not None:
