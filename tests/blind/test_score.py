@@ -176,6 +176,7 @@ def test_intervals_are_those_of_the_tables():
 @pytest.fixture
 def set_of_trials(tmp_path) -> pd.DataFrame:
     sealed = [truth(DRAG, name="a"), truth(name="b", kind="nothing"), truth(DRAG, SPRING, kind="pair", name="c")]
+    sealed.append(truth(SPRING, kind="pair", name="d"))
     found = [
         {
             **told(effects=[named(DRAG)], greedy=["slider_quadratic_drag"], sparse=["slider_viscous_friction"]),
@@ -183,6 +184,7 @@ def set_of_trials(tmp_path) -> pd.DataFrame:
         },
         {**told(verdict="no_disagreement", greedy=[], sparse=None), "id": "b"},
         {"id": "c", "error": "SimulationError: it stops", "seconds": 2.0},
+        {**told(verdict="ambiguous", equivalent=[[named(DRAG)], [named(SPRING), named(DRAG)]]), "id": "d"},
     ]
     paths = []
     for name, content in (("sealed", sealed), ("found", found)):
@@ -201,6 +203,13 @@ def test_a_set_becomes_a_table_a_page_numbers_and_figures(set_of_trials, tmp_pat
     page = markdown("hand-made", set_of_trials)
     assert "| right name | all | 1 | 1 | 0.025 - 1 |" in page
     assert "SimulationError: it stops" in page
+    assert "| slider_quadratic_drag or slider_quadratic_drag + slider_spring |" in page
+    assert (
+        page.index("## Wrong or failed")
+        < page.index("| c |")
+        < page.index("## Neither right nor wrong")
+        < page.index("| d |")
+    )
     assert metrics(set_of_trials)["right name, all"] == 1.0
     for drawing in draw(set_of_trials).values():
         tables.to_arrow(tables.PLOTTED, drawing.data)

@@ -74,6 +74,7 @@ def scored(truth: Mapping[str, Any], told: Mapping[str, Any]) -> dict[str, Any]:
     row["detectable"] = bool(hidden) and not hidden & unseen and min(truth["gaps"]) >= LEAST_GAP
     row["named"] = " + ".join(sorted(label(effect) for effect in verdict["effects"])) or verdict["verdict"]
     row["outcome"] = _outcome(truth, verdict, hidden)
+    row["reason"] = " or ".join(sorted(" + ".join(sorted(one)) or "nothing" for one in _equivalent(verdict)))
     return row | _numbers(truth, verdict, row["outcome"]) | _windows(truth, verdict)
 
 
@@ -95,7 +96,7 @@ def _outcome(truth: Mapping, verdict: Mapping, hidden: frozenset[str]) -> str:
     if kind == "unexplained":
         return "unexplained"
     if kind == "ambiguous":
-        explanations = [frozenset(label(effect) for effect in one) for one in verdict["equivalent"]]
+        explanations = _equivalent(verdict)
         merged = [frozenset(group) for group in verdict["preflight"]["merged"]]
         foreseen = hidden in explanations and all(_stand_for(one, hidden, merged) for one in explanations)
         return "right" if foreseen else "ambiguous"
@@ -105,6 +106,12 @@ def _outcome(truth: Mapping, verdict: Mapping, hidden: frozenset[str]) -> str:
     if named == hidden:
         return "right"
     return "partly" if named < hidden else "wrong"
+
+
+def _equivalent(verdict: Mapping) -> list[frozenset[str]]:
+    """The explanations that an ambiguous verdict holds to be equal; of other verdicts none."""
+    told = verdict["equivalent"] if verdict["verdict"] == "ambiguous" else ()
+    return [frozenset(label(effect) for effect in one) for one in told]
 
 
 def _stand_for(one: frozenset[str], hidden: frozenset[str], merged: Sequence[frozenset[str]]) -> bool:

@@ -7,6 +7,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import beta
 
+from jointgap.blind.draw import BASES
+
 LEVEL = 0.95
 
 
@@ -49,6 +51,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         ),
         *_grouped("nothing found, nothing hidden", nothing, lambda one: one["outcome"] == "right"),
         _share("both named and no third", seen_pairs, seen_pairs["outcome"] == "right"),
+        _share("wrong name, two effects", seen_pairs, seen_pairs["outcome"] == "wrong"),
         _share("undetectable", hidden, ~hidden["detectable"]),
         _median("error of the size", single["error"]),
         _of_values("size within the 90 % interval", single["covered"]),
@@ -56,7 +59,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         _median("gap after", single.loc[single["outcome"] == "right", "gap_after"]),
         _of_sums("false windows", trials["false_windows"], trials["windows"]),
         _of_sums("bins missed", trials["missed_bins"], trials["bins_off"]),
-        _median("seconds", trials["seconds"]),
+        *(_median("seconds", trials.loc[trials["base"] == base, "seconds"], f"base {base}") for base in BASES),
     ]
     for baseline in ("greedy", "sparse"):
         words = {"greedy": "greedy BIC", "sparse": "sparse regression"}[baseline]
@@ -92,15 +95,37 @@ def markdown(name: str, trials: pd.DataFrame) -> str:
         lines.append(
             f"| {row.what} | {row.group} | {row.count} | {_text(row.value)} | {_text(row.low)} - {_text(row.high)} |"
         )
-    for base in ("ideal", "loose", "chaotic"):
+    for base in BASES:
         part = trials[trials["base"] == base]
         if len(part):
             lines += ["", f"## What was named: base {base}", "", *_table(confusion(part))]
-    wrong = trials[trials["outcome"].isin(["wrong", "failed"])]
-    if len(wrong):
-        shown = ["id", "kind", "base", "size", "hidden", "verdict", "named", "reason"]
-        lines += ["", "## Wrong or failed", "", *_table(wrong[shown].set_index("id"))]
+    wrong = trials["outcome"].isin(["wrong", "failed"])
+    lines += _listed("Wrong or failed", trials[wrong])
+    abstained = (trials["kind"] == "off_list") & (trials["outcome"] == "unexplained")
+    lines += _listed("Neither right nor wrong", trials[~wrong & ~abstained & (trials["outcome"] != "right")])
     return "\n".join(lines) + "\n"
+
+
+def _listed(heading: str, trials: pd.DataFrame) -> list[str]:
+    """Trials one a row, those whose effect counts as undetectable last."""
+    if trials.empty:
+        return []
+    shown = [
+        "id",
+        "kind",
+        "base",
+        "size",
+        "gap_caused",
+        "detectable",
+        "hidden",
+        "verdict",
+        "named",
+        "outcome",
+        "reason",
+    ]
+    rows = trials.sort_values(["detectable", "kind", "base", "hidden"], ascending=[False, True, True, True])
+    rows = rows.round({"gap_caused": 2}).assign(detectable=rows["detectable"].map({True: "yes", False: "no"}))
+    return ["", f"## {heading}", "", *_table(rows[shown].set_index("id"))]
 
 
 def metrics(trials: pd.DataFrame) -> dict[str, float]:
@@ -114,7 +139,7 @@ def _without_sites(names: str) -> str:
 
 def _grouped(what: str, trials: pd.DataFrame, hit: Callable[[pd.DataFrame], pd.Series]) -> list[dict]:
     groups = {"all": trials}
-    groups |= {f"base {base}": trials[trials["base"] == base] for base in ("ideal", "loose", "chaotic")}
+    groups |= {f"base {base}": trials[trials["base"] == base] for base in BASES}
     groups |= {f"gap {size:g}": trials[trials["size"] == size] for size in sorted(set(trials["size"])) if size}
     groups |= {"from Exudyn": trials[trials["kind"] == "exudyn"]}
     return [_share(what, group, hit(group), name) for name, group in groups.items()]
@@ -140,11 +165,11 @@ def _of_sums(what: str, part: pd.Series, whole: pd.Series) -> dict:
     return _of_counts(what, "all", int(part.sum()), int(whole.sum()))
 
 
-def _median(what: str, values: pd.Series) -> dict:
+def _median(what: str, values: pd.Series, group: str = "all") -> dict:
     """Median with the interval between two of the sorted values, by the binomial distribution of how many lie below."""
     known = np.sort(values.dropna().to_numpy(float))
     count = known.size
-    found = {"what": f"{what}, median", "group": "all", "count": count}
+    found = {"what": f"{what}, median", "group": group, "count": count}
     if not count:
         return found | dict.fromkeys(("value", "low", "high"), math.nan)
     away = 0.5 * 1.96 * math.sqrt(count)

@@ -23,7 +23,7 @@ _TEXT = {
     "greedy_named": "what that names",
     "sparse": "outcome of sparse regression of the residual",
     "sparse_named": "what that names",
-    "reason": "why the analysis failed",
+    "reason": "what an ambiguous verdict leaves open, or why the analysis failed",
 }
 _NUMBERS = {
     "size": ("1", "whitened gap asked for"),
