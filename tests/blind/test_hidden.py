@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import yaml
 
-from jointgap.blind.conceal import autoregressive, conceal
+from jointgap.blind.batch import kept, of_files
+from jointgap.blind.conceal import autoregressive, beyond_nominal, conceal, drawn
 from jointgap.blind.draw import design
-from jointgap.blind.hidden import LISTED, OFF_LIST
+from jointgap.blind.hidden import LISTED, OFF_LIST, Hidden
 from jointgap.blind.motion import Turn, faulty, read
 from jointgap.blind.plan import EXUDYN, SIZES, Plan, Sizes, batches, plans
 from jointgap.blind.size import NEAR, SIZING, Gauge, sized
@@ -126,6 +127,36 @@ def test_a_campaign_can_be_read_and_tells_nothing_of_the_truth(tmp_path):
     assert set(measured.runs) == {"run1", "run2", "run3"}
     assert measured.runs[truth["confirm"]].held_out.all()
     assert set(measured.runs["run1"].channels) == set(truth["channels"])
+
+
+def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(tmp_path):
+    plan = Plan("0123456789ab", 2, "single", "ideal", 5.0, ("added_slider_mass",))
+    truth = conceal(plan, 11, tmp_path)
+    file = yaml.safe_load((tmp_path / "mechanism.yaml").read_text())
+    made, _, ((hidden, size),), _ = drawn(plan, np.random.default_rng([11, 1, plan.number]))
+    (stated,) = truth["effects"]
+    off = truth["nuisances"]["slider_mass"] - file["slider"]["mass"]
+    assert stated["parameters"]["mass_kg"] == pytest.approx(hidden.parameters(size)["mass_kg"] + off, rel=1e-12)
+    assert abs(off) > 1e-4
+    lengths = Hidden("link_length_error", "crank, rod", lambda size: {"rod_m": size}, 1e-4, 0.02)
+    known = beyond_nominal(made, lengths, 1e-3)
+    assert list(known) == ["rod_m", "crank_m"]
+    assert known["rod_m"] == 1e-3 + made.true["rod"]["length"] - made.nominal["rod"]["length"]
+
+
+def test_a_trial_is_done_again_where_it_failed_or_its_files_or_code_are_others(tmp_path):
+    (tmp_path / "campaign").mkdir()
+    (tmp_path / "campaign" / "run1.csv").write_text("1")
+
+    def done(code, **outcome):
+        return kept(tmp_path / "trial.json", f"{code} {of_files(tmp_path / 'campaign')}", lambda: outcome)
+
+    assert done("a", error="no memory")["error"] == "no memory"
+    assert done("a", verdict=1)["verdict"] == 1
+    assert done("a", verdict=2)["verdict"] == 1
+    assert done("b", verdict=3)["verdict"] == 3
+    (tmp_path / "campaign" / "run1.csv").write_text("2")
+    assert done("b", verdict=4)["verdict"] == 4
 
 
 def test_readings_are_the_truth_with_its_effect_and_noise(tmp_path):

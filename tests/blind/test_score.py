@@ -40,7 +40,7 @@ def told(
     return {
         "id": "a", "seconds": 3.0,
         "verdict": {
-            "verdict": verdict, "effects": list(effects), "equivalent": [list(one) for one in equivalent],
+            "verdict": verdict, "because": "so it is", "effects": list(effects), "equivalent": [list(one) for one in equivalent],
             "preflight": {"merged": [list(one) for one in merged], "undetectable": list(undetectable)},
             "where": list(where), "gap": {"confirm": {"before": gap[0], "after": gap[1]}},
         },
@@ -73,6 +73,17 @@ def test_an_ambiguous_verdict_is_right_where_preflight_foresaw_it():
     assert outcome(DRAG, verdict="ambiguous", equivalent=both, merged=merged) == "right"
     assert outcome(DRAG, verdict="ambiguous", equivalent=both) == "ambiguous"
     assert outcome(DRAG, verdict="ambiguous", equivalent=both[1:], merged=merged) == "ambiguous"
+
+
+def test_each_effect_of_a_pair_has_its_own_double_where_preflight_foresaw_the_ambiguity():
+    def one(name):
+        return {"name": name, "site": "slider", "listed": True, "parameters": {"a": 1.0}}
+
+    a, b, c, d = (one(name) for name in "abcd")
+    doubles = [[named(c), named(d)], [named(a), named(b)]]
+    ambiguous = {"verdict": "ambiguous", "equivalent": doubles}
+    assert scored(truth(c, d, kind="pair"), told(**ambiguous, merged=["ac", "bd"]))["outcome"] == "right"
+    assert scored(truth(c, d, kind="pair"), told(**ambiguous, merged=["abc"]))["outcome"] == "ambiguous"
 
 
 def test_with_nothing_hidden_nothing_is_right_and_any_name_is_wrong():
@@ -110,6 +121,8 @@ def test_what_preflight_calls_undetectable_is_apart_and_so_is_what_could_not_be_
     assert scored(truth(DRAG), told(effects=[named(DRAG)]))["detectable"]
     assert not scored(truth(DRAG), told(undetectable=["slider_quadratic_drag"]))["detectable"]
     assert not scored(truth(DRAG, gap=1.1), told())["detectable"]
+    assert scored(truth(DRAG), told(undetectable=["slider_quadratic_drag"]))["foreseen"]
+    assert not scored(truth(DRAG, gap=1.1), told())["foreseen"]
 
 
 def test_error_coverage_and_the_share_of_the_excess_closed():
@@ -119,6 +132,8 @@ def test_error_coverage_and_the_share_of_the_excess_closed():
     assert row["closed"] == pytest.approx(1 - 1.25 / 8)
     assert scored(truth(DRAG), told(effects=[named(DRAG, 2.1, 2.05, 2.2)]))["covered"] == 0.0
     assert math.isnan(scored(truth(DRAG), told(effects=[named(DRAG)], gap=(1.4, 1.0)))["closed"])
+    at_a_bound = scored(truth(DRAG), told(effects=[named(DRAG, 2.1, None, None)], gap=(3.0, None)))
+    assert (at_a_bound["covered"], at_a_bound["closed"]) == (0.0, 0.0)
 
 
 def test_a_window_is_false_where_nothing_differs_and_a_bin_is_missed_where_none_is():
@@ -150,6 +165,10 @@ def test_a_window_of_a_statistic_belongs_to_the_channel_that_it_is_of():
     assert (row["windows"], row["false_windows"], row["missed_bins"]) == (1, 0, 0)
 
 
+def test_what_is_not_named_is_listed_with_the_reason_that_the_verdict_gives():
+    assert scored(truth(DRAG), told(verdict="unexplained"))["reason"] == "so it is"
+
+
 def test_a_trial_that_failed_counts_and_says_why():
     row = scored(truth(DRAG), {"id": "a", "error": "InputError: no", "seconds": 1.0})
     assert (row["outcome"], row["reason"], row["detectable"]) == ("failed", "InputError: no", True)
@@ -171,6 +190,21 @@ def test_intervals_are_those_of_the_tables():
     assert interval(0, 10) == (0.0, pytest.approx(0.3085, abs=1e-4))
     assert interval(5, 10) == pytest.approx((0.1871, 0.8129), abs=1e-4)
     assert interval(10, 10) == (pytest.approx(0.6915, abs=1e-4), 1.0)
+
+
+def test_the_interval_of_a_median_lies_between_the_sorted_values_of_the_tables():
+    frame = trials_of(seconds=np.arange(1.0, 21.0))
+    row = rates(frame).set_index(["what", "group"]).loc[("seconds, median", "base ideal")]
+    assert (row["low"], row["value"], row["high"]) == (6.0, 10.5, 15.0)  # 6th and 15th of 20: 95.9 %
+
+
+def trials_of(seconds) -> pd.DataFrame:
+    names = [f"t{place}" for place in range(len(seconds))]
+    rows = [
+        scored(truth(name=name, kind="nothing"), {**told(verdict="no_disagreement"), "id": name, "seconds": one})
+        for name, one in zip(names, seconds, strict=True)
+    ]
+    return pd.DataFrame(rows)
 
 
 @pytest.fixture

@@ -77,6 +77,24 @@ def _concealed(plan: Plan, rng: np.random.Generator, folder: Path) -> dict:
     }
 
 
+_BEYOND = {
+    "added_slider_mass": {"mass_kg": ("slider", "mass")},
+    "link_length_error": {"crank_m": ("crank", "length"), "rod_m": ("rod", "length")},
+}
+
+
+def beyond_nominal(made: Design, one: Hidden, size: float) -> dict[str, float]:
+    """An effect's parameters as an analyst can know them, the drawn one first.
+
+    A mass that is added to one that is not exactly known, and likewise a length, is known by their sum alone: it counts from what
+    the mechanism file says.
+    """
+    found = dict(one.parameters(size))
+    for key, (body, what) in _BEYOND.get(one.name, {}).items():
+        found[key] = found.get(key, 0.0) + made.true[body][what] - made.nominal[body][what]
+    return found
+
+
 def told(plan: Plan, made: Design, gaps: Sequence[float]) -> dict:
     """What the sealed truth of every trial holds."""
     return {
@@ -140,7 +158,7 @@ def difference(made: Design, gauge: Gauge, hidden: Sequence) -> dict[str, dict[s
 
 
 def _effect(made: Design, one: Hidden, size: float) -> dict:
-    entry = {"name": one.name, "site": one.site, "listed": one.listed, "parameters": one.parameters(size)}
+    entry = {"name": one.name, "site": one.site, "listed": one.listed, "parameters": beyond_nominal(made, one, size)}
     if one.formula:
         entry["force"] = _visited(made, one, size)
     return entry

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jointgap.blind.conceal import difference, drawn, noisy, told
+from jointgap.blind.conceal import beyond_nominal, difference, drawn, noisy, told
 from jointgap.blind.draw import Design
 from jointgap.blind.exudyn_rig import FRICTION_ZONE, STEPS, simulate
 from jointgap.blind.files import written
@@ -31,7 +31,7 @@ def conceal_in_peer(plan: Plan, rng: np.random.Generator, folder: Path) -> dict:
         "numerics": {"code": "exudyn", "steps_per_revolution": STEPS, "friction_zone": FRICTION_ZONE},
         "difference": difference(replace(made, runs=gauge.design.runs), gauge, hidden),
         "effects": [
-            {"name": one.name, "site": one.site, "listed": True, "parameters": one.parameters(size)}
+            {"name": one.name, "site": one.site, "listed": True, "parameters": beyond_nominal(made, one, size)}
             for one, size in hidden
         ],
     }

@@ -5,9 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
-from scipy.stats import beta
+from scipy.stats import beta, binom
 
 from jointgap.blind.draw import BASES
+from jointgap.blind.size import NEAR
 
 LEVEL = 0.95
 
@@ -33,6 +34,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
     seen_pairs, off = pairs[pairs["detectable"]], trials[trials["kind"] == "off_list"]
     hidden = trials[trials["kind"].isin(["single", "exudyn", "pair"])]
     unseen = hidden[~hidden["detectable"]]
+    listed = trials[trials["kind"].isin(["single", "exudyn"]) & ~trials["foreseen"]]
     rows = [
         *_grouped("right name", single, lambda one: one["outcome"] == "right"),
         _share(
@@ -40,6 +42,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
             single,
             (single["outcome"] == "right") & (single["verdict"] == "ambiguous"),
         ),
+        _share("right, small effects too that preflight does not exclude", listed, listed["outcome"] == "right"),
         *_grouped("wrong name", single, lambda one: one["outcome"] == "wrong"),
         _share("wrong name, effect undetectable", unseen, unseen["outcome"] == "wrong"),
         *_grouped("ambiguous", single, lambda one: one["outcome"] == "ambiguous"),
@@ -49,10 +52,13 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         _share(
             "unexplained or the force found, effect off the list", off, off["outcome"].isin(["unexplained", "right"])
         ),
+        _share("ambiguous or missed, effect off the list", off, off["outcome"].isin(["ambiguous", "missed"])),
         *_grouped("nothing found, nothing hidden", nothing, lambda one: one["outcome"] == "right"),
         _share("both named and no third", seen_pairs, seen_pairs["outcome"] == "right"),
         _share("wrong name, two effects", seen_pairs, seen_pairs["outcome"] == "wrong"),
         _share("undetectable", hidden, ~hidden["detectable"]),
+        _share("undetectable, as preflight says", hidden, hidden["foreseen"]),
+        _share("failed", trials, trials["outcome"] == "failed"),
         _median("error of the size", single["error"]),
         _of_values("size within the 90 % interval", single["covered"]),
         _median("share of the excess closed", single["closed"]),
@@ -140,7 +146,10 @@ def _without_sites(names: str) -> str:
 def _grouped(what: str, trials: pd.DataFrame, hit: Callable[[pd.DataFrame], pd.Series]) -> list[dict]:
     groups = {"all": trials}
     groups |= {f"base {base}": trials[trials["base"] == base] for base in BASES}
-    groups |= {f"gap {size:g}": trials[trials["size"] == size] for size in sorted(set(trials["size"])) if size}
+    larger = trials["gap_caused"] > (1 + 2 * NEAR) * trials["size"]
+    sizes = sorted(set(trials["size"]) - {0.0})
+    groups |= {f"gap {size:g}": trials[(trials["size"] == size) & ~larger] for size in sizes}
+    groups |= {"gap larger than asked for": trials[larger & (trials["size"] > 0)]}
     groups |= {"from Exudyn": trials[trials["kind"] == "exudyn"]}
     return [_share(what, group, hit(group), name) for name, group in groups.items()]
 
@@ -172,9 +181,8 @@ def _median(what: str, values: pd.Series, group: str = "all") -> dict:
     found = {"what": f"{what}, median", "group": group, "count": count}
     if not count:
         return found | dict.fromkeys(("value", "low", "high"), math.nan)
-    away = 0.5 * 1.96 * math.sqrt(count)
-    low, high = (min(max(round(0.5 * count + sign * away), 0), count - 1) for sign in (-1, 1))
-    return found | {"value": float(np.median(known)), "low": float(known[low]), "high": float(known[high])}
+    low = max(int(binom.ppf((1 - LEVEL) / 2, count, 0.5)) - 1, 0)
+    return found | {"value": float(np.median(known)), "low": float(known[low]), "high": float(known[count - 1 - low])}
 
 
 def _text(value: float) -> str:
@@ -184,7 +192,12 @@ def _text(value: float) -> str:
 def _table(frame: pd.DataFrame) -> list[str]:
     lines = [f"| {frame.index.name} | {' | '.join(map(str, frame.columns))} |", "| --- " * (frame.shape[1] + 1) + "|"]
     for name, row in frame.iterrows():
-        lines.append(
-            f"| {name} | {' | '.join(str(value) if value or isinstance(value, str) else '' for value in row)} |"
-        )
+        lines.append(f"| {name} | {' | '.join(map(_cell, row))} |")
     return lines
+
+
+def _cell(value) -> str:
+    """Text that breaks no table; nothing for a count of zero, and for a number that is not known."""
+    if isinstance(value, str):
+        return " ".join(value.replace("|", "/").split())
+    return str(value) if value and not math.isnan(value) else ""

@@ -23,7 +23,7 @@ _TEXT = {
     "greedy_named": "what that names",
     "sparse": "outcome of sparse regression of the residual",
     "sparse_named": "what that names",
-    "reason": "what an ambiguous verdict leaves open, or why the analysis failed",
+    "reason": "why the verdict is what it is, what it leaves open if it is ambiguous, or why the analysis failed",
 }
 _NUMBERS = {
     "size": ("1", "whitened gap asked for"),
@@ -49,6 +49,7 @@ TRIALS = Table(
     (
         *(Column(name, "", meaning, "text") for name, meaning in _TEXT.items()),
         Column("detectable", "", "an effect is hidden that preflight calls detectable, as large as asked for", "bool"),
+        Column("foreseen", "", "an effect is hidden that preflight calls undetectable", "bool"),
         *(Column(name, unit, meaning, nullable=True) for name, (unit, meaning) in _NUMBERS.items()),
     ),
 )
@@ -71,6 +72,6 @@ def trials(truths: Iterable[Path], founds: Iterable[Path]) -> pd.DataFrame:
     rows = pd.DataFrame([scored(truth[trial], found[trial]) for trial in sorted(truth)])
     columns = [column.name for column in TRIALS.columns]
     return rows.reindex(columns=columns).assign(
-        detectable=lambda frame: frame["detectable"].astype(bool),
+        **{name: lambda frame, name=name: frame[name].astype(bool) for name in ("detectable", "foreseen")},
         **{name: lambda frame, name=name: frame[name].astype(np.float64) for name in _NUMBERS},
     )

@@ -25,7 +25,7 @@ def blind_conceal(
     """Draw the campaigns of one batch, hide effects in their data, and seal the truth elsewhere."""
     import json
 
-    from jointgap.blind.batch import kept, pieces
+    from jointgap.blind.batch import kept, of_files, pieces
     from jointgap.blind.conceal import conceal
     from jointgap.blind.plan import chosen, read_sets
     from jointgap.tables import write_text
@@ -33,8 +33,13 @@ def blind_conceal(
     sizes = chosen(read_sets(sets), name)
     plans, found, code = pieces(sizes, batch), [], f"{code} {sizes.model_dump_json()}"
     for plan in plans:
-        place = sealed / f"{plan.id}.json"
-        found.append(kept(place, code, lambda plan=plan: conceal(plan, sizes.seed, campaigns / plan.id)))
+        place, campaign = sealed / f"{plan.id}.json", campaigns / plan.id
+
+        def made(plan=plan, campaign=campaign):
+            truth = conceal(plan, sizes.seed, campaign)
+            return truth | {"files": of_files(campaign)}
+
+        found.append(kept(place, code, made, {"files": of_files(campaign)}))
         click.echo(plan.id)
     write_text(truth, json.dumps(found) + "\n")
     write_text(listed, "".join(f"{plan.id}\n" for plan in plans))
@@ -51,13 +56,13 @@ def blind_analyse(listed: Path, campaigns: Path, verdicts: Path, found: Path, co
     import json
 
     from jointgap.blind.analyse import analysed
-    from jointgap.blind.batch import kept
+    from jointgap.blind.batch import kept, of_files
     from jointgap.tables import write_text
 
     told = []
     for trial in listed.read_text(encoding="utf-8").split():
-        place = verdicts / trial / "trial.json"
-        told.append(kept(place, code, lambda trial=trial: analysed(campaigns / trial, verdicts / trial)))
+        place, same = verdicts / trial / "trial.json", f"{code} {of_files(campaigns / trial)}"
+        told.append(kept(place, same, lambda trial=trial: analysed(campaigns / trial, verdicts / trial)))
         verdict = told[-1].get("verdict", {}).get("verdict", told[-1].get("error"))
         click.echo(f"{trial} {verdict} {told[-1]['seconds']} s")
     write_text(found, json.dumps(told) + "\n")
