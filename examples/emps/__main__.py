@@ -10,7 +10,7 @@ from jointgap.discrepancy.calibrate import thresholds
 from jointgap.discrepancy.decide import Decision
 from jointgap.discrepancy.fit import Fit
 from jointgap.discrepancy.naming import fitted, pairs, refined, shortlist, verdict
-from jointgap.discrepancy.noise import estimate_noise
+from jointgap.discrepancy.noise import degrees_of_freedom, estimate_noise
 from jointgap.discrepancy.recalibrate import Recalibrated, other_numerics, recalibrate
 from jointgap.discrepancy.screen import signatures
 from jointgap.errors import InputError
@@ -34,9 +34,13 @@ def name(model: Emps) -> Named:
     """All stages from the noise to the verdict."""
     nominal = {p.name: p.nominal for p in model.nuisances}
     missed = {s.key: s.value - model.simulate(s.run, nominal)[s.channel] for s in model.series}
-    base = recalibrate(model, estimate_noise(model, missed))
+    noise = estimate_noise(model, missed)
+    base = recalibrate(model, noise)
     known = signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    numerics = other_numerics(base.problem, base.base)
+    limits = thresholds(
+        base.problem, known, numerics, noise_dof=degrees_of_freedom(noise), rough=base.differences.rough_chi2
+    )
     singles = [fitted(base, known, one) for one in shortlist(known, limits)]
     doubles = [fitted(base, known, *pair) for pair in pairs(base, known, singles, limits)]
     decision = verdict(base, known, [*singles, *doubles], limits)

@@ -8,7 +8,7 @@ from jointgap.campaign import decide, fit, noise, screen
 from jointgap.campaign.decide import Outcome
 from jointgap.discrepancy.fit import Fit
 from jointgap.discrepancy.naming import pairs
-from jointgap.discrepancy.noise import FoundNoise, numerics_noise
+from jointgap.discrepancy.noise import FoundNoise, degrees_of_freedom, numerics_noise
 from jointgap.discrepancy.protocol import Model
 from jointgap.discrepancy.recalibrate import Recalibrated, recalibrate
 from tests.discrepancy.toy import toy
@@ -36,7 +36,7 @@ def chain() -> Chain:
     base = recalibrate(model, found)
     whole = numerics_noise(model, base.base.mapping, found)
     whole |= {part.series.key: part.noise for part in base.problem.parts}
-    screening = screen.screen(base, 0.01, noise.degrees_of_freedom(found))
+    screening = screen.screen(base, 0.01, degrees_of_freedom(found))
     fits, seconds = fit.fits(base, screening.known, [(one, None) for one in screening.chosen])
     doubles, more = fit.fits(base, screening.known, pairs(base, screening.known, fits, screening.limits))
     fits, seconds = [*fits, *doubles], [*seconds, *more]

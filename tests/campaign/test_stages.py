@@ -248,8 +248,15 @@ def test_look_alikes_survive_as_groups_and_advice_names_what_separates_them():
     cosines = pd.DataFrame(np.eye(3), index=labels, columns=labels)
     assert preflight.groups(preflight.pairs(cosines, [["c", "a"]])) == [["a", "c"]]
     advice = pd.DataFrame({"change": ["channel x", "run y"], "separated": ["b | c", "a | c, a | b"]})
-    assert preflight.separated_by(advice, [{"a"}, {"c"}]) == "A further run y would separate them."
-    assert "No single" in preflight.separated_by(advice, [{"a", "d"}, {"a", "e"}])
+    told = preflight.separated_by(advice, [{"a"}, {"c"}], [["a", "c"]])
+    assert told == "A further run y would separate them."
+    assert "No single" in preflight.separated_by(advice, [{"a", "d"}, {"a", "e"}], [["d", "e"]])
+
+
+def test_what_the_plan_could_tell_apart_is_told_apart_by_more_or_better_data():
+    advice = pd.DataFrame({"change": ["run y"], "separated": ["b | c"]})
+    for explanations in ([{"a"}, {"c"}], [{"a"}, {"a", "b"}]):
+        assert "measure longer" in preflight.separated_by(advice, explanations, [["b", "c"]])
 
 
 def test_every_table_of_a_stage_has_one_place_and_a_description():

@@ -38,8 +38,8 @@ class Gauge:
     Parameters
     ----------
     design : Design
-    held_out : bool
-        Whether to measure the run that takes no part, instead of the others.
+    runs : sequence of str
+        Those that are measured.
     """
 
     def __init__(self, design: Design, runs: Sequence[str]):

@@ -33,9 +33,9 @@ def conclude(case: Case) -> dict[str, Any]:
     case : Case
         All stages up to confirm have run.
     """
-    folder = case.folder
+    folder, outcome = case.folder, case.outcome("regress")
+    separated = _separated_by(case, outcome.equivalent)
     detectable, confusability, gaps = (folder.read(name) for name in ("detectable", "confusability", "gaps"))
-    outcome = case.outcome("regress")
     found = verdict.document(
         case.campaign.name,
         outcome,
@@ -45,7 +45,7 @@ def conclude(case: Case) -> dict[str, Any]:
         held_out(gaps, {run.id: run.role for run in case.campaign.runs}),
         {"undetectable": undetectable(detectable), "merged": groups(confusability)},
         FALSE_ALARM_RATE,
-        _separated_by(case, outcome.equivalent),
+        separated,
         clockwise(case.campaign),
     )
     write_text(folder.path / VERDICT, verdict.text(found))
@@ -75,10 +75,13 @@ def _noise_remarks(case: Case) -> list[str]:
 
 
 def _separated_by(case: Case, equivalent: list[Fit]) -> str:
-    """Which experiment would tell the explanations apart, in a sentence; empty where there is but one."""
+    """Which experiment would tell the explanations apart, in a sentence; empty where there is but one.
+
+    Where advice has not been sought yet, all tables of the preflight are written again.
+    """
     if not equivalent:
         return ""
     if not case.folder.place("advice").is_file():
         preflight(case)
     explanations = [{candidate.label for candidate in fit.explanation} for fit in equivalent]
-    return separated_by(case.folder.read("advice"), explanations)
+    return separated_by(case.folder.read("advice"), explanations, groups(case.folder.read("confusability")))

@@ -51,12 +51,6 @@ def _guess(series) -> Noise:
     return Noise(np.full(series.value.shape, spread), source="guessed")
 
 
-def degrees_of_freedom(found: Mapping[tuple[str, str], FoundNoise]) -> float:
-    """From how many independent numbers the noise was found; infinite where all of it is stated."""
-    estimated = [one.effective_samples for one in found.values() if one.source != "stated"]
-    return float(np.nansum(estimated)) / 2.0 if estimated else np.inf  # a cycle is told from the next one alone
-
-
 def to_frames(found: Mapping[tuple[str, str], FoundNoise]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Tables `jointgap.tables.NOISE` and `jointgap.tables.NOISE_MEMORY`."""
     samples, memory = [], []

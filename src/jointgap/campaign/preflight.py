@@ -156,7 +156,7 @@ def undetectable(detectable: pd.DataFrame) -> list[str]:
     return list(seen.index[~seen])
 
 
-def separated_by(advice: pd.DataFrame, explanations: list[set[str]]) -> str:
+def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]) -> str:
     """Which further experiment would tell explanations apart, in a sentence.
 
     Parameters
@@ -165,9 +165,13 @@ def separated_by(advice: pd.DataFrame, explanations: list[set[str]]) -> str:
         Table `jointgap.tables.ADVICE`.
     explanations : list of sets of labels
         Best first.
+    merged : lists of labels
+        Groups that the campaign cannot tell apart. Advice was sought for these alone.
     """
     first, *others = explanations
     sought = {frozenset((a, b)) for other in others for a in first - other for b in other - first}
+    if not any(pair <= set(group) for pair in sought for group in merged):
+        return "These runs and channels can tell them apart, but not with so much noise: measure longer, or with less of it."
     for row in advice.itertuples():
         told = {frozenset(pair.split(_SEPARATOR)) for pair in row.separated.split(", ") if pair}
         if sought & told:

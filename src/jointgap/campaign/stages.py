@@ -87,10 +87,10 @@ def locate(case: Case) -> None:
 
 def screen(case: Case) -> None:
     """Simulate every candidate at a small size, and choose what is worth a fit."""
-    from jointgap.campaign import noise as scattering
     from jointgap.campaign import screen as screening
+    from jointgap.discrepancy.noise import degrees_of_freedom
 
-    dof = scattering.degrees_of_freedom(case.noise)
+    dof = degrees_of_freedom(case.noise)
     found = case.screening = screening.screen(case.recalibrated, FALSE_ALARM_RATE, dof, SEED)
     derivatives, shapes = screening.to_frames(found.known)
     case.folder.write("signatures", derivatives)

@@ -55,6 +55,8 @@ def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
     """
     case, seconds = Case(Path(campaign), Path(folder)), {}
     case.folder.check_writable(*(f"{name}/0" if name in ("fit", "pair") else name for name in ORDER), "conclude")
+    for name in ("advice", "campaign_optimum"):  # of earlier data, in a folder that is used again
+        case.folder.place(name).unlink(missing_ok=True)
     for name in ORDER:
         begin = time.monotonic()
         getattr(stages, name)(case, **_OPTIONS.get(name, {}))

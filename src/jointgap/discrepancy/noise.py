@@ -64,6 +64,12 @@ def estimate_noise(model: Model, residuals: Mapping[Key, np.ndarray]) -> dict[Ke
     return {series.key: _noise_of(series, residuals[series.key]) for series in model.series}
 
 
+def degrees_of_freedom(found: Mapping[Key, FoundNoise]) -> float:
+    """From how many independent numbers the noise was found; infinite where all of it is stated."""
+    estimated = [one.effective_samples for one in found.values() if one.source != "stated"]
+    return float(np.nansum(estimated)) / 2.0 if estimated else np.inf  # a cycle is told from the next one alone
+
+
 def telling(series: Series) -> np.ndarray:
     """Samples of a series that may tell its noise, shape (n,) bool: those for fitting, or all where all of it is held out."""
     return ~series.held_out | series.held_out.all()

@@ -2,7 +2,7 @@
 
 from jointgap.config.campaign.campaign import Campaign, CampaignRun, Csv
 from jointgap.config.campaign.channels import CHANNELS, Channel
-from jointgap.config.campaign.load import campaign_json_schema, load_campaign, parse_campaign
+from jointgap.config.campaign.load import campaign_json_schema, load_campaign
 from jointgap.config.campaign.nuisance import NUISANCES, PINS
 
 __all__ = [
@@ -15,5 +15,4 @@ __all__ = [
     "Csv",
     "campaign_json_schema",
     "load_campaign",
-    "parse_campaign",
 ]

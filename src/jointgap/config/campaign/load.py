@@ -6,7 +6,7 @@ from typing import Any
 from jointgap.config.campaign.campaign import Campaign
 from jointgap.config.campaign.channels import CHANNELS
 from jointgap.config.campaign.nuisance import NUISANCES
-from jointgap.config.load import parse_json, read_yaml, validate, with_mechanism
+from jointgap.config.load import read_yaml, validate, with_mechanism
 
 
 def load_campaign(path: Path | str) -> Campaign:
@@ -22,19 +22,6 @@ def load_campaign(path: Path | str) -> Campaign:
     if isinstance(data.get("folder", ""), str):
         data = data | {"folder": path.parent / data.get("folder", "")}
     return validate(Campaign, data, str(path))
-
-
-def parse_campaign(text_or_path: str) -> Campaign:
-    """The campaign in JSON text, as ``model_dump_json`` writes it, or in the file at a path.
-
-    Raises
-    ------
-    InputError
-        As in `load_campaign`; not JSON.
-    """
-    if text_or_path.lstrip().startswith("{"):
-        return validate(Campaign, parse_json(text_or_path, "--campaign"), "--campaign")
-    return load_campaign(text_or_path)
 
 
 def campaign_json_schema() -> dict[str, Any]:

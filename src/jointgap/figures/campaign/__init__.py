@@ -30,9 +30,6 @@ CATALOGUE = {
 }
 """Every figure of a campaign: title, section of the report, ``module:function`` in here, and the tables it needs."""
 
-PREFLIGHT = ("confusability", "detectable")
-"""Those that need no measured data."""
-
 
 def draw(name: str, tables: Mapping[str, pd.DataFrame | None], verdict: Mapping[str, Any]) -> "Drawing":
     """Draw one figure of a campaign.
