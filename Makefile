@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .PHONY: help run smoke study campaign blind report test test-slow lint bench dashboard clean set-up
 
 PROFILE ?= local
-SET ?= development
+SET ?= published
 CORES ?=
 ARGS ?=
 snakemake_options = --workflow-profile workflow/profiles/$(PROFILE) $(if $(CORES),--cores $(CORES)) $(ARGS)
@@ -32,7 +32,7 @@ campaign: set-up ## what is missing in the model of CAMPAIGN=config/campaigns/mi
 	@scripts/in-venv scripts/run-workflow results/campaign-report.html campaigned $(snakemake_options) \
 		$(if $(CAMPAIGN),--config "campaigns=[\"$$CAMPAIGN\"]")
 
-blind: set-up ## campaigns with hidden effects, analysed and scored; SET=development|published|small
+blind: set-up ## campaigns with hidden effects, analysed and scored: a night; SET=small for a quick one
 	@scripts/in-venv scripts/run-workflow results/blind-report.html --snakefile workflow/blind/Snakefile \
 		--config set=$(SET) $(snakemake_options)
 
