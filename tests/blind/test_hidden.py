@@ -1,6 +1,7 @@
 """What is hidden is what the truth says, and as large as was asked for."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,6 +70,15 @@ def test_the_gap_is_what_was_asked_for(rig, name):
 
 def test_nothing_hidden_leaves_the_gap_of_the_noise(rig):
     assert rig[1].gap([]) == 1.0
+
+
+def test_other_numerics_leave_a_gap_where_an_effect_rests_on_them(rig):
+    made, gauge = rig
+    friction = LISTED["slider_coulomb_friction"](made.rig(gauge.spread()), np.random.default_rng(1))
+    hidden = [(friction, 20 * friction.first)]
+    assert gauge.numerics_gap(hidden, SIZING) == 1.0
+    assert 1.0 < gauge.numerics_gap(hidden, replace(SIZING, sign_factor=3.0))
+    assert gauge.numerics_gap([], replace(SIZING, sign_factor=3.0)) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_what_a_nuisance_can_take_up_is_no_gap(rig):

@@ -24,7 +24,7 @@ LAG = {"name": "sensor_lag", "site": "crank_torque", "listed": True, "parameters
 def truth(*effects, kind="single", gap=5.0, difference=None, name="a") -> dict:
     return {
         "id": name, "kind": kind, "base": "ideal", "size": 5.0 if effects else 0.0, "effects": list(effects),
-        "gaps": [gap] * len(effects), "difference": difference,
+        "gaps": [gap] * len(effects), "difference": difference, "numerics_gap": 1.0,
     }  # fmt: skip
 
 

@@ -72,6 +72,7 @@ def _concealed(plan: Plan, rng: np.random.Generator, folder: Path) -> dict:
     return {
         **told(plan, made, gaps),
         "numerics": vars(made.numerics),
+        "numerics_gap": round(gauge.numerics_gap(hidden, made.numerics), 3) if isinstance(gauge, Gauge) else None,
         "difference": difference(made, gauge, hidden) if isinstance(gauge, Gauge) else None,
         "effects": [_effect(made, one, size) for one, size in hidden],
     }

@@ -29,6 +29,7 @@ def conceal_in_peer(plan: Plan, rng: np.random.Generator, folder: Path) -> dict:
     return {
         **told(plan, made, gaps),
         "numerics": {"code": "exudyn", "steps_per_revolution": STEPS, "friction_zone": FRICTION_ZONE},
+        "numerics_gap": None,
         "difference": difference(replace(made, runs=gauge.design.runs), gauge, hidden),
         "effects": [
             {"name": one.name, "site": one.site, "listed": True, "parameters": beyond_nominal(made, one, size)}

@@ -60,6 +60,7 @@ def scored(truth: Mapping[str, Any], told: Mapping[str, Any]) -> dict[str, Any]:
         "size": truth["size"],
         "hidden": " + ".join(sorted(hidden)) or "nothing",
         "gap_caused": min(truth["gaps"]) if truth["gaps"] else math.nan,
+        "numerics_gap": math.nan if truth["numerics_gap"] is None else truth["numerics_gap"],
         "verdict": verdict["verdict"] if verdict else "failed",
         "named": "",
         "detectable": bool(hidden),

@@ -142,9 +142,20 @@ class Gauge:
         moved = lsq_linear(slopes / scale, white, (low * scale, high * scale)).x / scale
         return white - slopes @ moved, plain - others @ moved
 
+    def numerics_gap(self, hidden: Found, numerics: Numerics) -> float:
+        """Gap between two simulations of the truth, by `numerics` and by those of the gauge, before nuisances move."""
+        turns, sensors = self.design.runs, tuple(self.design.sensors)
+        seen, other = (
+            {run: read(self.design.true, turns[run], chosen, sensors, hidden) for run in self.runs}
+            for chosen in (SIZING, numerics)
+        )
+        return self._gap(self._difference(seen, other)[0])
+
     def gap(self, hidden: Found) -> float:
         """Root of 1 plus the mean over runs and channels of the leftover's mean square."""
-        left = self.leftover(hidden)
+        return self._gap(self.leftover(hidden))
+
+    def _gap(self, left: np.ndarray) -> float:
         return math.sqrt(1 + float(np.mean([np.mean(left[one.place] ** 2) for one in self.yardsticks])))
 
 

@@ -122,6 +122,7 @@ def _listed(heading: str, trials: pd.DataFrame) -> list[str]:
         "base",
         "size",
         "gap_caused",
+        "numerics_gap",
         "detectable",
         "hidden",
         "verdict",
@@ -130,7 +131,9 @@ def _listed(heading: str, trials: pd.DataFrame) -> list[str]:
         "reason",
     ]
     rows = trials.sort_values(["detectable", "kind", "base", "hidden"], ascending=[False, True, True, True])
-    rows = rows.round({"gap_caused": 2}).assign(detectable=rows["detectable"].map({True: "yes", False: "no"}))
+    rows = rows.round({"gap_caused": 2, "numerics_gap": 2}).assign(
+        detectable=rows["detectable"].map({True: "yes", False: "no"})
+    )
     return ["", f"## {heading}", "", *_table(rows[shown].set_index("id"))]
 
 

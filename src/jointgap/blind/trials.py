@@ -28,6 +28,10 @@ _TEXT = {
 _NUMBERS = {
     "size": ("1", "whitened gap asked for"),
     "gap_caused": ("1", "whitened gap that the smallest of the effects causes after recalibration, without noise"),
+    "numerics_gap": (
+        "1",
+        "gap that the truth leaves, simulated by usual numerics; not known of chaotic motion and from Exudyn",
+    ),
     "seconds": ("s", "time that the analysis took"),
     "error": ("1", "relative error of the effect's size, where it is named right"),
     "covered": ("1", "share of sizes within their 90 % interval"),
