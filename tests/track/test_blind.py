@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
@@ -20,10 +19,10 @@ def made_up(right: int, count: int = 4) -> pd.DataFrame:
     """Trials with one effect each, of which the first `right` were named right, and one with nothing hidden."""
     rows = [{"kind": "single", "hidden": "gravity", "outcome": "right" if i < right else "wrong"} for i in range(count)]
     rows.append({"kind": "nothing", "hidden": "nothing", "outcome": "right"})
-    numbers = {column.name: np.nan for column in TRIALS.columns if column.kind == "float"}
+    numbers = {column.name: 1.0 for column in TRIALS.columns if column.kind == "float"}  # every figure is known
     text = {column.name: "-" for column in TRIALS.columns if column.kind == "text"}
     frame = pd.DataFrame([text | numbers | {"base": "ideal", "size": 5.0, "seconds": 2.0} | row for row in rows])
-    return frame.assign(detectable=frame["kind"] == "single", id=[f"trial{i}" for i in frame.index])
+    return frame.assign(detectable=frame["kind"] == "single", foreseen=False, id=[f"trial{i}" for i in frame.index])
 
 
 def scored(folder, trials: pd.DataFrame):
@@ -48,7 +47,7 @@ def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(tmp_path):
     assert record.metrics["right name/all"] == 0.75
     assert record.metrics["right name/gap 5"] == 0.75
     assert record.metrics["trials/single"] == 4
-    assert record.costs == {"seconds/median/all": 2.0}
+    assert record.costs == {"seconds/median/base ideal": 2.0}
     assert len(record.metrics) + len(record.costs) == len(rates(made_up(3))) + 2  # and two kinds counted
     assert set(record.files) == {"summary.md", "figures/rates.svg"}
 

@@ -42,5 +42,5 @@ def records(folder: Path) -> list[Record]:
 
 
 def _allowed(name: str) -> str:
-    """A name that MLflow takes, which knows no comma; it groups what stands before a stroke."""
-    return name.replace(": ", "/").replace(", ", "/")
+    """A name that MLflow takes, which knows no comma and no %; it groups what stands before a stroke."""
+    return name.replace(": ", "/").replace(", ", "/").replace("%", "percent")
