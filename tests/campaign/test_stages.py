@@ -256,7 +256,7 @@ def test_look_alikes_survive_as_groups_and_advice_names_what_separates_them():
 def test_what_the_plan_could_tell_apart_is_told_apart_by_more_or_better_data():
     advice = pd.DataFrame({"change": ["run y"], "separated": ["b | c"]})
     for explanations in ([{"a"}, {"c"}], [{"a"}, {"a", "b"}]):
-        assert "measure longer" in preflight.separated_by(advice, explanations, [["b", "c"]])
+        assert "a longer record" in preflight.separated_by(advice, explanations, [["b", "c"]])
 
 
 def test_every_table_of_a_stage_has_one_place_and_a_description():

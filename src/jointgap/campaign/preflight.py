@@ -171,7 +171,7 @@ def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Ite
     first, *others = explanations
     sought = {frozenset((a, b)) for other in others for a in first - other for b in other - first}
     if not any(pair <= set(group) for pair in sought for group in merged):
-        return "These runs and channels can tell them apart, but not with so much noise: measure longer, or with less of it."
+        return "Preflight does not count them as alike: a longer record, or one with less noise, should separate them."
     for row in advice.itertuples():
         told = {frozenset(pair.split(_SEPARATOR)) for pair in row.separated.split(", ") if pair}
         if sought & told:
