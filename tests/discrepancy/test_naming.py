@@ -7,8 +7,9 @@ import pytest
 
 from jointgap.discrepancy.calibrate import thresholds
 from jointgap.discrepancy.decide import Decision
+from jointgap.discrepancy.explain import doubles, singles
 from jointgap.discrepancy.fit import fit
-from jointgap.discrepancy.naming import beside_best, fitted, pairs, shortlist, swapped, verdict
+from jointgap.discrepancy.naming import beside_best, fitted, shortlist, swapped, verdict
 from jointgap.discrepancy.protocol import Candidate, Parameter
 from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
 from jointgap.discrepancy.screen import Screen, signatures
@@ -22,8 +23,8 @@ def named(effects=None, more=(), **how) -> tuple[Decision, float]:
     base = recalibrate(model, stated_noise(model))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    fits = [fitted(base, known, one) for one in shortlist(known, limits)]
-    fits += [fitted(base, known, *pair) for pair in pairs(base, known, fits, limits)]
+    fits, _ = singles(base, known, limits)
+    fits = [*fits, *doubles(base, known, limits, fits)[0]]
     fits += swapped(base, known, fits)
     return verdict(base, known, fits, limits), base.problem.gap(base.base.residual)
 

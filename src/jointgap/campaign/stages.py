@@ -101,23 +101,21 @@ def screen(case: Case) -> None:
 
 def fit(case: Case, part: int = 0, parts: int = 1) -> None:
     """Fit one part of the chosen single effects by forward simulation."""
-    from jointgap.campaign import fit as fitting
     from jointgap.campaign import fits
+    from jointgap.discrepancy import explain
 
-    chosen = [(one, None) for one in case.screening.chosen]
-    found, seconds = fitting.fits(case.recalibrated, case.screening.known, chosen, part, parts)
+    screened = case.screening
+    found, seconds = explain.singles(case.recalibrated, screened.known, screened.limits, part, parts)
     case.folder.write_all(fits.to_frames(found, seconds, whole=True), f"fit/{part}")
 
 
 def pair(case: Case, part: int = 0, parts: int = 1) -> None:
     """Fit one part of the pairs that are worth it beside the single effects, which as many parts have fitted."""
-    from jointgap.campaign import fit as fitting
     from jointgap.campaign import fits
-    from jointgap.discrepancy.naming import pairs
+    from jointgap.discrepancy import explain
 
-    known, limits = case.screening.known, case.screening.limits
-    chosen = pairs(case.recalibrated, known, case.fits("fit", parts)[0], limits)
-    found, seconds = fitting.fits(case.recalibrated, known, chosen, part, parts)
+    screened, (alone, _) = case.screening, case.fits("fit", parts)
+    found, seconds = explain.doubles(case.recalibrated, screened.known, screened.limits, alone, part, parts)
     case.folder.write_all(fits.to_frames(found, seconds), f"pair/{part}")
 
 

@@ -170,8 +170,8 @@ def _objection(one: Fit, nuisance_bounds) -> str:
         }
         if not any(sizes.values()):
             return f"{candidate.label} is fitted with no size"
-        if not candidate.replaces:
-            continue
+        if not candidate.replaces or candidate.replaces.keys() & {p.name for p in candidate.coordinates}:
+            continue  # where it leaves the rest of a shared nuisance to be fitted, the effect is that the two differ
         errors = errors or dict(zip((p.key for p in one.parameters), np.sqrt(np.diag(one.covariance())), strict=True))
         within = {size: nuisance_bounds[name] for name, size in candidate.replaces.items()}
         if all(

@@ -4,7 +4,7 @@ Gauss-Newton steps within bounds, damped where they overreach (Levenberg-Marquar
 after each step by what the step found (Broyden's rank-one update) and made anew where that no longer helps.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,10 @@ _PATIENCE = 4  # steps over which a fit that is still poor has to gain
 _PROGRESS = 0.02  # of its chi2
 _POOR = 2.0  # chi2 per sample
 _BEATEN, _SHORT, _HASTE = 3.0, 2, 0.2  # chi2 over that of an explanation that is enough; patience and progress there
+_COARSE, _FEW_STEPS = (
+    0.01,
+    10,
+)  # of its chi2, what a step is worth where fits are but on their way, and how many steps there
 _ROUGH = 10.0  # damping at which steps are so short that a gain foretold and not found is the model's roughness
 _ROUGHNESS = "steps that should help do not: the motion depends on its parameters roughly here"
 
@@ -122,6 +126,7 @@ def fit(
     refresh: bool = False,
     vary: Sequence[Parameter] | None = None,
     enough: float = np.inf,
+    view: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Fit:
     """Fit nuisances and the parameters of an explanation's effects.
 
@@ -142,6 +147,9 @@ def fit(
         Vary these alone, the others stay at `start`. All that belong to the explanation by default.
     enough : float
         chi2 of another explanation that leaves noise alone: a fit far above it, and no more in haste, ends early.
+    view : function
+        Linear, from residuals or a Jacobian to what of them is to be small (`jointgap.discrepancy.coarse`): such a fit is on its way
+        to another, and takes less care.
 
     Returns
     -------
@@ -172,20 +180,22 @@ def fit(
         return finished(FAILED, str(error))
 
     # `fresh`: the Jacobian was made at x. `trusted`: it foretold the last step well, so it may say that the end is reached.
-    fresh, trusted, damping = not known, True, 0.0
-    status, reason = STOPPED, f"no end after {_MOST_STEPS} steps"
-    rough = differences.rough_chi2
-    course = [float(r @ r)]
-    for _ in range(_MOST_STEPS):
+    fresh, trusted, damping = not known, view is None, 0.0
+    most, share = (_MOST_STEPS, 0.0) if view is None else (_FEW_STEPS, _COARSE)
+    seen = view or (lambda values: values)
+    status, reason = STOPPED, f"no end after {most} steps"
+    rough, sr = differences.rough_chi2, seen(r)
+    course = [float(sr @ sr)]
+    for _ in range(most):
         beaten = course[-1] > _BEATEN * enough
         patience, progress = (_SHORT, _HASTE) if beaten else (_PATIENCE, _PROGRESS)
         behind = course[max(len(course) - 1 - patience, 0)]
         if len(course) > patience and behind - course[-1] < progress * course[-1] > progress * _POOR * r.size:
             reason = "poor, and hardly better from step to step"
             break
-        worth = max(_GAIN * max(1.0, r @ r / r.size) ** 2, rough)
-        step, left = bounded_step(jacobian, r, low - x, high - x, damping)
-        promised = r @ r - left
+        worth = max(_GAIN * max(1.0, course[-1] / r.size) ** 2, rough, share * course[-1])
+        step, left = bounded_step(seen(jacobian), sr, low - x, high - x, damping)
+        promised = sr @ sr - left
         if promised < worth and (fresh or trusted):
             status, reason = (CONVERGED, "") if damping < _ROUGH else (STOPPED, _ROUGHNESS)
             break
@@ -197,11 +207,12 @@ def fit(
             except (InputError, SimulationError):
                 r_trial = None
             if r_trial is not None:
-                gain = (r @ r - r_trial @ r_trial) / promised
+                sr_trial = seen(r_trial)
+                gain = (sr @ sr - sr_trial @ sr_trial) / promised
                 jacobian = _corrected(jacobian, trial - x, r_trial - r)
                 if gain > 0:
-                    x, r, fresh = trial, r_trial, False
-            course.append(float(r @ r))
+                    x, r, sr, fresh = trial, r_trial, sr_trial, False
+            course.append(float(sr @ sr))
         trusted = gain > 0.5
         if gain > 0.25:
             damping = damping / 10 if damping > 1e-4 else 0.0
@@ -215,7 +226,7 @@ def fit(
             damping = max(10 * damping, 1e-3)
     if refresh:
         try:
-            jacobian = derivatives(x, r, fine=True)
+            jacobian = derivatives(x, r, fine=view is None)
         except (InputError, SimulationError) as error:
             reason = reason or str(error)
     return finished(status, reason)

@@ -7,10 +7,12 @@ import numpy as np
 
 from jointgap.discrepancy.alike import Subspaces, orthonormal
 from jointgap.discrepancy.calibrate import Thresholds
+from jointgap.discrepancy.coarse import View, descended, views
 from jointgap.discrepancy.decide import RIVAL, SHARE, SLIGHT, Decision, decide, reduced
 from jointgap.discrepancy.fit import FAILED, Fit, fit
-from jointgap.discrepancy.recalibrate import Recalibrated, best_of, drawn, other_numerics
-from jointgap.discrepancy.screen import Screen, Screened, Signatures
+from jointgap.discrepancy.recalibrate import Recalibrated, drawn, other_numerics
+from jointgap.discrepancy.screen import Screen, Screened, Signatures, signatures
+from jointgap.discrepancy.seek import showing
 from jointgap.discrepancy.start import fit_screened
 from jointgap.errors import InputError, SimulationError
 
@@ -29,16 +31,12 @@ FEWEST = 2
 
 _SMOOTH = 0.01  # of chi2: less roughness than this makes no valleys
 
-AGAIN = 1
-"""Where no single effect is enough, so many of the best are fitted again from other values of the nuisances."""
-
 AMONG = 3
 """Where no single effect is enough, all pairs among this many of the best are fitted, and each with as many partners."""
 
-
-EVERYWHERE = 8
-"""Values of the nuisances from which the base is fitted again before an effect is named that hardly shows, and the best single
-effect where none is enough: a clearance some percent off holds impacts at other instants, a valley of its own."""
+EVERYWHERE = 4
+"""Values of the nuisances from which the base is fitted again before an effect is named that hardly shows: a clearance some percent
+off holds impacts at other instants, a valley of its own."""
 
 
 def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
@@ -56,11 +54,18 @@ def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
     return singles[: min(max(len(near), FEWEST), SINGLES)]
 
 
-def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> list[tuple[Screened, Fit]]:
-    """Pairs of effects that are worth a fit, each with the fit of one of the two that it starts from.
+def enough(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> list[Fit]:
+    """Those of the fits of single effects that leave no more than null campaigns and other numerics do, best first."""
+    second = beside_best(base, fits, limits)
+    slack = second.directed if second.directed > limits.directed else 0.0  # what of a misfit other numerics may be
+    good = sorted((one for one in fits if one.status != FAILED and one.bic < base.base.bic), key=lambda one: one.bic)
+    return [one for one in good if reduced(one) <= limits.omnibus + slack / one.residual.size]
 
-    Where a single effect is enough, only partners that would add to it beyond chance; else all pairs among the best single
-    effects, and the partners that would add most to each of them.
+
+def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> list[tuple[Screened, Fit]]:
+    """Pairs of effects that are worth a fit beside a single effect that is enough, each with the fit of that.
+
+    Only partners that would add to it beyond chance.
 
     Parameters
     ----------
@@ -70,30 +75,36 @@ def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Th
         Of the single effects.
     limits : Thresholds
     """
-    second = beside_best(base, fits, limits)
-    good = sorted((one for one in fits if one.status != FAILED and one.bic < base.base.bic), key=lambda one: one.bic)
-    slack = second.directed if second.directed > limits.directed else 0.0  # what of a misfit other numerics may be
-    enough = [one for one in good if reduced(one) <= limits.omnibus + slack / one.residual.size]
-    if not good or (reduced(base.base) <= limits.omnibus and not enough):
-        return []
-    leading = {one.label for one in good[:AMONG]}
+    best, *_ = enough(base, fits, limits)
     lost = {one.label for one in fits if one.status == FAILED}
-    found: dict[frozenset[str], tuple[Screened, Fit]] = {}
-    if not enough:
-        # the base took up what it could of the effect with its nuisances, which may hold a fit in the wrong valley
-        for one in good[:AGAIN]:
-            found[frozenset({one.label})] = Screened((), one.chi2, one.mapping, one.bic, one.explanation), one
-    for one in enough[:1] or good[:AMONG]:
-        partners = Screen(known.about(one), one.explanation).singles()
+    partners = Screen(known.about(best), best.explanation).singles()
+    least = beside_best(base, fits, limits).directed
+    partners = [one for one in partners if one.explanation[-1].label not in lost and best.bic - one.bic > least]
+    return [(one, best) for one in partners[:AMONG]]
+
+
+def pairs_afar(base: Recalibrated, fits: Sequence[Fit]) -> tuple[list[tuple[Screened, Signatures]], Sequence[View]]:
+    """Pairs of effects that are worth a fit where no single effect is enough, each with the signatures that say so; and the views
+    that the best single effect leaves something to be seen in.
+
+    All pairs among the best single effects, and the partners that would add most to each of them, as what single effects leave
+    has it: with one of two effects there, nuisances are not where the base has them.
+    """
+    best = {one.label: one for one in sorted(fits, key=lambda one: one.chi2, reverse=True)}  # of every effect
+    good = sorted((one for one in best.values() if one.bic < base.base.bic), key=lambda one: one.bic)
+    leading = {one.label for one in good[:AMONG]}
+    lost = {one.label for one in best.values() if one.status == FAILED}
+    through = showing(good[0], views(base.problem)) if good else ()
+    found: dict[frozenset[str], tuple[Screened, Signatures]] = {}
+    for one in good[:AMONG]:
+        beside = signatures(base.problem, one, base.differences)
+        partners = Screen(beside, one.explanation, next(iter(through), None)).singles()
         partners = [pair for pair in partners if pair.explanation[-1].label not in lost]
-        if enough:
-            partners = [pair for pair in partners if one.bic - pair.bic > second.directed]
-        inner = [] if enough else [pair for pair in partners if pair.explanation[-1].label in leading]
-        for pair in (*partners[:AMONG], *inner):
+        for pair in (*partners[:AMONG], *(pair for pair in partners if pair.explanation[-1].label in leading)):
             names = frozenset(candidate.label for candidate in pair.explanation)
-            if names not in found or pair.bic < found[names][0].bic:
-                found[names] = pair, one
-    return sorted(found.values(), key=lambda pair: pair[0].bic)
+            if names not in found:
+                found[names] = pair, beside
+    return list(found.values()), through
 
 
 def fitted(
@@ -102,13 +113,7 @@ def fitted(
     """The forward-simulated fit of a screened explanation, from where its signatures say; `beside`: the fit it adds to.
 
     `enough`: as in `jointgap.discrepancy.fit.fit`.
-
-    Where there is no signature to add, the effects of `beside` are fitted again, from other values of the nuisances.
     """
-    if not one.signatures:
-        start = one.start | {key: value for key, value in base.nominal.mapping.items() if key in one.start}
-        start |= {p.key: p.nominal for p in base.problem.nuisances if p.run is None and p.key in one.start}
-        return best_of(base.problem, base.differences, one.explanation, start, EVERYWHERE)
     near = known if beside is None else known.about(beside)
     try:
         return fit_screened(base.problem, one, near.known(one.signatures), base.differences, enough)
@@ -207,13 +212,18 @@ def swapped(base: Recalibrated, known: Signatures, fits: Sequence[Fit]) -> list[
 
 
 def _deepest(base: Recalibrated, plain: Fit) -> Fit:
-    """The base or, if it is better, the best fit of it from further values of the nuisances, looked for everywhere.
+    """The base or, if it is better, the best fit of it that comes from afar (`jointgap.discrepancy.coarse`), from everywhere.
 
     An effect that is called missing where the base leaves no more than noise must not be the way out of a valley.
     """
-    starts = drawn(base.problem, (), EVERYWHERE)
-    found = [fit(base.problem, (), plain.mapping | one, differences=base.differences) for one in starts]
-    return min([plain, *found], key=lambda one: one.chi2)
+    problem, through = base.problem, views(base.problem)
+    nominal = {p.key: p.nominal for p in problem.nuisances if p.run is None}
+    for values in (nominal, *drawn(problem, (), EVERYWHERE - 1)):
+        near = descended(problem, (), plain.mapping | values, base.differences, through) if through else None
+        start = plain.mapping | values if near is None or near.status == FAILED else near.mapping
+        found = fit(problem, (), start, differences=base.differences)
+        plain = min(plain, found, key=lambda one: one.chi2)
+    return plain
 
 
 def _moved(base: Recalibrated, one: Fit, to: Fit) -> Fit:

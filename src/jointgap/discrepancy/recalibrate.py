@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointgap.discrepancy.coarse import descended, views
 from jointgap.discrepancy.differences import Differences
 from jointgap.discrepancy.fit import FAILED, Fit, fit
 from jointgap.discrepancy.noise import numerics_noise
@@ -13,8 +14,10 @@ from jointgap.discrepancy.protocol import Model
 from jointgap.discrepancy.whiten import Noise
 from jointgap.errors import InputError, SimulationError
 
-STARTS = 6
+STARTS = 3
 """Values of the nuisances that a fit is started from where it does not leave noise alone: those given, and drawn ones."""
+
+_SAME = 1e-3  # of chi2: two fits that differ by less have come to the same end
 
 _SURE = 3.0  # standard deviations of chi2 that noise alone may leave
 
@@ -74,7 +77,8 @@ def best_of(
 ) -> Fit:
     """The best of fits from several values of the nuisances; the first that leaves noise alone ends the search.
 
-    Where joints are loose, restitution and friction may be caught in a valley that is not the deepest.
+    Where joints are loose, fits may be caught in a valley that is not the deepest. So all but the first come from afar
+    (`jointgap.discrepancy.coarse`), and one that comes to the same end as the best one before it ends the search too.
 
     Parameters
     ----------
@@ -87,13 +91,18 @@ def best_of(
         How many fits, at most.
     """
     at = {p.key: p.nominal for p in problem.parameters(explanation)} | dict(start or {})
-    best = None
+    best = fit(problem, explanation, at, differences=differences)
+    through = views(problem)
     for values in (at, *(at | one for one in drawn(problem, explanation, starts - 1))):
-        found = fit(problem, explanation, values, differences=differences)
-        if best is None or found.chi2 < best.chi2:
-            best = found
-        dof = max(problem.size - len(found.parameters), 1)
+        dof = max(problem.size - len(best.parameters), 1)
         if best.status == FAILED or best.chi2 < dof + _SURE * np.sqrt(2.0 * dof):
+            break
+        near = descended(problem, explanation, values, differences, through) if through else None
+        start = values if near is None or near.status == FAILED else near.mapping
+        found = fit(problem, explanation, start, differences=differences)
+        same = abs(found.chi2 - best.chi2) < _SAME * best.chi2
+        best = min(best, found, key=lambda one: one.chi2)
+        if same:
             break
     return best
 

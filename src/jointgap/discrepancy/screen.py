@@ -1,6 +1,6 @@
 """Which effects are worth a fit: what each would explain if the motion depended on it linearly."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -150,18 +150,22 @@ def signatures(
     ----------
     problem : Problem
     base : Fit
+        May have effects itself: those, and what replaces the same nuisances, are left out.
     differences : Differences
     candidates : sequence of Candidate
         All of the model's by default.
     """
     found, failed = [], {}
     candidates = problem.model.candidates if candidates is None else candidates
+    taken = {name for one in base.explanation for name in (one.label, *one.replaces)}
+    candidates = [one for one in candidates if not taken & {one.label, *one.replaces}]
     for candidate in sorted(candidates, key=lambda one: bool(one.carrier)):  # carriers come first
         carriers = [one for one in found if one.candidate.label == candidate.carrier]
         try:
             origin = base.residual
             if candidate.replaces:
-                origin = problem.residual(_absent(candidate, candidate.starts[0], base), (candidate,))
+                absent = _absent(candidate, candidate.starts[0], base)
+                origin = problem.residual(absent, (*base.explanation, candidate))
             for shapes in _starts(problem, base, candidate, carriers):
                 try:
                     found.append(_signature(problem, base, differences, candidate, shapes, origin))
@@ -195,13 +199,12 @@ def _signature(problem, base, differences, candidate, shapes, origin) -> Signatu
     for name in candidate.replaces:  # held at nominal
         values = {key: value for key, value in values.items() if key.partition("@")[0] != name}
     sizes = {f"{candidate.label}.{key}" for key in candidate.sizes}
+    both = (*base.explanation, candidate)
     if finite := [key for key in candidate.sizes if key in shapes]:
         (key,) = finite
-        away = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, (candidate,)) - origin
+        away = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, both) - origin
         return Signature(candidate, dict(shapes), away[:, None] / shapes[key], origin, problem.runs)
-    columns = [
-        differences.column(p, values, origin, (candidate,)) for p in problem.parameters((candidate,)) if p.key in sizes
-    ]
+    columns = [differences.column(p, values, origin, both) for p in problem.parameters((candidate,)) if p.key in sizes]
     return Signature(candidate, dict(shapes), np.column_stack(columns), origin, problem.runs)
 
 
@@ -213,13 +216,21 @@ class Screen:
     known : Signatures
     beside : tuple of Candidate
         Effects among whose parameters and values `known` are.
+    view : function, optional
+        What of the residuals is to be small, as in `jointgap.discrepancy.fit.fit`.
     """
 
-    def __init__(self, known: Signatures, beside: Explanation = ()):
+    def __init__(
+        self,
+        known: Signatures,
+        beside: Explanation = (),
+        view: Callable[[np.ndarray], np.ndarray] | None = None,
+    ):
         self.known, self.beside = known, beside
         origins = [one.origin - known.residual for one in known.found]
         self._rows = known.residual.size
-        blocks = compressed(known.jacobian, known.residual, *(one.columns for one in known.found), *origins)
+        blocks = [known.jacobian, known.residual, *(one.columns for one in known.found), *origins]
+        blocks = compressed(*(blocks if view is None else map(view, blocks)))
         count = len(known.found)
         self._jacobian, self._residual = blocks[0], blocks[1]
         self._columns, self._origins = blocks[2 : 2 + count], blocks[2 + count :]

@@ -1,6 +1,6 @@
 """Where a fit begins: as far along the linear answer as simulation bears it out."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -45,8 +45,6 @@ def fit_screened(
     InputError, SimulationError
         Nothing near the start can be simulated, or no size on a candidate's grid comes near.
     """
-    sizes = {f"{new.candidate.label}.{p.key}" for new in one.signatures for p in new.sizes}
-    bounds = {p.key: (p.low, p.high) for p in problem.parameters(one.explanation)}
     for new in one.signatures:
         if new.candidate.grid and not any(part.series.statistic for part in problem.parts):
             start, left = _from_grid(problem, one, new, known)
@@ -57,21 +55,40 @@ def fit_screened(
             return fit(problem, one.explanation, start, differences=differences, enough=enough)
     if any(p.key in new.shapes for new in one.signatures for p in new.sizes):  # it starts far from the base already
         return fit(problem, one.explanation, one.start, differences=differences, enough=enough)
-    start, multiple, least = one.start, 1.0, np.inf
+    start, multiple = stretched(problem, one)
+    near = multiple <= 1.0  # derivatives at the base are good enough
+    return fit(problem, one.explanation, start, known if near else None, differences, enough=enough)
+
+
+def stretched(
+    problem: Problem, one: Screened, view: Callable[[np.ndarray], np.ndarray] | None = None
+) -> tuple[dict[str, float], float]:
+    """The best of 1, 2, 4 ... times the linear answer, as a start, and which it is.
+
+    Parameters
+    ----------
+    problem : Problem
+    one : Screened
+    view : function, optional
+        As in `jointgap.discrepancy.fit.fit`.
+    """
+    sizes = {f"{new.candidate.label}.{p.key}" for new in one.signatures for p in new.sizes}
+    bounds = {p.key: (p.low, p.high) for p in problem.parameters(one.explanation)}
+    start, best, multiple, least = dict(one.start), 1.0, 1.0, np.inf
     while multiple <= _FARTHEST:
         trial = {
             key: float(np.clip(value * multiple, *bounds[key])) if key in sizes else value
             for key, value in one.start.items()
         }
         try:
-            chi2 = float(np.sum(problem.residual(trial, one.explanation) ** 2))
+            residual = problem.residual(trial, one.explanation)
         except (InputError, SimulationError):
             break
+        chi2 = float(np.sum(np.square(residual if view is None else view(residual))))
         if chi2 >= least:
             break
-        start, least, multiple = trial, chi2, 2.0 * multiple
-    near = multiple <= 2.0  # derivatives at the base are good enough
-    return fit(problem, one.explanation, start, known if near else None, differences, enough=enough)
+        start, least, best, multiple = trial, chi2, multiple, 2.0 * multiple
+    return start, best
 
 
 def _from_grid(

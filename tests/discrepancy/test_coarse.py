@@ -1,0 +1,85 @@
+"""Fits that come from afar: they find valleys that fits among samples do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.discrepancy.calibrate import thresholds
+from jointgap.discrepancy.coarse import descended, views
+from jointgap.discrepancy.differences import Differences
+from jointgap.discrepancy.explain import doubles, singles
+from jointgap.discrepancy.fit import fit
+from jointgap.discrepancy.naming import fitted, shortlist, verdict
+from jointgap.discrepancy.problem import Problem
+from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
+from jointgap.discrepancy.screen import signatures
+from jointgap.discrepancy.seek import sought
+from tests.discrepancy.knocks import knocking
+from tests.discrepancy.toy import stated_noise, toy
+
+
+def problem_of(model) -> Problem:
+    return Problem(model, stated_noise(model))
+
+
+def test_noise_keeps_its_variance_in_every_view():
+    problem = problem_of(toy(samples=360))
+    noise = np.random.default_rng(0).standard_normal((problem.size, 40))
+    for view in views(problem):
+        assert np.mean(np.square(view(noise))) == pytest.approx(1.0, abs=0.05)
+        assert view(noise[:, 0]) == pytest.approx(view(noise)[:, 0])
+
+
+def test_a_view_keeps_what_is_slow_and_loses_what_is_sharp():
+    problem = problem_of(toy(samples=360))
+    spike = np.zeros(problem.size)
+    spike[200] = 1.0
+    slow = np.sin(np.arange(problem.size) * 2 * np.pi / 360)
+    for view, samples in zip(views(problem), (24, 6), strict=True):
+        assert np.abs(view(spike)).max() == pytest.approx((np.sqrt(np.pi) * samples) ** -0.5, rel=0.01)
+        assert np.abs(view(slow)).max() == pytest.approx((2.0 * np.sqrt(np.pi) * samples) ** 0.5, rel=0.1)
+
+
+def test_nothing_is_seen_from_afar_where_no_angle_is_known_or_statistics_are_compared():
+    model = toy()
+    for change in ({"angle": np.full(360, np.nan)}, {"statistic": True}):
+        assert views(problem_of(replace(model, series=tuple(replace(one, **change) for one in model.series)))) == ()
+
+
+@pytest.mark.parametrize("clearance", [0.93, 0.97, 1.04, 1.08])
+def test_a_fit_from_afar_ends_in_the_valley_of_the_truth(clearance):
+    problem = problem_of(knocking(clearance=clearance))
+    differences = Differences(problem)
+    near = fit(problem, differences=differences)
+    far = descended(problem, (), {}, differences, views(problem))
+    found = fit(problem, start=far.mapping, differences=differences)
+    assert near.chi2 > 3.0 * problem.size
+    assert found.chi2 < 1.1 * problem.size
+    assert found.mapping["clearance"] == pytest.approx(clearance, abs=1e-3)
+
+
+@pytest.mark.parametrize("clearance", [0.92, 1.06])
+def test_recalibration_finds_parameters_whose_valley_is_narrow(clearance):
+    model = knocking(clearance=clearance, seed=1)
+    base = recalibrate(model, stated_noise(model)).base
+    assert base.chi2 < 1.1 * base.residual.size
+    assert base.mapping["clearance"] == pytest.approx(clearance, abs=1e-3)
+
+
+def test_an_effect_that_moves_every_knock_is_found_by_the_second_look_alone():
+    model = knocking({"spring": {"stiffness_N_m": 2.0}}, clearance=1.05, seed=2)
+    base = recalibrate(model, stated_noise(model))
+    known = signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    first = [fitted(base, known, one) for one in shortlist(known, limits)]
+    assert min(one.chi2 for one in first) > 2.0 * base.problem.size
+    best, *_ = sought(base, limits)
+    assert best.label == "spring"
+    assert best.chi2 < 1.1 * base.problem.size
+    fits, seconds = singles(base, known, limits)
+    assert len({one.label for one in fits}) == len(fits) == len(seconds)
+    decision = verdict(base, known, [*fits, *doubles(base, known, limits, fits)[0]], limits)
+    assert decision.verdict == "named"
+    assert decision.chosen.label == "spring"
+    assert decision.chosen.mapping["spring.stiffness_N_m"] == pytest.approx(2.0, rel=0.02)
