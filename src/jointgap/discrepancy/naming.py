@@ -57,9 +57,8 @@ def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
 def enough(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> list[Fit]:
     """Those of the fits of single effects that leave no more than null campaigns and other numerics do, best first."""
     second = beside_best(base, fits, limits)
-    slack = second.directed if second.directed > limits.directed else 0.0  # what of a misfit other numerics may be
     good = sorted((one for one in fits if one.status != FAILED and one.bic < base.base.bic), key=lambda one: one.bic)
-    return [one for one in good if reduced(one) <= limits.omnibus + slack / one.residual.size]
+    return [one for one in good if reduced(one) <= second.omnibus]
 
 
 def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> list[tuple[Screened, Fit]]:
@@ -125,10 +124,10 @@ def fitted(
 
 
 def beside_best(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
-    """The thresholds for a second effect beside the best single one, where that explains nearly all.
+    """The thresholds with the best single effect there, where that explains nearly all.
 
     The numerics may matter more where it is there: a joint that was ideal hits and slides. What other numerics change there,
-    beyond what nuisances can, is no sign of a second effect.
+    beyond what nuisances can, may be left, and is no sign of a second effect.
     """
     alone = [one for one in fits if one.status != FAILED and len(one.explanation) == 1]
     best = min(alone, key=lambda one: one.chi2, default=None)
@@ -142,7 +141,9 @@ def beside_best(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> 
     left = float(max((np.sum((row - across @ (across.T @ row)) ** 2) for row in changes), default=0.0))
     if left > (1.0 - SHARE) * (base.base.chi2 - best.chi2):
         return limits
-    return replace(limits, directed=max(limits.directed, left))
+    if left <= limits.directed:
+        return limits
+    return replace(limits, directed=left, omnibus=limits.omnibus + left / best.residual.size)
 
 
 def refined(base: Recalibrated, one: Fit) -> Fit:

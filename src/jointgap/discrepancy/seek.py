@@ -77,11 +77,16 @@ def raced(
     """
     problem, differences = base.problem, base.differences
     going, first = [], next(iter(through), None)
+    least = np.inf
     for one, known in chosen:
         start, multiple = stretched(problem, one, first)
         near = known.known(one.signatures) if multiple == 1.0 else None
-        found = fit(problem, one.explanation, start, near, differences, view=first)
-        going.append(_onward(base, found, first, first) if first and _untold(one) else found)
+        found = fit(problem, one.explanation, start, near, differences, enough=least, view=first)
+        if first and _untold(one):
+            found = _onward(base, found, first, first)
+        if first and found.status != FAILED:
+            least = min(least, _left(found, first))
+        going.append(found)
     for view, finer, most in zip(through, (*through[1:], None), KEPT[len(KEPT) - len(through) :], strict=True):
         left = sorted(((_left(one, view), i) for i, one in enumerate(going) if one.status != FAILED))
         best = [going[i] for value, i in left[:most] if value < _BEHIND * left[0][0]]
