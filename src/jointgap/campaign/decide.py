@@ -11,7 +11,7 @@ from jointgap.discrepancy.calibrate import Thresholds
 from jointgap.discrepancy.decide import Decision
 from jointgap.discrepancy.fit import Fit, fit
 from jointgap.discrepancy.naming import refined, swapped, verdict
-from jointgap.discrepancy.recalibrate import Recalibrated
+from jointgap.discrepancy.recalibrate import Recalibrated, best_of
 from jointgap.discrepancy.screen import Signatures
 
 NOMINAL = "no_disagreement"
@@ -49,8 +49,8 @@ def decide(
 ) -> Outcome:
     """Choose among the fits; what is chosen is fitted once more to its end, for its intervals.
 
-    What leaving out one of two effects costs is the fit of the other alone: where that is not among the fits it is made, and is open
-    to choice like them.
+    What leaving out one of two effects costs is the fit of the other alone, at its best: before two effects are named each is fitted
+    alone once more, from the nuisances beside both and from afar, and is open to choice like all others.
 
     Parameters
     ----------
@@ -61,9 +61,9 @@ def decide(
         How long each took.
     limits : Thresholds
     """
-    fits = [*fits, *swapped(found, known, fits)]
+    fits, done = [*fits, *swapped(found, known, fits)], set()
     decision = verdict(found, known, fits, limits)
-    while alone := _members(found, [decision.chosen, *decision.equivalent], fits):
+    while alone := _members(found, [decision.chosen, *decision.equivalent], done):
         fits += alone
         decision = verdict(found, known, fits, limits)
     chosen = refined(found, decision.chosen) if decision.chosen.explanation else decision.chosen
@@ -71,19 +71,20 @@ def decide(
     return Outcome(decision.verdict, decision.because, chosen, equivalent, ranking_frame(decision, seconds))
 
 
-def _members(found: Recalibrated, chosen: Sequence[Fit], fits: Sequence[Fit]) -> list[Fit]:
-    """Fits of single effects of the pairs among `chosen`, as far as they are not among `fits`."""
-    done, made = {one.label for one in fits}, []
+def _members(found: Recalibrated, chosen: Sequence[Fit], done: set[str]) -> list[Fit]:
+    """Fits of single effects of the pairs among `chosen` that are not `done` yet; then they are."""
+    made = []
     for pair in (one for one in chosen if len(one.explanation) > 1):
         for kept in pair.explanation:
-            if kept.label not in done:
-                done.add(kept.label)
-                own = {
-                    key: value
-                    for key, value in pair.mapping.items()
-                    if "." not in key or key.startswith(f"{kept.label}.")
-                }
-                made.append(fit(found.problem, (kept,), own, differences=found.differences))
+            if kept.label in done:
+                continue
+            done.add(kept.label)
+            own = {
+                key: value for key, value in pair.mapping.items() if "." not in key or key.startswith(f"{kept.label}.")
+            }
+            shared = {p.key: p.nominal for p in found.problem.nuisances if p.run is None and p.key in own}
+            made.append(fit(found.problem, (kept,), own, differences=found.differences))
+            made.append(best_of(found.problem, found.differences, (kept,), own | shared, starts=1))
     return made
 
 
