@@ -8,10 +8,10 @@ import numpy as np
 from jointgap.discrepancy.calibrate import Thresholds
 from jointgap.discrepancy.decide import SLIGHT, reduced
 from jointgap.discrepancy.fit import FAILED, Fit
-from jointgap.discrepancy.naming import enough, fitted, pairs, pairs_afar, shortlist
+from jointgap.discrepancy.naming import enough, fitted, pairs, shortlist
 from jointgap.discrepancy.recalibrate import Recalibrated
 from jointgap.discrepancy.screen import Screened, Signatures
-from jointgap.discrepancy.seek import raced, sought
+from jointgap.discrepancy.seek import sought, sought_pairs
 
 Fitted = tuple[list[Fit], list[float]]
 """Fits, the best of each explanation, and how long each took [s]."""
@@ -64,8 +64,7 @@ def doubles(
         return _each(found, known, pairs(found, known, alone, limits)[part::parts])
     if reduced(found.base) <= limits.omnibus:
         return [], []
-    chosen, through = pairs_afar(found, alone)
-    return _with([], [], lambda: raced(found, chosen[part::parts], through, limits))
+    return _with([], [], lambda: sought_pairs(found, alone, limits, part, parts))
 
 
 def _each(found: Recalibrated, known: Signatures, chosen: Sequence[tuple[Screened, Fit | None]]) -> Fitted:

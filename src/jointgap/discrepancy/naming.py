@@ -7,12 +7,11 @@ import numpy as np
 
 from jointgap.discrepancy.alike import Subspaces, orthonormal
 from jointgap.discrepancy.calibrate import Thresholds
-from jointgap.discrepancy.coarse import View, descended, views
+from jointgap.discrepancy.coarse import descended, views
 from jointgap.discrepancy.decide import RIVAL, SHARE, SLIGHT, Decision, decide, reduced
 from jointgap.discrepancy.fit import FAILED, Fit, fit
 from jointgap.discrepancy.recalibrate import Recalibrated, drawn, other_numerics
-from jointgap.discrepancy.screen import Screen, Screened, Signatures, signatures
-from jointgap.discrepancy.seek import showing
+from jointgap.discrepancy.screen import Screen, Screened, Signatures
 from jointgap.discrepancy.start import fit_screened
 from jointgap.errors import InputError, SimulationError
 
@@ -32,7 +31,7 @@ FEWEST = 2
 _SMOOTH = 0.01  # of chi2: less roughness than this makes no valleys
 
 AMONG = 3
-"""Where no single effect is enough, all pairs among this many of the best are fitted, and each with as many partners."""
+"""Partners of an effect that is enough that are fitted, and rivals of the best explanation that are fitted again."""
 
 EVERYWHERE = 4
 """Values of the nuisances from which the base is fitted again before an effect is named that hardly shows: a clearance some percent
@@ -80,30 +79,6 @@ def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Th
     least = beside_best(base, fits, limits).directed
     partners = [one for one in partners if one.explanation[-1].label not in lost and best.bic - one.bic > least]
     return [(one, best) for one in partners[:AMONG]]
-
-
-def pairs_afar(base: Recalibrated, fits: Sequence[Fit]) -> tuple[list[tuple[Screened, Signatures]], Sequence[View]]:
-    """Pairs of effects that are worth a fit where no single effect is enough, each with the signatures that say so; and the views
-    that the best single effect leaves something to be seen in.
-
-    All pairs among the best single effects, and the partners that would add most to each of them, as what single effects leave
-    has it: with one of two effects there, nuisances are not where the base has them.
-    """
-    best = {one.label: one for one in sorted(fits, key=lambda one: one.chi2, reverse=True)}  # of every effect
-    good = sorted((one for one in best.values() if one.bic < base.base.bic), key=lambda one: one.bic)
-    leading = {one.label for one in good[:AMONG]}
-    lost = {one.label for one in best.values() if one.status == FAILED}
-    through = showing(good[0], views(base.problem)) if good else ()
-    found: dict[frozenset[str], tuple[Screened, Signatures]] = {}
-    for one in good[:AMONG]:
-        beside = signatures(base.problem, one, base.differences)
-        partners = Screen(beside, one.explanation, next(iter(through), None)).singles()
-        partners = [pair for pair in partners if pair.explanation[-1].label not in lost]
-        for pair in (*partners[:AMONG], *(pair for pair in partners if pair.explanation[-1].label in leading)):
-            names = frozenset(candidate.label for candidate in pair.explanation)
-            if names not in found:
-                found[names] = pair, beside
-    return list(found.values()), through
 
 
 def fitted(

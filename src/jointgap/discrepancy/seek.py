@@ -4,7 +4,7 @@ The base took up what it could of an effect with its nuisances, and where impact
 effects change there says little. So the search begins again at nominal nuisances, in views that smooth impacts out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from jointgap.discrepancy.calibrate import Thresholds
 from jointgap.discrepancy.coarse import View, descended, looked_through, two_sided, views
 from jointgap.discrepancy.decide import reduced
 from jointgap.discrepancy.fit import FAILED, Fit, fit
+from jointgap.discrepancy.problem import Explanation
 from jointgap.discrepancy.recalibrate import Recalibrated
 from jointgap.discrepancy.screen import Screen, Screened, Signatures, signatures
 from jointgap.discrepancy.start import stretched
@@ -25,33 +26,66 @@ KEPT = 6, 4
 CAREFUL = 2
 """Of the best, how many are fitted once more where none is enough, with all looked through that a view leaves open."""
 
-_SHOWS = 1.2  # chi2 per sample that is left in a view in which something is to be seen
+LEADING, PARTNERS = 3, 4
+"""Where no single effect is enough, how many of the best are paired, at most, and with how many partners beside those untold."""
+
+_SHOWS = 1.5  # chi2 per sample that is left in a view in which something is to be seen
 _BEHIND = 3.0  # times the chi2 of the best one: too far behind to go on
-
-
-def showing(one: Fit, through: Sequence[View]) -> Sequence[View]:
-    """The views from the first on in which a fit leaves more than noise; the last one where none is such."""
-    places = [i for i, view in enumerate(through) if _left(one, view) > _SHOWS * one.residual.size]
-    return through[places[0] :] if places else through[-1:]
 
 
 def sought(base: Recalibrated, limits: Thresholds, part: int = 0, parts: int = 1) -> list[Fit]:
     """Fits of single effects that come from afar, best first; of every `parts`-th candidate, from number `part` on."""
     through = views(base.problem)
-    for i, view in enumerate(through):
-        far = fit(base.problem, (), base.nominal.mapping, differences=base.differences, refresh=True, view=view)
-        if far.status == FAILED:
-            return []
-        if view is through[-1] or _left(far, view) > _SHOWS * far.residual.size:
-            known = signatures(base.problem, far, base.differences)
-            chosen = [(one, known) for one in _shortlist(known, view)]
-            return raced(base, chosen[part::parts], through[i:], limits)
-    return []
+    if not through:
+        return []
+    far, through = _about(base, (), base.nominal.mapping, through)
+    if far.status == FAILED:
+        return []
+    known = signatures(base.problem, far, base.differences)
+    chosen = [(one, known) for one in _shortlist(known, through[0], SOUGHT)]
+    return raced(base, chosen[part::parts], through, limits)
 
 
-def _shortlist(known: Signatures, view: View) -> list[Screened]:
-    singles = Screen(known, view=view).singles()
-    return [*singles[:SOUGHT], *(one for one in singles[SOUGHT:] if _untold(one))]
+def sought_pairs(
+    base: Recalibrated, fits: Sequence[Fit], limits: Thresholds, part: int = 0, parts: int = 1
+) -> list[Fit]:
+    """Fits of pairs of effects where no single one is enough, best first; of every `parts`-th pair, from number `part` on.
+
+    The single effects that explain most in the first view in which the base leaves something to be seen are paired with what would
+    explain most of the rest: with one of two effects there, neither nuisances nor signatures are the base's.
+
+    Parameters
+    ----------
+    base : Recalibrated
+    fits : sequence of Fit
+        Of the single effects.
+    limits : Thresholds
+    part, parts : int
+    """
+    through = views(base.problem)
+    first = next((view for view in through if _shows(base.base, view)), next(iter(through[-1:]), None))
+    best: dict[str, Fit] = {}
+    for one in sorted((one for one in fits if one.status != FAILED), key=lambda one: _left(one, first)):
+        best.setdefault(one.label, one)
+    leading = [one for one in best.values() if _left(one, first) < _BEHIND * _left(next(iter(best.values())), first)]
+    lost = {one.label for one in fits} - best.keys()
+    chosen: dict[frozenset[str], tuple[Screened, Signatures]] = {}
+    rest: Sequence[View] = ()
+    for one in leading[:LEADING]:
+        about, here = _about(base, one.explanation, one.mapping, through)
+        if about.status == FAILED:
+            continue
+        rest = max(rest, here, key=len)
+        beside = signatures(base.problem, about, base.differences)
+        for pair in _shortlist(beside, next(iter(here), None), PARTNERS, about.explanation):
+            if pair.explanation[-1].label not in lost:
+                chosen.setdefault(frozenset(c.label for c in pair.explanation), (pair, beside))
+    return raced(base, list(chosen.values())[part::parts], rest, limits)
+
+
+def _shortlist(known: Signatures, view: View | None, most: int, beside: Explanation = ()) -> list[Screened]:
+    singles = Screen(known, beside, view).singles()
+    return [*singles[:most], *(one for one in singles[most:] if _untold(one))]
 
 
 def _untold(one: Screened) -> bool:
@@ -87,7 +121,8 @@ def raced(
         if first and found.status != FAILED:
             least = min(least, _left(found, first))
         going.append(found)
-    for view, finer, most in zip(through, (*through[1:], None), KEPT[len(KEPT) - len(through) :], strict=True):
+    onward = (*through[1:], None)[: len(through)]
+    for view, finer, most in zip(through, onward, KEPT[len(KEPT) - len(through) :], strict=True):
         left = sorted(((_left(one, view), i) for i, one in enumerate(going) if one.status != FAILED))
         best = [going[i] for value, i in left[:most] if value < _BEHIND * left[0][0]]
         going = [_onward(base, one, view, finer) for one in best]
@@ -98,6 +133,17 @@ def raced(
             if near.status != FAILED:
                 going.append(fit(problem, one.explanation, near.mapping, differences=differences))
     return sorted(going, key=lambda one: one.chi2)
+
+
+def _about(
+    base: Recalibrated, explanation: Explanation, start: Mapping[str, float], through: Sequence[View]
+) -> tuple[Fit, Sequence[View]]:
+    """The fit of an explanation in the first view in which it leaves something to be seen, or in the last; and the views from there."""
+    for i, view in enumerate(through):
+        one = fit(base.problem, explanation, start, None, base.differences, refresh=True, view=view)
+        if one.status == FAILED or view is through[-1] or _shows(one, view):
+            return one, through[i:]
+    return fit(base.problem, explanation, start, None, base.differences, refresh=True), through
 
 
 def _onward(base: Recalibrated, one: Fit, view: View, finer: View | None) -> Fit:
@@ -111,5 +157,9 @@ def _onward(base: Recalibrated, one: Fit, view: View, finer: View | None) -> Fit
     return fit(base.problem, one.explanation, moved or one.mapping, near, base.differences, view=finer)
 
 
-def _left(one: Fit, view: View) -> float:
-    return float(np.sum(np.square(view(one.residual))))
+def _shows(one: Fit, view: View) -> bool:
+    return _left(one, view) > _SHOWS * one.residual.size
+
+
+def _left(one: Fit, view: View | None) -> float:
+    return one.chi2 if view is None else float(np.sum(np.square(view(one.residual))))
