@@ -149,7 +149,8 @@ def looked_through(
         if sizes_alone and found.parameters[i] in problem.nuisances:
             continue
         p, others = found.parameters[i], np.delete(matrix, i, axis=1)
-        room = np.delete(low - found.values, i), np.delete(high - found.values, i)
+        here = np.array([at[one.key] for one in found.parameters])
+        room = np.delete(low - here, i), np.delete(high - here, i)
         for place in places:
             trial = {**at, p.key: float(np.clip(place, p.low, p.high))}
             try:
@@ -174,6 +175,8 @@ def _left(matrix: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.nd
 def _open(found: Fit, view: View, finer: np.ndarray) -> list[tuple[int, np.ndarray]]:
     """Which parameters are to be looked through, and where: nuisances that `view` leaves open though they matter in the finer one,
     and sizes that are bounded to both sides."""
+    if not found.parameters:
+        return []
     width = np.array([p.high - p.low for p in found.parameters])
     bounded = np.isfinite(width) & (width > 0.0)
     prior = np.where(bounded, np.sqrt(12.0) / np.where(bounded, width, 1.0), 0.0)

@@ -73,7 +73,9 @@ def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Th
         Of the single effects.
     limits : Thresholds
     """
-    best, *_ = enough(base, fits, limits)
+    if not (good := enough(base, fits, limits)):
+        return []
+    best = good[0]
     lost = {one.label for one in fits if one.status == FAILED}
     partners = Screen(known.about(best), best.explanation).singles()
     least = beside_best(base, fits, limits).directed
@@ -172,12 +174,14 @@ def swapped(base: Recalibrated, known: Signatures, fits: Sequence[Fit]) -> list[
         return []
     done, found = {frozenset(c.label for c in one.explanation) for one in fits}, []
     for kept in best.explanation:
-        alone = next((one for one in fits if one.label == kept.label), None)
+        alone = min((one for one in fits if one.label == kept.label), key=lambda one: one.chi2, default=None)
         if alone is None or alone.status == FAILED:
             start = {
                 key: value for key, value in best.mapping.items() if "." not in key or key.startswith(f"{kept.label}.")
             }
             alone = fit(base.problem, (kept,), start, differences=base.differences)
+        if alone.status == FAILED:
+            continue
         partners = Screen(known.about(alone), alone.explanation).singles()
         for pair in partners[:AMONG]:
             names = frozenset(candidate.label for candidate in pair.explanation)

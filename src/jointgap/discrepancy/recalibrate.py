@@ -88,19 +88,20 @@ def best_of(
     start : mapping of str to float
         Where the first fit starts, and what is no shared nuisance always does; nominal where absent.
     starts : int
-        How many fits, at most.
+        From how many values of the nuisances, at most; the first ones also from among the samples.
     """
     at = {p.key: p.nominal for p in problem.parameters(explanation)} | dict(start or {})
     best = fit(problem, explanation, at, differences=differences)
     through = views(problem)
-    for values in (at, *(at | one for one in drawn(problem, explanation, starts - 1))):
+    again = (at,) if through else ()  # the same start once more, from afar
+    for values in (*again, *(at | one for one in drawn(problem, explanation, starts - 1))):
         dof = max(problem.size - len(best.parameters), 1)
         if best.status == FAILED or best.chi2 < dof + _SURE * np.sqrt(2.0 * dof):
             break
         near = descended(problem, explanation, values, differences, through) if through else None
         start = values if near is None or near.status == FAILED else near.mapping
         found = fit(problem, explanation, start, differences=differences)
-        same = abs(found.chi2 - best.chi2) < _SAME * best.chi2
+        same = bool(through) and abs(found.chi2 - best.chi2) < _SAME * best.chi2
         best = min(best, found, key=lambda one: one.chi2)
         if same:
             break
