@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from jointgap.discrepancy.calibrate import thresholds
-from jointgap.discrepancy.coarse import descended, views
+from jointgap.discrepancy.coarse import descended, two_sided, views
 from jointgap.discrepancy.differences import Differences
 from jointgap.discrepancy.explain import doubles, singles
 from jointgap.discrepancy.fit import fit
 from jointgap.discrepancy.naming import fitted, shortlist, verdict
 from jointgap.discrepancy.problem import Problem
+from jointgap.discrepancy.protocol import Parameter
 from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
 from jointgap.discrepancy.screen import signatures
 from jointgap.discrepancy.seek import sought
@@ -59,6 +60,14 @@ def test_a_fit_from_afar_ends_in_the_valley_of_the_truth(clearance):
     assert found.mapping["clearance"] == pytest.approx(clearance, abs=1e-3)
 
 
+def test_changes_of_what_is_known_are_looked_through_and_sizes_that_are_but_guarded_are_not():
+    size = Parameter("change", 0.0, step=0.1)
+    assert two_sided(replace(size, low=-0.5, high=2.0))
+    assert not two_sided(replace(size, low=-0.5, high=0.5))
+    assert not two_sided(replace(size, low=0.0, high=2.0))
+    assert not two_sided(size)
+
+
 @pytest.mark.parametrize("clearance", [0.92, 1.06])
 def test_recalibration_finds_parameters_whose_valley_is_narrow(clearance):
     model = knocking(clearance=clearance, seed=1)
@@ -77,9 +86,13 @@ def test_an_effect_that_moves_every_knock_is_found_by_the_second_look_alone():
     best, *_ = sought(base, limits)
     assert best.label == "spring"
     assert best.chi2 < 1.1 * base.problem.size
-    fits, seconds = singles(base, known, limits)
-    assert len({one.label for one in fits}) == len(fits) == len(seconds)
-    decision = verdict(base, known, [*fits, *doubles(base, known, limits, fits)[0]], limits)
+    fits, _ = singles(base, known, limits)
+    more, seconds = doubles(base, known, limits, fits)
+    assert len({one.label for one in more}) == len(more) == len(seconds)
+    again = [one for part in (1, 0) for one in doubles(base, known, limits, fits[::-1], part, 2)[0]]
+    assert [one.label for one in again] == [one.label for one in more]
+    assert [one.chi2 for one in again] == [one.chi2 for one in more]
+    decision = verdict(base, known, [*fits, *more], limits)
     assert decision.verdict == "named"
     assert decision.chosen.label == "spring"
     assert decision.chosen.mapping["spring.stiffness_N_m"] == pytest.approx(2.0, rel=0.02)

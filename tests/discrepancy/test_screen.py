@@ -45,6 +45,20 @@ def test_what_signatures_foretell_is_what_a_fit_finds():
     assert found.mapping["viscous.damping_N_s_m"] == pytest.approx(first.start["viscous.damping_N_s_m"], rel=1e-2)
 
 
+def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal():
+    model = toy({"added_mass": {"mass_kg": 0.05}}, seed=5)
+    problem = Problem(model, stated_noise(model))
+    differences = Differences(problem)
+    base = fit(problem, differences=differences, refresh=True)
+    mass = next(p for p in model.nuisances if p.name == "slider_mass")
+    assert base.mapping["slider_mass"] != pytest.approx(mass.nominal, rel=1e-3)
+    (one,) = signatures(problem, base, differences).of("added_mass")
+    at = base.mapping | {"slider_mass": mass.nominal}
+    np.testing.assert_allclose(one.origin, problem.residual(at), atol=1e-9)
+    heavier = problem.residual(at | {"slider_mass": mass.nominal + 0.1})
+    np.testing.assert_allclose(one.origin + 0.1 * one.columns[:, 0], heavier, atol=1e-6)
+
+
 def test_resistance_cannot_push():
     """A force that pushes along is not explained by a negative friction."""
     *_, known = screened({"viscous": {"damping_N_s_m": -0.3}}, seed=3)

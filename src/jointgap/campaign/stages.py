@@ -110,13 +110,16 @@ def fit(case: Case, part: int = 0, parts: int = 1) -> None:
 
 
 def pair(case: Case, part: int = 0, parts: int = 1) -> None:
-    """Fit one part of the pairs that are worth it beside the single effects, which as many parts have fitted."""
+    """Fit one part of the pairs that are worth it beside the single effects, which as many parts have fitted.
+
+    Where none of these is enough the first part takes a second look at them all.
+    """
     from jointgap.campaign import fits
     from jointgap.discrepancy import explain
 
     screened, (alone, _) = case.screening, case.fits("fit", parts)
     found, seconds = explain.doubles(case.recalibrated, screened.known, screened.limits, alone, part, parts)
-    case.folder.write_all(fits.to_frames(found, seconds), f"pair/{part}")
+    case.folder.write_all(fits.to_frames(found, seconds, whole=True), f"pair/{part}")
 
 
 def decide(case: Case, parts: int = 1) -> None:
@@ -125,7 +128,8 @@ def decide(case: Case, parts: int = 1) -> None:
 
     (singles, seconds), (doubles, more) = (case.fits(stage, parts) for stage in ("fit", "pair"))
     screened = case.screening
-    outcome = deciding.decide(case.recalibrated, screened.known, [*singles, *doubles], seconds | more, screened.limits)
+    took = {label: seconds.get(label, 0.0) + more.get(label, 0.0) for label in seconds | more}
+    outcome = deciding.decide(case.recalibrated, screened.known, [*singles, *doubles], took, screened.limits)
     _settled(case, outcome, "decide")
 
 

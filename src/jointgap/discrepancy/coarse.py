@@ -106,13 +106,15 @@ def descended(
     Returns
     -------
     Fit
-        Its residual and Jacobian are as the samples have them; failed where the start cannot be simulated.
+        Its residual is as the samples have it, and so is its Jacobian, which may be from near by: enough for a fit that starts there.
+        The last one that could be simulated; failed where the start cannot be.
     """
     found, known = None, None
     for view, finer in zip(through, (*through[1:], None), strict=True):
-        found = fit(problem, explanation, start, known, differences, view=view)
-        if found.status == FAILED:
-            break
+        one = fit(problem, explanation, start, known, differences, view=view)
+        if one.status == FAILED:
+            return found or one
+        found = one
         moved = looked_through(problem, found, view, finer)
         # derivatives hold about as long as nothing jumped
         known = dict(zip((p.key for p in found.parameters), found.jacobian.T, strict=True)) if moved is None else None
@@ -139,14 +141,14 @@ def looked_through(
     view, finer : View
         None for the samples themselves.
     sizes_alone : bool
-        Whether to leave the nuisances where they are.
+        Whether to look through sizes of effects alone, and to leave all else where it is.
     """
     seen = (lambda values: values) if finer is None else finer
     low, high = bounds_of(found.parameters)
     matrix, at = seen(found.jacobian), found.mapping
     least, moved = _left(matrix, seen(found.residual), low - found.values, high - found.values), False
     for i, places in _open(found, view, matrix):
-        if sizes_alone and found.parameters[i] in problem.nuisances:
+        if sizes_alone and found.parameters[i].key not in _sized(found):
             continue
         p, others = found.parameters[i], np.delete(matrix, i, axis=1)
         here = np.array([at[one.key] for one in found.parameters])
@@ -164,17 +166,24 @@ def looked_through(
 
 
 def two_sided(size: Parameter) -> bool:
-    """Whether a size is bounded to both sides of where its effect is absent: of such ones, most is off the linear answer."""
-    return bool(-np.inf < size.low < size.nominal < size.high < np.inf)
+    """Whether a size is the change of something known, such as a clearance, down to where nothing is left of it.
+
+    Small changes of these move impacts and say little of large ones. Bounds as far to one side as to the other are but a guard.
+    """
+    return bool(-np.inf < size.low < size.nominal < size.high < np.inf and -size.low != size.high)
 
 
 def _left(matrix: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
     return bounded_step(matrix, residual, low, high)[1]
 
 
+def _sized(found: Fit) -> set[str]:
+    return {f"{candidate.label}.{name}" for candidate in found.explanation for name in candidate.sizes}
+
+
 def _open(found: Fit, view: View, finer: np.ndarray) -> list[tuple[int, np.ndarray]]:
     """Which parameters are to be looked through, and where: nuisances that `view` leaves open though they matter in the finer one,
-    and sizes that are bounded to both sides."""
+    and sizes that small changes say little of."""
     if not found.parameters:
         return []
     width = np.array([p.high - p.low for p in found.parameters])
@@ -185,14 +194,14 @@ def _open(found: Fit, view: View, finer: np.ndarray) -> list[tuple[int, np.ndarr
     _, sizes, turned = np.linalg.svd(matrix, full_matrices=False)
     errors = np.linalg.norm(turned.T / np.maximum(sizes, 1e-12 * sizes[0]), axis=1) * scale
     changes = np.linalg.norm(finer, axis=0) * np.where(bounded, width, 0.0)
-    sized = {f"{c.label}.{name}" for c in found.explanation for name in c.sizes}
-    chosen = []
+    sized, chosen = _sized(found), []
     for i, p in enumerate(found.parameters):
         if not bounded[i] or p.run is not None:
             continue
         if p.key in sized:
             if two_sided(p):
-                chosen.append((i, p.low + (p.nominal - p.low) * _RATIOS))
+                places = np.unique(np.clip(p.low + (p.nominal - p.low) * _RATIOS, p.low, p.high))
+                chosen.append((i, places[places != p.nominal]))
         elif errors[i] > _OPEN * width[i] and changes[i] > _MATTERS * np.sqrt(finer.shape[0]):
             chosen.append((i, np.linspace(p.low, p.high, _PLACES)))
     return chosen

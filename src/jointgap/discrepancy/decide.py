@@ -157,7 +157,7 @@ def rank(
 
 
 def reduced(one: Fit) -> float:
-    """chi2 over its degrees of freedom."""
+    """chi2 over its degrees of freedom; infinite where the fit failed."""
     return one.chi2 / max(one.residual.size - len(one.parameters), 1)
 
 

@@ -1,30 +1,25 @@
 """Fits of all explanations that are worth one: single effects, then pairs; from the base, and from afar where that is not enough."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from jointgap.discrepancy.calibrate import Thresholds
 from jointgap.discrepancy.decide import SLIGHT, reduced
 from jointgap.discrepancy.fit import FAILED, Fit
-from jointgap.discrepancy.naming import enough, fitted, pairs, shortlist
-from jointgap.discrepancy.recalibrate import Recalibrated
+from jointgap.discrepancy.naming import beside_best, enough, fitted, pairs, shortlist
+from jointgap.discrepancy.recalibrate import Recalibrated, probed
 from jointgap.discrepancy.screen import Screened, Signatures
 from jointgap.discrepancy.seek import sought, sought_pairs
 
 Fitted = tuple[list[Fit], list[float]]
-"""Fits, the best of each explanation, and how long each took [s]."""
+"""Fits, one of each explanation, and how long each took [s]."""
 
 
-def singles(
-    found: Recalibrated,
-    known: Signatures,
-    limits: Thresholds,
-    part: int = 0,
-    parts: int = 1,
-) -> Fitted:
-    """Fit every single effect of one part; where none of them is enough, look for more from afar.
+def singles(found: Recalibrated, known: Signatures, limits: Thresholds, part: int = 0, parts: int = 1) -> Fitted:
+    """Fit every single effect of one part.
 
     A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those of the same part
     that stay far behind it end early: they are no rivals, but their chi2 depends on how fits are shared out.
@@ -37,21 +32,16 @@ def singles(
     part, parts : int
         Which of how many parts, counted from 0.
     """
-    fits, seconds = _each(found, known, [(one, None) for one in shortlist(known, limits)[part::parts]])
-    if reduced(found.base) > limits.omnibus and not enough(found, fits, limits):
-        return _with(fits, seconds, lambda: sought(found, limits, part, parts))
-    return fits, seconds
+    return _each(found, known, [(one, None) for one in shortlist(known, limits)[part::parts]])
 
 
 def doubles(
-    found: Recalibrated,
-    known: Signatures,
-    limits: Thresholds,
-    alone: Sequence[Fit],
-    part: int = 0,
-    parts: int = 1,
+    found: Recalibrated, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
 ) -> Fitted:
     """Fit every pair of one part that is worth it beside the fits of single effects `alone`.
+
+    Where none of those is enough, the first part looks for all of them from afar, and then for pairs: how far each one goes there depends
+    on all others, so it is not shared out. Single effects that it found are among the fits then.
 
     Parameters
     ----------
@@ -60,11 +50,43 @@ def doubles(
     alone : sequence of Fit
         Of all parts.
     """
-    if enough(found, alone, limits):
-        return _each(found, known, pairs(found, known, alone, limits)[part::parts])
-    if reduced(found.base) <= limits.omnibus:
-        return [], []
-    return _with([], [], lambda: sought_pairs(found, alone, limits, part, parts))
+    if _wanting(found, alone, limits):
+        return _from_afar(found, known, limits, alone) if part == 0 else ([], [])
+    return _beside(found, known, limits, alone, part, parts)
+
+
+def _wanting(found: Recalibrated, alone: Sequence[Fit], limits: Thresholds) -> bool:
+    """Whether there is more to be found than the base and single effects explain."""
+    return reduced(found.base) > limits.omnibus and enough(found, alone, beside_best(found, alone, limits)) is None
+
+
+def _beside(
+    found: Recalibrated, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part=0, parts=1
+) -> Fitted:
+    """Pairs beside the single effect that is enough; none where none is."""
+    second = beside_best(found, alone, limits)
+    best = enough(found, alone, second)
+    return _each(found, known, pairs(known, best, alone, second)[part::parts] if best else [])
+
+
+def _from_afar(found: Recalibrated, known: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> Fitted:
+    """Single effects from afar, and pairs: beside one that is enough now, or from afar too; the better one of each explanation."""
+    begin = time.monotonic()
+    # steps as nobody else left them: the outcome must not depend on what else ran in this process
+    at = {p.key: p.nominal for p in found.problem.nuisances} | found.nominal.mapping
+    found = replace(found, differences=probed(found.problem, at))
+    more = sought(found, limits)
+    whole = [*alone, *more]
+    more += (
+        sought_pairs(found, whole, limits)
+        if _wanting(found, whole, limits)
+        else _beside(found, known, limits, whole)[0]
+    )
+    best: dict[str, Fit] = {}
+    for one in more:
+        best[one.label] = min(best.get(one.label, one), one, key=lambda fit: fit.chi2)
+    share = (time.monotonic() - begin) / max(len(best), 1)
+    return list(best.values()), [share] * len(best)
 
 
 def _each(found: Recalibrated, known: Signatures, chosen: Sequence[tuple[Screened, Fit | None]]) -> Fitted:
@@ -75,16 +97,3 @@ def _each(found: Recalibrated, known: Signatures, chosen: Sequence[tuple[Screene
         fits.append(fitted(found, known, one, beside, least))
         seconds.append(time.monotonic() - begin)
     return fits, seconds
-
-
-def _with(fits: Sequence[Fit], seconds: Sequence[float], look: Callable[[], list[Fit]]) -> Fitted:
-    """The fits and those of a second look, the better one of each explanation; these share the time that they took together."""
-    begin = time.monotonic()
-    more = look()
-    share = (time.monotonic() - begin) / max(len(more), 1)
-    best: dict[frozenset[str], tuple[Fit, float]] = {}
-    for one, took in (*zip(fits, seconds, strict=True), *((one, share) for one in more)):
-        names = frozenset(candidate.label for candidate in one.explanation)
-        before, spent = best.get(names, (one, 0.0))
-        best[names] = min(before, one, key=lambda fit: fit.chi2), spent + took
-    return [one for one, _ in best.values()], [took for _, took in best.values()]

@@ -1,6 +1,6 @@
 """From a base to a verdict: the order in which explanations are sought, fitted and weighed."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -53,46 +53,56 @@ def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
     return singles[: min(max(len(near), FEWEST), SINGLES)]
 
 
-def enough(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> list[Fit]:
-    """Those of the fits of single effects that leave no more than null campaigns and other numerics do, best first."""
-    second = beside_best(base, fits, limits)
-    good = sorted((one for one in fits if one.status != FAILED and one.bic < base.base.bic), key=lambda one: one.bic)
-    return [one for one in good if reduced(one) <= second.omnibus]
+def enough(base: Recalibrated, fits: Sequence[Fit], second: Thresholds) -> Fit | None:
+    """The best of the fits of single effects that leave no more than null campaigns and other numerics do; None if none does.
+
+    Parameters
+    ----------
+    base : Recalibrated
+    fits : sequence of Fit
+    second : Thresholds
+        As `beside_best` says.
+    """
+    good = [one for one in fits if one.bic < base.base.bic and reduced(one) <= second.omnibus]
+    return min(good, key=lambda one: one.bic, default=None)
 
 
-def pairs(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> list[tuple[Screened, Fit]]:
-    """Pairs of effects that are worth a fit beside a single effect that is enough, each with the fit of that.
+def pairs(known: Signatures, best: Fit, fits: Sequence[Fit], second: Thresholds) -> list[tuple[Screened, Fit]]:
+    """Pairs of effects that are worth a fit beside a single one that is enough, each with the fit of that.
 
     Only partners that would add to it beyond chance.
 
     Parameters
     ----------
-    base : Recalibrated
     known : Signatures
+    best : Fit
+        Of the effect that is enough.
     fits : sequence of Fit
         Of the single effects.
-    limits : Thresholds
+    second : Thresholds
+        As `beside_best` says.
     """
-    if not (good := enough(base, fits, limits)):
-        return []
-    best = good[0]
-    lost = {one.label for one in fits if one.status == FAILED}
+    lost = {one.label for one in fits} - {one.label for one in fits if one.status != FAILED}
     partners = Screen(known.about(best), best.explanation).singles()
-    least = beside_best(base, fits, limits).directed
-    partners = [one for one in partners if one.explanation[-1].label not in lost and best.bic - one.bic > least]
-    return [(one, best) for one in partners[:AMONG]]
+    worth = [one for one in partners if one.explanation[-1].label not in lost and best.bic - one.bic > second.directed]
+    return [(one, best) for one in worth[:AMONG]]
 
 
 def fitted(
-    base: Recalibrated, known: Signatures, one: Screened, beside: Fit | None = None, enough: float = np.inf
+    base: Recalibrated,
+    known: Signatures,
+    one: Screened,
+    beside: Fit | None = None,
+    enough: float = np.inf,
+    view: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Fit:
     """The forward-simulated fit of a screened explanation, from where its signatures say; `beside`: the fit it adds to.
 
-    `enough`: as in `jointgap.discrepancy.fit.fit`.
+    `enough`, `view`: as of `jointgap.discrepancy.fit.fit`.
     """
     near = known if beside is None else known.about(beside)
     try:
-        return fit_screened(base.problem, one, near.known(one.signatures), base.differences, enough)
+        return fit_screened(base.problem, one, near.known(one.signatures), base.differences, enough, view)
     except (InputError, SimulationError) as error:
         parameters = base.problem.parameters(one.explanation)
         start = np.array([one.start.get(p.key, p.nominal) for p in parameters])

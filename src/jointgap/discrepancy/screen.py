@@ -189,15 +189,14 @@ def _starts(problem, base, candidate, carriers) -> Sequence[Mapping[str, float]]
 
 
 def _absent(candidate: Candidate, shapes: Mapping[str, float], base: Fit) -> dict[str, float]:
-    """The base's values with the candidate there at zero size."""
+    """The base's values with the candidate there at zero size; nuisances that it replaces are left out, and so at nominal."""
     at = {p.key: 0.0 if p.key in candidate.sizes else shapes[p.key] for p in candidate.coordinates}
-    return base.mapping | {f"{candidate.label}.{key}": value for key, value in at.items()}
+    kept = {key: value for key, value in base.mapping.items() if key.partition("@")[0] not in candidate.replaces}
+    return kept | {f"{candidate.label}.{key}": value for key, value in at.items()}
 
 
 def _signature(problem, base, differences, candidate, shapes, origin) -> Signature:
     values = _absent(candidate, shapes, base)
-    for name in candidate.replaces:  # held at nominal
-        values = {key: value for key, value in values.items() if key.partition("@")[0] != name}
     sizes = {f"{candidate.label}.{key}" for key in candidate.sizes}
     both = (*base.explanation, candidate)
     if finite := [key for key in candidate.sizes if key in shapes]:

@@ -12,10 +12,10 @@ from jointgap.discrepancy.calibrate import Thresholds
 from jointgap.discrepancy.coarse import View, descended, looked_through, two_sided, views
 from jointgap.discrepancy.decide import reduced
 from jointgap.discrepancy.fit import FAILED, Fit, fit
+from jointgap.discrepancy.naming import fitted
 from jointgap.discrepancy.problem import Explanation
 from jointgap.discrepancy.recalibrate import Recalibrated
 from jointgap.discrepancy.screen import Screen, Screened, Signatures, signatures
-from jointgap.discrepancy.start import stretched
 
 SOUGHT = 8
 """Candidates that are looked for from afar, at most, beside those of which small sizes say little."""
@@ -33,8 +33,8 @@ _SHOWS = 1.5  # chi2 per sample that is left in a view in which something is to 
 _BEHIND = 3.0  # times the chi2 of the best one: too far behind to go on
 
 
-def sought(base: Recalibrated, limits: Thresholds, part: int = 0, parts: int = 1) -> list[Fit]:
-    """Fits of single effects that come from afar, best first; of every `parts`-th candidate, from number `part` on."""
+def sought(base: Recalibrated, limits: Thresholds) -> list[Fit]:
+    """Fits of single effects that come from afar, best first, the failed ones last."""
     through = views(base.problem)
     if not through:
         return []
@@ -42,14 +42,11 @@ def sought(base: Recalibrated, limits: Thresholds, part: int = 0, parts: int = 1
     if far.status == FAILED:
         return []
     known = signatures(base.problem, far, base.differences)
-    chosen = [(one, known) for one in _shortlist(known, through[0], SOUGHT)]
-    return raced(base, chosen[part::parts], through, limits)
+    return raced(base, [(one, known) for one in _shortlist(known, through[0], SOUGHT)], through, limits)
 
 
-def sought_pairs(
-    base: Recalibrated, fits: Sequence[Fit], limits: Thresholds, part: int = 0, parts: int = 1
-) -> list[Fit]:
-    """Fits of pairs of effects where no single one is enough, best first; of every `parts`-th pair, from number `part` on.
+def sought_pairs(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> list[Fit]:
+    """Fits of pairs of effects where no single one is enough, best first, the failed ones last.
 
     The single effects that explain most in the first view in which the base leaves something to be seen are paired with what would
     explain most of the rest: with one of two effects there, neither nuisances nor signatures are the base's.
@@ -60,7 +57,6 @@ def sought_pairs(
     fits : sequence of Fit
         Of the single effects.
     limits : Thresholds
-    part, parts : int
     """
     through = views(base.problem)
     first = next((view for view in through if _shows(base.base, view)), next(iter(through[-1:]), None))
@@ -80,7 +76,7 @@ def sought_pairs(
         for pair in _shortlist(beside, next(iter(here), None), PARTNERS, about.explanation):
             if pair.explanation[-1].label not in lost:
                 chosen.setdefault(frozenset(c.label for c in pair.explanation), (pair, beside))
-    return raced(base, list(chosen.values())[part::parts], rest, limits)
+    return raced(base, list(chosen.values()), rest, limits)
 
 
 def _shortlist(known: Signatures, view: View | None, most: int, beside: Explanation = ()) -> list[Screened]:
@@ -98,7 +94,8 @@ def _untold(one: Screened) -> bool:
 def raced(
     base: Recalibrated, chosen: Sequence[tuple[Screened, Signatures]], through: Sequence[View], limits: Thresholds
 ) -> list[Fit]:
-    """Fits of explanations through all views to the samples, best first; after each view the worst are left behind.
+    """Fits of explanations through all views to the samples, best first, the failed ones last; after each view the worst are left
+    behind.
 
     Parameters
     ----------
@@ -110,29 +107,32 @@ def raced(
     limits : Thresholds
     """
     problem, differences = base.problem, base.differences
-    going, first = [], next(iter(through), None)
+    going, lost, first = [], [], next(iter(through), None)
     least = np.inf
     for one, known in chosen:
-        start, multiple = stretched(problem, one, first)
-        near = known.known(one.signatures) if multiple == 1.0 else None
-        found = fit(problem, one.explanation, start, near, differences, enough=least, view=first)
+        found = fitted(base, known, one, enough=least, view=first)
+        if found.status == FAILED:
+            lost.append(found)
+            continue
         if first and _untold(one):
             found = _onward(base, found, first, first)
-        if first and found.status != FAILED:
+        if first:
             least = min(least, _left(found, first))
         going.append(found)
     onward = (*through[1:], None)[: len(through)]
     for view, finer, most in zip(through, onward, KEPT[len(KEPT) - len(through) :], strict=True):
-        left = sorted(((_left(one, view), i) for i, one in enumerate(going) if one.status != FAILED))
+        left = sorted((_left(one, view), i) for i, one in enumerate(going))
         best = [going[i] for value, i in left[:most] if value < _BEHIND * left[0][0]]
         going = [_onward(base, one, view, finer) for one in best]
+        lost += [one for one in going if one.status == FAILED]
+        going = [one for one in going if one.status != FAILED]
     going.sort(key=lambda one: one.chi2)
     if going and first and reduced(going[0]) > limits.omnibus:
         for one in going[:CAREFUL]:
             near = descended(problem, one.explanation, one.mapping, differences, through)
             if near.status != FAILED:
                 going.append(fit(problem, one.explanation, near.mapping, differences=differences))
-    return sorted(going, key=lambda one: one.chi2)
+    return [*sorted(going, key=lambda one: one.chi2), *lost]
 
 
 def _about(
@@ -147,7 +147,7 @@ def _about(
 
 
 def _onward(base: Recalibrated, one: Fit, view: View, finer: View | None) -> Fit:
-    """The fit in the finer view that starts from one in `view`; what nuisances were left open there stays where it is."""
+    """The fit in the finer view that starts from one in `view`, nuisances where they are; itself where it could not be simulated."""
     if one.status == FAILED:
         return one
     moved = looked_through(base.problem, one, view, finer, sizes_alone=True)

@@ -24,8 +24,9 @@ def fit_screened(
     known: Mapping[str, np.ndarray],
     differences: Differences,
     enough: float = np.inf,
+    view: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Fit:
-    """The fit from the best of 1, 2, 4 ... times the linear answer.
+    """The fit from the best of 1, 2, 4 ... times the linear answer, or of the sizes on a candidate's grid.
 
     A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be several times
     as large as they say.
@@ -37,8 +38,8 @@ def fit_screened(
     known : mapping of str to (n,) array
         Derivatives by key about the base; used where the start is near it.
     differences : Differences
-    enough : float
-        As in `jointgap.discrepancy.fit.fit`.
+    enough, view
+        As of `jointgap.discrepancy.fit.fit`.
 
     Raises
     ------
@@ -52,26 +53,18 @@ def fit_screened(
                 raise SimulationError(
                     f"no size of {new.candidate.label} that was tried comes nearer to the data than none"
                 )
-            return fit(problem, one.explanation, start, differences=differences, enough=enough)
+            return fit(problem, one.explanation, start, differences=differences, enough=enough, view=view)
     if any(p.key in new.shapes for new in one.signatures for p in new.sizes):  # it starts far from the base already
-        return fit(problem, one.explanation, one.start, differences=differences, enough=enough)
-    start, multiple = stretched(problem, one)
+        return fit(problem, one.explanation, one.start, differences=differences, enough=enough, view=view)
+    start, multiple = _stretched(problem, one, view)
     near = multiple <= 1.0  # derivatives at the base are good enough
-    return fit(problem, one.explanation, start, known if near else None, differences, enough=enough)
+    return fit(problem, one.explanation, start, known if near else None, differences, enough=enough, view=view)
 
 
-def stretched(
-    problem: Problem, one: Screened, view: Callable[[np.ndarray], np.ndarray] | None = None
+def _stretched(
+    problem: Problem, one: Screened, view: Callable[[np.ndarray], np.ndarray] | None
 ) -> tuple[dict[str, float], float]:
-    """The best of 1, 2, 4 ... times the linear answer, as a start, and which it is.
-
-    Parameters
-    ----------
-    problem : Problem
-    one : Screened
-    view : function, optional
-        As in `jointgap.discrepancy.fit.fit`.
-    """
+    """The best of 1, 2, 4 ... times the linear answer, as a start, and which it is."""
     sizes = {f"{new.candidate.label}.{p.key}" for new in one.signatures for p in new.sizes}
     bounds = {p.key: (p.low, p.high) for p in problem.parameters(one.explanation)}
     start, best, multiple, least = dict(one.start), 1.0, 1.0, np.inf
