@@ -15,7 +15,8 @@ from jointgap.discrepancy.whiten import Noise
 from jointgap.errors import InputError, SimulationError
 
 STARTS = 3
-"""Values of the nuisances that a fit is started from where it does not leave noise alone: those given, and drawn ones."""
+"""Values of the nuisances that a fit is started from where it does not leave noise alone: those given, among the samples and then from
+afar, and drawn ones from afar."""
 
 _SAME = 1e-3  # of chi2: two fits that differ by less have come to the same end
 
