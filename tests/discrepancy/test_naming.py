@@ -1,6 +1,6 @@
 """Naming from end to end on a mechanism in closed form: the right name, no name, or an honest doubt."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -9,11 +9,12 @@ from jointgap.discrepancy.calibrate import thresholds
 from jointgap.discrepancy.decide import Decision
 from jointgap.discrepancy.explain import doubles, singles
 from jointgap.discrepancy.fit import fit
-from jointgap.discrepancy.naming import beside_best, fitted, shortlist, swapped, verdict
+from jointgap.discrepancy.naming import bent, beside_best, fitted, shortlist, swapped, verdict
+from jointgap.discrepancy.problem import Problem
 from jointgap.discrepancy.protocol import Candidate, Parameter
 from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
 from jointgap.discrepancy.screen import Screen, signatures
-from tests.discrepancy.toy import CANDIDATES, RINGING, ringing, stated_noise, toy
+from tests.discrepancy.toy import CANDIDATES, RINGING, Toy, ringing, stated_noise, toy
 
 
 def named(effects=None, more=(), **how) -> tuple[Decision, float]:
@@ -185,3 +186,29 @@ def test_a_pair_in_another_order_is_no_rival():
     decision = verdict(base, known, [fit(base.problem, pair), fit(base.problem, pair[::-1])], limits)
     assert decision.verdict == "named"
     assert len(decision.ranking) == 1
+
+
+@dataclass(frozen=True)
+class Stepping(Toy):
+    """The toy with a torque that is larger where the slider is heavier than nominal."""
+
+    def simulate(self, run, values, effects=(), numerics=0):
+        """What the sensors read."""
+        read = dict(super().simulate(run, values, effects, numerics))
+        if values["slider_mass"] > 0.5:
+            read["torque"] = read["torque"] + 0.05 * np.std(read["torque"])
+        return read
+
+
+def test_chi2_departs_from_a_parabola_where_the_motion_jumps_and_not_where_it_is_linear():
+    smooth = toy(seed=1)
+    jumping = Stepping(smooth.series, smooth.nuisances, smooth.candidates, smooth.speeds)
+    found = []
+    for model in (smooth, jumping):
+        problem = Problem(model, stated_noise(model))
+        mass = next(p for p in problem.nuisances if p.name == "slider_mass")
+        at_nominal = fit(problem, refresh=True, vary=[mass])
+        here = replace(at_nominal, values=np.array([0.5]), residual=problem.residual({"slider_mass": 0.5}))
+        found.append(bent(problem, here))
+    assert found[0] < 1e-6
+    assert found[1] > 100.0

@@ -20,7 +20,11 @@ CONVERGED, STOPPED, FAILED = "converged", "stopped", "failed"
 _GAIN = (
     0.05  # of chi2: less than this is not worth a step; a hundredth of what counts in a BIC. Poor fits need less care.
 )
-_MOST_STEPS = 20
+_MOST_STEPS = 80  # valleys may be long
+_LONG, _CREEPING = (
+    10,
+    2.0,
+)  # after so many steps a fit that gains less of chi2 over `_PATIENCE` of them has its Jacobian made anew
 _PATIENCE = 4  # steps over which a fit that is still poor has to gain
 _PROGRESS = 0.02  # of its chi2
 _POOR = 2.0  # chi2 per sample
@@ -185,14 +189,25 @@ def fit(
     seen = view or (lambda values: values)
     status, reason = STOPPED, f"no end after {most} steps"
     rough, sr = differences.rough_chi2, seen(r)
+    creeping, renewed, at_renewal = max(_CREEPING, rough), 0, np.inf
     course = [float(sr @ sr)]
-    for _ in range(most):
+    for taken in range(most):
         beaten = course[-1] > _BEATEN * enough
         patience, progress = (_SHORT, _HASTE) if beaten else (_PATIENCE, _PROGRESS)
         behind = course[max(len(course) - 1 - patience, 0)]
         if len(course) > patience and behind - course[-1] < progress * course[-1] > progress * _POOR * r.size:
             reason = "poor, and hardly better from step to step"
             break
+        if taken >= renewed + _LONG and course[max(len(course) - 1 - _PATIENCE, 0)] - course[-1] < creeping:
+            if renewed and at_renewal - course[-1] < creeping:
+                reason = f"hardly better from step to step after {taken}"
+                break
+            renewed, at_renewal = taken, course[-1]
+            try:
+                jacobian, fresh, damping = derivatives(x, r), True, 0.0
+            except (InputError, SimulationError) as error:
+                reason = str(error)
+                break
         worth = max(_GAIN * max(1.0, course[-1] / r.size) ** 2, rough, share * course[-1])
         step, left = bounded_step(seen(jacobian), sr, low - x, high - x, damping)
         promised = sr @ sr - left

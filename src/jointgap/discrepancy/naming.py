@@ -10,6 +10,7 @@ from jointgap.discrepancy.calibrate import Thresholds
 from jointgap.discrepancy.coarse import descended, views
 from jointgap.discrepancy.decide import RIVAL, SHARE, SLIGHT, Decision, decide, reduced
 from jointgap.discrepancy.fit import FAILED, Fit, fit
+from jointgap.discrepancy.problem import Problem
 from jointgap.discrepancy.recalibrate import Recalibrated, drawn, other_numerics
 from jointgap.discrepancy.screen import Screen, Screened, Signatures
 from jointgap.discrepancy.start import fit_screened
@@ -111,10 +112,12 @@ def fitted(
 
 
 def beside_best(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
-    """The thresholds with the best single effect there, where that explains nearly all.
+    """The thresholds with the best single effect there.
 
     The numerics may matter more where it is there: a joint that was ideal hits and slides. What other numerics change there,
-    beyond what nuisances can, may be left, and is no sign of a second effect.
+    beyond what nuisances can, is no sign of a second effect; nor may it be called the effect's if it is a large part of what that
+    explains, and otherwise it may be left. Where it is enough, a second effect has to gain more than what fits gain by ending
+    at this side of a jump or that (`bent`).
     """
     alone = [one for one in fits if one.status != FAILED and len(one.explanation) == 1]
     best = min(alone, key=lambda one: one.chi2, default=None)
@@ -126,11 +129,34 @@ def beside_best(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> 
     except (InputError, SimulationError):
         return limits
     left = float(max((np.sum((row - across @ (across.T @ row)) ** 2) for row in changes), default=0.0))
-    if left > (1.0 - SHARE) * (base.base.chi2 - best.chi2):
-        return limits
-    if left <= limits.directed:
-        return limits
-    return replace(limits, directed=left, omnibus=limits.omnibus + left / best.residual.size)
+    most = (1.0 - SHARE) * (base.base.chi2 - best.chi2)
+    found = replace(limits, directed=max(limits.directed, min(left, most)))
+    if limits.directed < left <= most:
+        found = replace(found, omnibus=limits.omnibus + left / best.residual.size)
+    if reduced(best) > found.omnibus:
+        return found
+    return replace(found, directed=max(found.directed, bent(base.problem, best)))
+
+
+def bent(problem: Problem, one: Fit) -> float:
+    """How far chi2 departs from a parabola within a standard error of one parameter after the other, at most.
+
+    Where an impact comes or does not come, chi2 jumps by more than parameters change it otherwise, and a fit ends at this side of
+    the jump or that: differences between fits that are smaller say nothing. 0 where residuals depend on parameters linearly.
+    """
+    errors, most = np.sqrt(np.diag(one.covariance())), 0.0
+    for p, value, error in zip(one.parameters, one.values, errors, strict=True):
+        step = min(error, value - p.low, p.high - value)
+        if p.run is not None or not step > 0.0:
+            continue
+        try:
+            there, back = (
+                problem.residual(one.mapping | {p.key: value + signed}, one.explanation) for signed in (step, -step)
+            )
+        except (InputError, SimulationError):
+            continue
+        most = max(most, abs(float(np.sum(np.square(0.5 * (there + back)))) - one.chi2))
+    return most
 
 
 def refined(base: Recalibrated, one: Fit) -> Fit:

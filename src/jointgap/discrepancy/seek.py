@@ -64,7 +64,8 @@ def sought_pairs(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) ->
     for one in sorted((one for one in fits if one.status != FAILED), key=lambda one: _left(one, first)):
         best.setdefault(one.label, one)
     leading = [one for one in best.values() if _left(one, first) < _BEHIND * _left(next(iter(best.values())), first)]
-    lost = {one.label for one in fits} - best.keys()
+    # what is sought on a grid may come nearer beside another effect though it does not alone
+    lost = {one.label for one in fits if not any(c.grid for c in one.explanation)} - best.keys()
     chosen: dict[frozenset[str], tuple[Screened, Signatures]] = {}
     rest: Sequence[View] = ()
     for one in leading[:LEADING]:
