@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from jointgap.discrepancy.calibrate import thresholds
-from jointgap.discrepancy.coarse import descended, two_sided, views
+from jointgap.discrepancy.coarse import descended, views
 from jointgap.discrepancy.differences import Differences
 from jointgap.discrepancy.explain import doubles, singles
 from jointgap.discrepancy.fit import fit
 from jointgap.discrepancy.naming import fitted, shortlist, verdict
 from jointgap.discrepancy.problem import Problem
-from jointgap.discrepancy.protocol import Parameter
 from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
 from jointgap.discrepancy.screen import signatures
 from jointgap.discrepancy.seek import sought
@@ -58,14 +57,6 @@ def test_a_fit_from_afar_ends_in_the_valley_of_the_truth(clearance):
     assert near.chi2 > 3.0 * problem.size
     assert found.chi2 < 1.1 * problem.size
     assert found.mapping["clearance"] == pytest.approx(clearance, abs=1e-3)
-
-
-def test_changes_of_what_is_known_are_looked_through_and_sizes_that_are_but_guarded_are_not():
-    size = Parameter("change", 0.0, step=0.1)
-    assert two_sided(replace(size, low=-0.5, high=2.0))
-    assert not two_sided(replace(size, low=-0.5, high=0.5))
-    assert not two_sided(replace(size, low=0.0, high=2.0))
-    assert not two_sided(size)
 
 
 @pytest.mark.parametrize("clearance", [0.92, 1.06])

@@ -78,6 +78,11 @@ def test_finite_starts_are_of_a_single_size_above_zero(sizes, starts):
         Candidate("odd", "slider", tuple(Parameter(key, 0.0) for key in sizes), sizes, (starts,))
 
 
+def test_the_change_of_something_known_has_finite_bounds():
+    with pytest.raises(ValueError, match="finite bounds"):
+        Candidate("odd", "slider", (Parameter("change", 0.0, low=-1.0),), ("change",), change=True)
+
+
 def test_another_choice_of_numerics_is_no_second_effect():
     """What changes with the width of friction at rest is about as much as a second effect may then have to gain."""
     model = toy({"coulomb": {"force_N": 30.0}}, seed=1)
@@ -190,25 +195,51 @@ def test_a_pair_in_another_order_is_no_rival():
 
 @dataclass(frozen=True)
 class Stepping(Toy):
-    """The toy with a torque that is larger where the slider is heavier than nominal."""
+    """The toy with a torque that is larger where the slider is heavier than `limit`."""
+
+    limit: float = 0.5
+    step: float = 0.05  # of the torque's standard deviation
 
     def simulate(self, run, values, effects=(), numerics=0):
         """What the sensors read."""
         read = dict(super().simulate(run, values, effects, numerics))
-        if values["slider_mass"] > 0.5:
-            read["torque"] = read["torque"] + 0.05 * np.std(read["torque"])
+        if values["slider_mass"] > self.limit:
+            read["torque"] = read["torque"] + self.step * np.std(read["torque"])
         return read
 
 
-def test_chi2_departs_from_a_parabola_where_the_motion_jumps_and_not_where_it_is_linear():
+def stepping(model: Toy, limit: float) -> Stepping:
+    return Stepping(model.series, model.nuisances, model.candidates, model.speeds, limit=limit)
+
+
+def test_what_residuals_to_one_side_foretell_of_the_other_holds_where_they_are_linear_and_not_across_a_jump():
     smooth = toy(seed=1)
-    jumping = Stepping(smooth.series, smooth.nuisances, smooth.candidates, smooth.speeds)
-    found = []
-    for model in (smooth, jumping):
+    for model, least, most in ((smooth, 0.0, 1e-6), (stepping(smooth, 0.5), 0.9, 1.1)):
         problem = Problem(model, stated_noise(model))
         mass = next(p for p in problem.nuisances if p.name == "slider_mass")
-        at_nominal = fit(problem, refresh=True, vary=[mass])
-        here = replace(at_nominal, values=np.array([0.5]), residual=problem.residual({"slider_mass": 0.5}))
-        found.append(bent(problem, here))
-    assert found[0] < 1e-6
-    assert found[1] > 100.0
+        fitted_mass = fit(problem, refresh=True, vary=[mass])
+        here = problem.residual({"slider_mass": 0.5})
+        found = replace(fitted_mass, values=np.array([0.5]), residual=here)
+        error = float(np.sqrt(found.covariance()[0, 0]))
+        beyond = problem.residual({"slider_mass": 0.5 + error})
+        foretold = 2.0 * here - problem.residual({"slider_mass": 0.5 - error})
+        jump = float(beyond @ beyond - foretold @ foretold)
+        assert least * abs(jump) <= bent(problem, found) <= most * max(abs(jump), 1.0)
+
+
+def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_added():
+    effects = {"viscous": {"damping_N_s_m": 0.03}}
+    smooth = toy(effects, seed=11)
+    problem = Problem(smooth, stated_noise(smooth))
+    viscous = tuple(one for one in smooth.candidates if one.label == "viscous")
+    found = fit(problem, viscous, refresh=True)
+    place = [p.key for p in found.parameters].index("slider_mass")
+    model = stepping(smooth, found.values[place] + 0.5 * np.sqrt(found.covariance()[place, place]))
+    base = recalibrate(model, stated_noise(model))
+    known = signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    fits, _ = singles(base, known, limits)
+    assert beside_best(base, fits, limits).directed > 5.0 * limits.directed
+    decision = verdict(base, known, [*fits, *doubles(base, known, limits, fits)[0]], limits)
+    assert decision.verdict == "named"
+    assert decision.chosen.label == "viscous"

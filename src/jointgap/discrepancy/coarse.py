@@ -16,7 +16,7 @@ from jointgap.discrepancy.differences import Differences
 from jointgap.discrepancy.fit import FAILED, Fit, bounds_of, fit
 from jointgap.discrepancy.linear import bounded_step
 from jointgap.discrepancy.problem import Explanation, Problem
-from jointgap.discrepancy.protocol import Parameter
+from jointgap.discrepancy.protocol import Candidate
 from jointgap.errors import InputError, SimulationError
 
 WIDTHS = (np.deg2rad(24.0), np.deg2rad(6.0))
@@ -165,25 +165,18 @@ def looked_through(
     return at if moved else None
 
 
-def two_sided(size: Parameter) -> bool:
-    """Whether a size is the change of something known, such as a clearance, down to where nothing is left of it.
-
-    Small changes of these move impacts and say little of large ones. Bounds as far to one side as to the other are but a guard.
-    """
-    return bool(-np.inf < size.low < size.nominal < size.high < np.inf and -size.low != size.high)
-
-
 def _left(matrix: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
     return bounded_step(matrix, residual, low, high)[1]
 
 
-def _sized(found: Fit) -> set[str]:
-    return {f"{candidate.label}.{name}" for candidate in found.explanation for name in candidate.sizes}
+def _sized(found: Fit) -> dict[str, Candidate]:
+    """The sizes of effects among the parameters, by key, and whose they are."""
+    return {f"{candidate.label}.{name}": candidate for candidate in found.explanation for name in candidate.sizes}
 
 
 def _open(found: Fit, view: View, finer: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """Which parameters are to be looked through, and where: nuisances that `view` leaves open though they matter in the finer one,
-    and sizes that small changes say little of."""
+    """Which parameters are to be looked through, and where: nuisances and shapes that `view` leaves open though they matter in the
+    finer one, and changes of what is known, of which small ones say little."""
     if not found.parameters:
         return []
     width = np.array([p.high - p.low for p in found.parameters])
@@ -199,9 +192,9 @@ def _open(found: Fit, view: View, finer: np.ndarray) -> list[tuple[int, np.ndarr
         if not bounded[i] or p.run is not None:
             continue
         if p.key in sized:
-            if two_sided(p):
+            if sized[p.key].change:
                 places = np.unique(np.clip(p.low + (p.nominal - p.low) * _RATIOS, p.low, p.high))
-                chosen.append((i, places[places != p.nominal]))
+                chosen.append((i, places[~np.isclose(places, p.nominal, rtol=0.0, atol=1e-6 * width[i])]))
         elif errors[i] > _OPEN * width[i] and changes[i] > _MATTERS * np.sqrt(finer.shape[0]):
             chosen.append((i, np.linspace(p.low, p.high, _PLACES)))
     return chosen

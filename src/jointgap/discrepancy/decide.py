@@ -84,6 +84,7 @@ def decide(
     alikeness: Mapping[str, float],
     nuisance_bounds: Mapping[str, tuple[float, float, float]],
     within: Callable[[Explanation, Explanation], bool],
+    second: float = 0.0,
 ) -> Decision:
     """Choose among fitted explanations.
 
@@ -100,11 +101,13 @@ def decide(
         Ranges of the nuisances that effects may replace.
     within : function
         Whether an explanation is a special case of another, which is then no rival but an addition.
+    second : float
+        What a second effect has to gain in BIC over the best single one, where that is more than `limits.directed`.
     """
     ranking = rank(base, fits, limits, nuisance_bounds)
     good = [one for one in ranking if one.admissible and one.delta_bic > 0]
     base_passes = reduced(base) <= max(limits.omnibus, SLIGHT)
-    best = _best(good, limits)
+    best = _best(good, max(RIVAL, limits.directed, second))
     told = {"ranking": ranking, "thresholds": limits}
     if best is None or best.delta_bic <= max(RIVAL, limits.directed):  # the base is a rival too
         if not base_passes:
@@ -185,15 +188,14 @@ def _objection(one: Fit, nuisance_bounds) -> str:
     return ""
 
 
-def _best(good: Sequence[Ranked], limits: Thresholds) -> Ranked | None:
-    """The best explanation; of more effects only where each of them is needed beyond doubt."""
+def _best(good: Sequence[Ranked], needed: float) -> Ranked | None:
+    """The best explanation; one of more effects only where it gains more than `needed` over the best one of fewer."""
     best = None
     for count in range(1, 1 + max((len(one.fit.explanation) for one in good), default=0)):
         of_count = [one for one in good if len(one.fit.explanation) == count]
         if not of_count:
             continue
         first = of_count[0]
-        needed = max(RIVAL, limits.directed)
         if best is None or first.delta_bic - best.delta_bic > needed:
             best = first
     return best

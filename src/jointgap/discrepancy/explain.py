@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from jointgap.discrepancy.calibrate import Thresholds
-from jointgap.discrepancy.decide import SLIGHT, reduced
-from jointgap.discrepancy.fit import FAILED, Fit
+from jointgap.discrepancy.decide import reduced
+from jointgap.discrepancy.fit import Fit
 from jointgap.discrepancy.naming import beside_best, enough, fitted, pairs, shortlist
 from jointgap.discrepancy.recalibrate import Recalibrated, probed
 from jointgap.discrepancy.screen import Screened, Signatures
@@ -32,7 +32,7 @@ def singles(found: Recalibrated, known: Signatures, limits: Thresholds, part: in
     part, parts : int
         Which of how many parts, counted from 0.
     """
-    return _each(found, known, [(one, None) for one in shortlist(known, limits)[part::parts]])
+    return _each(found, known, [(one, None) for one in shortlist(known, limits)[part::parts]], limits)
 
 
 def doubles(
@@ -66,7 +66,7 @@ def _beside(
     """Pairs beside the single effect that is enough; none where none is."""
     second = beside_best(found, alone, limits)
     best = enough(found, alone, second)
-    return _each(found, known, pairs(known, best, alone, second)[part::parts] if best else [])
+    return _each(found, known, pairs(known, best, alone, second)[part::parts] if best else [], limits)
 
 
 def _from_afar(found: Recalibrated, known: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> Fitted:
@@ -89,11 +89,13 @@ def _from_afar(found: Recalibrated, known: Signatures, limits: Thresholds, alone
     return list(best.values()), [share] * len(best)
 
 
-def _each(found: Recalibrated, known: Signatures, chosen: Sequence[tuple[Screened, Fit | None]]) -> Fitted:
+def _each(
+    found: Recalibrated, known: Signatures, chosen: Sequence[tuple[Screened, Fit | None]], limits: Thresholds
+) -> Fitted:
     fits, seconds = [], []
     for one, beside in chosen:
         begin = time.monotonic()
-        least = min((one.chi2 for one in fits if one.status != FAILED and reduced(one) <= SLIGHT), default=np.inf)
+        least = min((one.chi2 for one in fits if reduced(one) <= limits.omnibus), default=np.inf)
         fits.append(fitted(found, known, one, beside, least))
         seconds.append(time.monotonic() - begin)
     return fits, seconds

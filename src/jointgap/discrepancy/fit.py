@@ -198,7 +198,11 @@ def fit(
         if len(course) > patience and behind - course[-1] < progress * course[-1] > progress * _POOR * r.size:
             reason = "poor, and hardly better from step to step"
             break
-        if taken >= renewed + _LONG and course[max(len(course) - 1 - _PATIENCE, 0)] - course[-1] < creeping:
+        if (
+            not fresh
+            and taken >= renewed + _LONG
+            and course[max(len(course) - 1 - _PATIENCE, 0)] - course[-1] < creeping
+        ):
             if renewed and at_renewal - course[-1] < creeping:
                 reason = f"hardly better from step to step after {taken}"
                 break

@@ -112,12 +112,12 @@ def fitted(
 
 
 def beside_best(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
-    """The thresholds with the best single effect there.
+    """The thresholds for explanations of more effects, with the best single one there.
 
     The numerics may matter more where it is there: a joint that was ideal hits and slides. What other numerics change there,
-    beyond what nuisances can, is no sign of a second effect; nor may it be called the effect's if it is a large part of what that
-    explains, and otherwise it may be left. Where it is enough, a second effect has to gain more than what fits gain by ending
-    at this side of a jump or that (`bent`).
+    beyond what nuisances can, may be left and is no sign of a second effect, as long as it is a small part of what the effect explains;
+    of more than that, the small part is what a second effect has to gain. Where the single one is enough, a second effect has to gain
+    more than fits gain by ending at this side of a jump or that too (`bent`).
     """
     alone = [one for one in fits if one.status != FAILED and len(one.explanation) == 1]
     best = min(alone, key=lambda one: one.chi2, default=None)
@@ -139,10 +139,11 @@ def beside_best(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> 
 
 
 def bent(problem: Problem, one: Fit) -> float:
-    """How far chi2 departs from a parabola within a standard error of one parameter after the other, at most.
+    """How far chi2, a standard error of one parameter off, is from what the residuals as far to the other side foretell; at most.
 
     Where an impact comes or does not come, chi2 jumps by more than parameters change it otherwise, and a fit ends at this side of
     the jump or that: differences between fits that are smaller say nothing. 0 where residuals depend on parameters linearly.
+    Parameters at a bound, and those of single runs, are left out.
     """
     errors, most = np.sqrt(np.diag(one.covariance())), 0.0
     for p, value, error in zip(one.parameters, one.values, errors, strict=True):
@@ -155,7 +156,8 @@ def bent(problem: Problem, one: Fit) -> float:
             )
         except (InputError, SimulationError):
             continue
-        most = max(most, abs(float(np.sum(np.square(0.5 * (there + back)))) - one.chi2))
+        for seen, other in ((there, back), (back, there)):
+            most = max(most, abs(float(np.sum(seen**2) - np.sum((2.0 * one.residual - other) ** 2))))
     return most
 
 
@@ -172,7 +174,8 @@ def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: 
     Where the motion is rough, base and rivals are first fitted again from the best one's nuisances: an explanation must not win
     by having found a deeper valley of parameters that all share.
     """
-    limits = beside_best(base, fits, limits)
+    second = beside_best(base, fits, limits)
+    limits = replace(second, directed=limits.directed)
     best: dict[frozenset[str], Fit] = {}
     for one in sorted(fits, key=lambda one: one.chi2):
         best.setdefault(frozenset(candidate.label for candidate in one.explanation), one)
@@ -197,7 +200,9 @@ def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: 
         if one.status != FAILED and one.explanation
     }
     bounds = {p.name: (p.nominal, p.low, p.high) for p in base.problem.nuisances}
-    return decide(plain, base.nominal, list(best.values()), limits, alikeness, bounds, subspaces.within)
+    return decide(
+        plain, base.nominal, list(best.values()), limits, alikeness, bounds, subspaces.within, second.directed
+    )
 
 
 def swapped(base: Recalibrated, known: Signatures, fits: Sequence[Fit]) -> list[Fit]:

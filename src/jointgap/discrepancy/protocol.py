@@ -65,6 +65,9 @@ class Candidate:
         Values of all shapes to start from; one empty mapping where there are none. Where the motion does not depend on a size
         about linearly from 0 on, such as the clearance of a joint that was ideal, starts hold the size too, if it is the only
         one: what the effect changes is then told from there.
+    change : bool
+        Whether its size is the change of something known, such as a clearance, down to the lower bound where nothing is left of
+        that: small changes then say little of large ones. Both bounds are finite.
     grid : tuple of float
         Of an effect with one size on which the motion depends so roughly that a fit comes to an end from near by alone: values to
         begin from, growing, each 1.35 times the one before or nearer.
@@ -92,6 +95,7 @@ class Candidate:
     sensor: bool = False
     choice: bool = False
     carrier: str = ""
+    change: bool = False
     grid: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -99,6 +103,10 @@ class Candidate:
         finite = [start[key] for start in self.starts for key in self.sizes if key in start] + list(self.grid)
         if finite and (len(self.sizes) > 1 or min(finite) <= 0.0):
             raise ValueError(f"{self.name}: starts and grids hold values of a single size, above 0; got {finite}")
+        if self.change and not all(
+            np.isfinite((p.low, p.high)).all() for p in self.coordinates if p.name in self.sizes
+        ):
+            raise ValueError(f"{self.name}: the change of something known needs finite bounds")
 
     @property
     def label(self) -> str:

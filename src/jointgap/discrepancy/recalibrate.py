@@ -66,7 +66,7 @@ def recalibrate(model: Model, noise: Mapping[tuple[str, str], Noise]) -> Recalib
         vary=own,
     )
     base = fit(problem, start=start.mapping, differences=differences, refresh=True)
-    return Recalibrated(problem, differences, nominal, base)
+    return Recalibrated(problem, probed(problem, base.mapping), nominal, base)  # as they come back from files
 
 
 def best_of(
@@ -79,7 +79,8 @@ def best_of(
     """The best of fits from several values of the nuisances; the first that leaves noise alone ends the search.
 
     Where joints are loose, fits may be caught in a valley that is not the deepest. So all but the first come from afar
-    (`jointgap.discrepancy.coarse`), and one that comes to the same end as the best one before it ends the search too.
+    (`jointgap.discrepancy.coarse`), and one that comes to the same end as the best one before it ends the search too. Where there is
+    no view from afar all drawn values are tried.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jointgap.discrepancy.calibrate import Thresholds
-from jointgap.discrepancy.coarse import View, descended, looked_through, two_sided, views
+from jointgap.discrepancy.coarse import View, descended, looked_through, views
 from jointgap.discrepancy.decide import reduced
 from jointgap.discrepancy.fit import FAILED, Fit, fit
 from jointgap.discrepancy.naming import fitted
@@ -87,9 +87,8 @@ def _shortlist(known: Signatures, view: View | None, most: int, beside: Explanat
 
 def _untold(one: Screened) -> bool:
     """Whether small sizes say little of an effect."""
-    return any(
-        new.candidate.replaces or new.candidate.grid or any(two_sided(p) for p in new.sizes) for new in one.signatures
-    )
+    candidates = [new.candidate for new in one.signatures]
+    return any(candidate.replaces or candidate.grid or candidate.change for candidate in candidates)
 
 
 def raced(
@@ -148,14 +147,16 @@ def _about(
 
 
 def _onward(base: Recalibrated, one: Fit, view: View, finer: View | None) -> Fit:
-    """The fit in the finer view that starts from one in `view`, nuisances where they are; itself where it could not be simulated."""
-    if one.status == FAILED:
-        return one
+    """The fit in the finer view that starts from one in `view`, where changes of what is known are looked through."""
     moved = looked_through(base.problem, one, view, finer, sizes_alone=True)
-    if moved is None and finer is view:
+    if moved is not None:
+        found = fit(base.problem, one.explanation, moved, None, base.differences, view=finer)
+        if found.status != FAILED:
+            return found
+    if finer is view:
         return one
-    near = dict(zip((p.key for p in one.parameters), one.jacobian.T, strict=True)) if moved is None else None
-    return fit(base.problem, one.explanation, moved or one.mapping, near, base.differences, view=finer)
+    near = dict(zip((p.key for p in one.parameters), one.jacobian.T, strict=True))
+    return fit(base.problem, one.explanation, one.mapping, near, base.differences, view=finer)
 
 
 def _shows(one: Fit, view: View) -> bool:

@@ -254,6 +254,7 @@ def _pin(mechanism: Mechanism, pin: str, scale: Scale, nuisances: Mapping[str, P
         pin,
         replaces=replaces,
         choice=True,
+        change=joint.loose and known > 0.0,
     )
     if joint.loose:
         length = 2.0 * joint.journal_radius
@@ -279,6 +280,7 @@ def _clearance(mechanism: Mechanism, joint: str, nuisances: Mapping[str, Paramet
         parameters=lambda values: {"clearance_m": known + values["change_m"]},
         starts=({},) if known else [{"change_m": value} for value in _FIRST_CLEARANCES],
         grid=() if known else _CLEARANCES,
+        change=known > 0.0,
         site=joint,
         replaces=replaced_by(name, joint, nuisances),
     )
