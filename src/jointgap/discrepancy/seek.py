@@ -21,7 +21,8 @@ SOUGHT = 8
 """Candidates that are looked for from afar, at most, beside those of which small sizes say little."""
 
 KEPT = 6, 4
-"""How many of these go on from each view to what follows it: those of which least is left."""
+"""How many of these go on from each view to what follows it: those of which least is left. Where there are no views, how many pairs
+are fitted: those that would explain most."""
 
 CAREFUL = 2
 """Of the best, how many are fitted once more where none is enough, with all looked through that a view leaves open."""
@@ -77,7 +78,10 @@ def sought_pairs(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) ->
         for pair in _shortlist(beside, next(iter(here), None), PARTNERS, about.explanation):
             if pair.explanation[-1].label not in lost:
                 chosen.setdefault(frozenset(c.label for c in pair.explanation), (pair, beside))
-    return raced(base, list(chosen.values()), rest, limits)
+    going = list(chosen.values())
+    if not through:  # none is left behind on the way then, and each is fitted to its end
+        going = sorted(going, key=lambda pair: pair[0].chi2)[: KEPT[0]]
+    return raced(base, going, rest, limits)
 
 
 def _shortlist(known: Signatures, view: View | None, most: int, beside: Explanation = ()) -> list[Screened]:
