@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jointgap.discrepancy import coarse
+from jointgap.discrepancy import recalibrate as recalibrating
 from jointgap.discrepancy.calibrate import thresholds
 from jointgap.discrepancy.coarse import descended, views
 from jointgap.discrepancy.differences import Differences
 from jointgap.discrepancy.explain import doubles, singles
-from jointgap.discrepancy.fit import fit
+from jointgap.discrepancy.fit import FAILED, fit
 from jointgap.discrepancy.naming import fitted, shortlist, verdict
 from jointgap.discrepancy.problem import Problem
 from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
@@ -57,6 +59,33 @@ def test_a_fit_from_afar_ends_in_the_valley_of_the_truth(clearance):
     assert near.chi2 > 3.0 * problem.size
     assert found.chi2 < 1.1 * problem.size
     assert found.mapping["clearance"] == pytest.approx(clearance, abs=1e-3)
+
+
+def test_a_descent_that_fails_in_a_finer_view_ends_with_the_coarser_fit(monkeypatch):
+    problem, made = problem_of(knocking(clearance=1.04)), []
+
+    def once(*args, **options):
+        made.append(fit(*args, **options))
+        return made[0] if len(made) == 1 else replace(made[-1], status=FAILED)
+
+    monkeypatch.setattr(coarse, "fit", once)
+    assert descended(problem, (), {}, Differences(problem), views(problem)) is made[0]
+    assert len(made) == 2
+
+
+def test_without_views_a_poor_fit_is_tried_from_every_drawn_start(monkeypatch):
+    model = toy(hidden=lambda x, v, angle, time: -0.3 * v**3, seed=1)
+    model = replace(model, series=tuple(replace(one, statistic=True) for one in model.series))
+    problem, starts = problem_of(model), []
+
+    def counted(*args, **options):
+        starts.append(dict(options.get("start") or args[2]))
+        return fit(*args, **options)
+
+    monkeypatch.setattr(recalibrating, "fit", counted)
+    recalibrating.best_of(problem, Differences(problem))
+    assert len(starts) == recalibrating.STARTS
+    assert len({start["slider_mass"] for start in starts}) == len(starts)
 
 
 @pytest.mark.parametrize("clearance", [0.92, 1.06])
