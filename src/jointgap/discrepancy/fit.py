@@ -24,7 +24,7 @@ _MOST_STEPS = 80  # valleys may be long
 _LONG, _CREEPING = (
     10,
     2.0,
-)  # after so many steps a fit that gains less of chi2 over `_PATIENCE` of them has its Jacobian made anew
+)  # steps, and chi2: a fit that long that gains less over `_PATIENCE` has its Jacobian made anew
 _PATIENCE = 4  # steps over which a fit that is still poor has to gain
 _PROGRESS = 0.02  # of its chi2
 _POOR = 2.0  # chi2 per sample
