@@ -28,7 +28,8 @@ CAREFUL = 2
 """Of the best, how many are fitted once more where none is enough, with all looked through that a view leaves open."""
 
 LEADING, PARTNERS = 3, 4
-"""Where no single effect is enough, how many of the best are paired, at most, and with how many partners beside those untold."""
+"""Where no single effect is enough, how many of the best are paired, at most, and with how many partners each. The untold ones
+(`_untold`) are partners of the best alone: a pair costs some fifty simulations."""
 
 _SHOWS = 1.5  # chi2 per sample that is left in a view in which something is to be seen
 _BEHIND = 3.0  # times the chi2 of the best one: too far behind to go on
@@ -69,13 +70,13 @@ def sought_pairs(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) ->
     lost = {one.label for one in fits if not any(c.grid for c in one.explanation)} - best.keys()
     chosen: dict[frozenset[str], tuple[Screened, Signatures]] = {}
     rest: Sequence[View] = ()
-    for one in leading[:LEADING]:
+    for rank, one in enumerate(leading[:LEADING]):
         about, here = _about(base, one.explanation, one.mapping, through)
         if about.status == FAILED:
             continue
         rest = max(rest, here, key=len)
         beside = signatures(base.problem, about, base.differences)
-        for pair in _shortlist(beside, next(iter(here), None), PARTNERS, about.explanation):
+        for pair in _shortlist(beside, next(iter(here), None), PARTNERS, about.explanation, untold=rank == 0):
             if pair.explanation[-1].label not in lost:
                 chosen.setdefault(frozenset(c.label for c in pair.explanation), (pair, beside))
     going = list(chosen.values())
@@ -84,13 +85,15 @@ def sought_pairs(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) ->
     return raced(base, going, rest, limits)
 
 
-def _shortlist(known: Signatures, view: View | None, most: int, beside: Explanation = ()) -> list[Screened]:
+def _shortlist(
+    known: Signatures, view: View | None, most: int, beside: Explanation = (), untold: bool = True
+) -> list[Screened]:
     singles = Screen(known, beside, view).singles()
-    return [*singles[:most], *(one for one in singles[most:] if _untold(one))]
+    return [*singles[:most], *(one for one in singles[most:] if untold and _untold(one))]
 
 
 def _untold(one: Screened) -> bool:
-    """Whether small sizes say little of an effect."""
+    """Whether small sizes say little of an effect, so that how much it would explain does not rank it."""
     candidates = [new.candidate for new in one.signatures]
     return any(candidate.replaces or candidate.grid or candidate.change for candidate in candidates)
 
@@ -127,7 +130,10 @@ def raced(
     for view, finer, most in zip(through, onward, KEPT[len(KEPT) - len(through) :], strict=True):
         left = sorted((_left(one, view), i) for i, one in enumerate(going))
         best = [going[i] for value, i in left[:most] if value < _BEHIND * left[0][0]]
-        going = [_onward(base, one, view, finer) for one in best]
+        going, least = [], np.inf
+        for one in best:
+            going.append(_onward(base, one, view, finer, least))
+            least = min(least, _left(going[-1], finer))
         lost += [one for one in going if one.status == FAILED]
         going = [one for one in going if one.status != FAILED]
     going.sort(key=lambda one: one.chi2)
@@ -150,17 +156,17 @@ def _about(
     return fit(base.problem, explanation, start, None, base.differences, refresh=True), through
 
 
-def _onward(base: Recalibrated, one: Fit, view: View, finer: View | None) -> Fit:
+def _onward(base: Recalibrated, one: Fit, view: View, finer: View | None, enough: float = np.inf) -> Fit:
     """The fit in the finer view that starts from one in `view`, where changes of what is known are looked through."""
     moved = looked_through(base.problem, one, view, finer, sizes_alone=True)
     if moved is not None:
-        found = fit(base.problem, one.explanation, moved, None, base.differences, view=finer)
+        found = fit(base.problem, one.explanation, moved, None, base.differences, enough=enough, view=finer)
         if found.status != FAILED:
             return found
     if finer is view:
         return one
     near = dict(zip((p.key for p in one.parameters), one.jacobian.T, strict=True))
-    return fit(base.problem, one.explanation, one.mapping, near, base.differences, view=finer)
+    return fit(base.problem, one.explanation, one.mapping, near, base.differences, enough=enough, view=finer)
 
 
 def _shows(one: Fit, view: View) -> bool:
