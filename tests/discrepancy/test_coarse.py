@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.discrepancy import coarse
+from jointgap.discrepancy import coarse, seek
 from jointgap.discrepancy import recalibrate as recalibrating
 from jointgap.discrepancy.calibrate import thresholds
 from jointgap.discrepancy.coarse import descended, views
@@ -16,7 +16,7 @@ from jointgap.discrepancy.naming import fitted, shortlist, verdict
 from jointgap.discrepancy.problem import Problem
 from jointgap.discrepancy.recalibrate import other_numerics, recalibrate
 from jointgap.discrepancy.screen import signatures
-from jointgap.discrepancy.seek import sought
+from jointgap.discrepancy.seek import PARTNERS, sought, sought_pairs
 from tests.discrepancy.knocks import knocking
 from tests.discrepancy.toy import stated_noise, toy
 
@@ -116,3 +116,31 @@ def test_an_effect_that_moves_every_knock_is_found_by_the_second_look_alone():
     assert decision.verdict == "named"
     assert decision.chosen.label == "spring"
     assert decision.chosen.mapping["spring.stiffness_N_m"] == pytest.approx(2.0, rel=0.02)
+
+
+def test_two_effects_that_move_every_knock_are_found_among_few_pairs(monkeypatch):
+    hidden = {"spring": {"stiffness_N_m": 2.0}, "coulomb": {"force_N": 0.3}}
+    model = knocking(hidden, clearance=1.05, seed=3)
+    base = recalibrate(model, stated_noise(model))
+    known = signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    fits = [*singles(base, known, limits)[0], *sought(base, limits)]
+    assert min(one.chi2 for one in fits) > 100.0 * base.problem.size
+    tried, race = [], seek.raced
+
+    def raced(base, chosen, *rest):
+        tried.extend([candidate.label for candidate in pair.explanation] for pair, _ in chosen)
+        return race(base, chosen, *rest)
+
+    monkeypatch.setattr(seek, "raced", raced)
+    best, *_ = sought_pairs(base, fits, limits)
+    assert {candidate.label for candidate in best.explanation} == hidden.keys()
+    assert best.chi2 < 1.1 * base.problem.size
+    leading = tried[0][0]
+    assert [
+        leading,
+        "added_mass",
+    ] in tried  # small sizes say little of it, but every pair costs: beside the best one alone
+    others = [first for first, _ in tried if first != leading]
+    assert others and all(others.count(first) <= PARTNERS for first in others)
+    assert not any("added_mass" in pair for pair in tried if leading not in pair)
