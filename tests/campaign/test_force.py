@@ -44,3 +44,12 @@ def test_a_torque_on_the_crank_stands_beside(base):
 def test_an_effect_that_is_no_force_leaves_both_at_zero(base):
     found = missing_force(base, with_effect(base, "added_slider_mass", mass_kg=0.1), SPEEDS)
     assert not found[["slider_force", "crank_torque"]].to_numpy().any()
+
+
+def test_thin_gaps_are_simulated_as_finely_as_the_fits_were():
+    data = load_mechanism("config/mechanisms/erkaya2009.yaml").model_dump()
+    pin = data["joints"]["piston_pin"]
+    pin |= {"bearing_radius": pin["journal_radius"] + 5e-6}
+    thin = Mechanism.model_validate(data | {"joints": {"crank_pin": "ideal", "piston_pin": pin}})
+    found = missing_force(thin, with_effect(thin, "slider_constant_force", force_N=3.0), {"slow": 5.0})
+    assert np.allclose(found["slider_force"], 3.0)

@@ -10,14 +10,13 @@ from jsonschema import validate
 
 from benchmarks.project import ROOT
 from jointgap import tables
-from jointgap.campaign import confirm, decide, fits, noise, preflight, screen, verdict
+from jointgap.campaign import confirm, fits, noise, preflight, screen, verdict
 from jointgap.campaign.folder import OF_FITS, Folder, tables_of
 from jointgap.discrepancy import explain, naming
 from jointgap.discrepancy.fit import FAILED
 from jointgap.discrepancy.fit import fit as regular_fit
 from jointgap.discrepancy.problem import Problem
 from jointgap.discrepancy.protocol import Parameter
-from jointgap.discrepancy.recalibrate import recalibrate
 from jointgap.errors import InputError, SimulationError
 from tests.campaign.conftest import TRUTH
 from tests.discrepancy.toy import SPEEDS, candidate_of, stated_noise, toy
@@ -198,7 +197,7 @@ def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain
     )
     gap = {role: confirm.gap_of(found.gaps, role) for role in ("identify", "confirm")}
     made = verdict.document(
-        *("rig", chain.outcome, chain.recalibrated.base, windows, gap),
+        *("rig", chain.outcome, windows, gap),
         [{"run": "fast", "part": "whole", "gap": {"before": 3.0, "after": None}, "not_simulated": "it flies off"}],
         *({"undetectable": ["crank_unbalance"], "merged": [["a", "b"]]}, 0.01),
     )
@@ -225,22 +224,6 @@ def test_what_leaving_an_effect_out_costs_is_not_known_where_the_rest_cannot_be_
     first, second = verdict.effects(pair, {"base": 2000.0, "coulomb": 900.0})
     assert first["delta_bic"] is None
     assert second["delta_bic"] == pytest.approx(900.0 - pair.bic)
-
-
-def test_the_other_one_of_two_effects_is_fitted_alone_where_it_never_was():
-    model = toy({"coulomb": {"force_N": TRUTH}, "spring": {"stiffness_N_m": 40.0}})
-    base = recalibrate(model, stated_noise(model))
-    screened = screen.screen(base, 0.01)
-    by_label = {candidate.label: candidate for candidate in model.candidates}
-    pair = regular_fit(base.problem, (by_label["coulomb"], by_label["spring"]))
-    coulomb = regular_fit(base.problem, (by_label["coulomb"],))
-    spring = regular_fit(base.problem, (by_label["spring"],))
-    outcome = decide.decide(base, screened.known, [pair, coulomb], {}, screened.limits)
-    assert outcome.chosen.label == "coulomb + spring"
-    gains = dict(zip(outcome.ranking["explanation"], outcome.ranking["bic"], strict=True)) | {"base": base.base.bic}
-    costs = {one["name"]: one["delta_bic"] for one in verdict.effects(outcome.chosen, gains)}
-    assert costs["coulomb"] == pytest.approx(spring.bic - pair.bic, rel=1e-3)
-    assert costs["spring"] == pytest.approx(coulomb.bic - pair.bic, rel=1e-3)
 
 
 def test_look_alikes_survive_as_groups_and_advice_names_what_separates_them():

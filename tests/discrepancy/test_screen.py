@@ -1,5 +1,7 @@
 """Screening: what signatures foretell of fits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -112,3 +114,12 @@ def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it
     assert spaces.within(by_label["viscous"], both)
     assert not spaces.within(by_label["quadratic"], both)
     assert not spaces.within(by_label["spring"], by_label["centrifugal"])  # the same, and neither can do more
+
+
+def test_an_effect_that_could_not_be_simulated_about_the_base_is_like_none():
+    *_, known = screened({}, seed=6)
+    (first, *rest) = known.found
+    lost = (first.candidate,)
+    spaces = Subspaces(replace(known, found=[one for one in rest if one.candidate.label != lost[0].label]))
+    assert spaces.nearest(lost)[1] == 0.0
+    assert not spaces.within(lost, (rest[-1].candidate,))

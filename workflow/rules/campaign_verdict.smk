@@ -33,7 +33,7 @@ rule campaign_decide:
 rule campaign_rechain:
     input:
         plan=plan,
-        tables=handed_on("measure", "noise", "recalibrate", "regress"),
+        tables=handed_on("measure", "noise", "recalibrate", "decide", "regress"),
         mechanism=campaign_place(MECHANISM),
     output:
         handed_on("rechain"),
@@ -64,6 +64,7 @@ rule campaign_conclude:
             "noise",
             "recalibrate",
             "locate",
+            "decide",
             "regress",
             "confirm",
             "augment",

@@ -10,20 +10,17 @@ from jointgap.campaign.fits import effect_parameters, nuisances
 from jointgap.campaign.force import missing_force
 from jointgap.config import Mechanism
 from jointgap.config.campaign import Campaign
-from jointgap.discrepancy.fit import Fit
 from jointgap.rig import rig_file
 
 _WIDTH = 110
 
 
-def mechanisms(campaign: Campaign, base: Fit, outcome: Outcome) -> tuple[Mechanism, Mechanism]:
+def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechanism]:
     """The recalibrated mechanism without and with the effects of the verdict.
 
     Parameters
     ----------
     campaign : Campaign
-    base : Fit
-        The recalibrated base.
     outcome : Outcome
 
     Raises
@@ -33,18 +30,16 @@ def mechanisms(campaign: Campaign, base: Fit, outcome: Outcome) -> tuple[Mechani
     """
     chosen = outcome.chosen
     augmented = rig_file(campaign.mechanism, chosen.explanation, chosen.mapping)
-    plain = base if chosen.explanation else chosen
+    plain = outcome.base if chosen.explanation else chosen
     return rig_file(campaign.mechanism, (), plain.mapping), augmented
 
 
-def augment(campaign: Campaign, base: Fit, outcome: Outcome) -> tuple[str, pd.DataFrame]:
+def augment(campaign: Campaign, outcome: Outcome) -> tuple[str, pd.DataFrame]:
     """The augmented mechanism as a YAML file, and what its effects push and turn with.
 
     Parameters
     ----------
     campaign : Campaign
-    base : Fit
-        The recalibrated base.
     outcome : Outcome
 
     Returns
@@ -59,7 +54,7 @@ def augment(campaign: Campaign, base: Fit, outcome: Outcome) -> tuple[str, pd.Da
     InputError, SimulationError
         The mechanism with what was found cannot be simulated.
     """
-    plain, augmented = mechanisms(campaign, base, outcome)
+    plain, augmented = mechanisms(campaign, outcome)
     body = yaml.safe_dump(augmented.model_dump(mode="json"), sort_keys=False, width=_WIDTH, allow_unicode=True)
     speeds = {run.id: run.speed for run in campaign.runs if run.role != "confirm"}
     columns = [column.name for column in tables.MISSING_FORCE.columns]

@@ -1,5 +1,6 @@
 """One campaign on its way to a verdict: what its stages have handed on so far."""
 
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -91,6 +92,14 @@ class Case:
         return Recalibrated(problem, probed(problem, base.mapping), nominal, base)
 
     @cached_property
+    def settled(self) -> "Recalibrated":
+        """The same with the base that the verdict rests on: a better one may have been found on the way to it."""
+        from jointgap.campaign.fits import from_frames
+
+        (base,) = from_frames(self.folder.read_all(OF_FITS, "decide/base"), self.recalibrated.problem)
+        return replace(self.recalibrated, base=base)
+
+    @cached_property
     def screening(self) -> "Screening":
         """Signatures, thresholds, and what to fit."""
         from jointgap.campaign import screen
@@ -126,7 +135,8 @@ class Case:
         frames = self.folder.read_all(OF_FITS, stage)
         more = self.library if (frames["fits"]["kind"] == "formula").any() else ()
         found = from_frames(frames, problem, more)
-        plain = self.recalibrated.nominal if row["nuisances"] == "nominal" else self.recalibrated.base
+        base = self.settled.base
+        plain = self.recalibrated.nominal if row["nuisances"] == "nominal" else base
         named = row["verdict"].startswith("named")
         chosen, equivalent = (found[0], []) if named else (plain, found)
-        return Outcome(row["verdict"], row["because"], chosen, equivalent, self.folder.read("ranking", stage))
+        return Outcome(row["verdict"], row["because"], chosen, base, equivalent, self.folder.read("ranking", stage))

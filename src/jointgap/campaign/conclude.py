@@ -39,7 +39,6 @@ def conclude(case: Case) -> dict[str, Any]:
     found = verdict.document(
         case.campaign.name,
         outcome,
-        case.recalibrated.base,
         folder.read("map_windows"),
         {role: gap_of(gaps, role) for role in ("identify", "confirm")},
         held_out(gaps, {run.id: run.role for run in case.campaign.runs}),

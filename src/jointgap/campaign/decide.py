@@ -27,6 +27,8 @@ class Outcome:
     verdict, because : str
     chosen : Fit
         The explanation named; the base where none is.
+    base : Fit
+        What explanations were compared with: the recalibrated base, or a better one that was found on the way.
     equivalent : list of Fit
     ranking : DataFrame
         Table `jointgap.tables.RANKING`.
@@ -35,6 +37,7 @@ class Outcome:
     verdict: str
     because: str
     chosen: Fit
+    base: Fit
     equivalent: list[Fit]
     ranking: pd.DataFrame
 
@@ -66,9 +69,12 @@ def decide(
     while alone := _members(found, [decision.chosen, *decision.equivalent], done):
         fits += alone
         decision = verdict(found, known, fits, limits)
-    chosen = refined(found, decision.chosen) if decision.chosen.explanation else decision.chosen
+    base = decision.base if decision.base is found.base else refined(found, decision.base)
+    chosen = base if decision.chosen is decision.base else decision.chosen
+    if chosen.explanation:
+        chosen = refined(found, chosen)
     equivalent = [refined(found, one) for one in decision.equivalent]
-    return Outcome(decision.verdict, decision.because, chosen, equivalent, ranking_frame(decision, seconds))
+    return Outcome(decision.verdict, decision.because, chosen, base, equivalent, ranking_frame(decision, seconds))
 
 
 def _members(found: Recalibrated, chosen: Sequence[Fit], done: set[str]) -> list[Fit]:

@@ -57,7 +57,7 @@ OF_OUTCOME = (*OF_FITS, "ranking", "decision", "fit_parameters")
 _FURTHER = {
     "noise": ((OF_NOISE, "noise"),),
     "recalibrate": ((OF_NOISE, "recalibrate"), (OF_FITS, "recalibrate/nominal"), (OF_FITS, "recalibrate/base")),
-    "decide": ((OF_OUTCOME, "decide"),),
+    "decide": ((OF_OUTCOME, "decide"), (OF_FITS, "decide/base")),
     "regress": ((OF_OUTCOME, "regress"),),
 }
 """Tables of a stage among those that several stages write, and under which name."""

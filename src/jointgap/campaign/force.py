@@ -10,10 +10,10 @@ from jointgap.dynamics.effects import crank_losses, slider_force
 from jointgap.dynamics.simulate import simulate
 from jointgap.rig.changes import mirrored
 from jointgap.rig.clock import TURN
+from jointgap.rig.motion import tolerance_for
 
 _SAMPLES = 360  # of the one revolution that is shown
 _SETTLES = 2  # revolutions
-_TOLERANCE = 1e-9  # m
 
 
 def missing_force(
@@ -54,7 +54,12 @@ def missing_force(
 
 
 def _along(run: str, base: Mechanism, augmented: Mechanism, speed: float) -> pd.DataFrame:
-    options = Simulate(speed=speed, revolutions=_SETTLES + 1, samples_per_revolution=_SAMPLES, tolerance=_TOLERANCE)
+    options = Simulate(
+        speed=speed,
+        revolutions=_SETTLES + 1,
+        samples_per_revolution=_SAMPLES,
+        tolerance=tolerance_for(augmented.applied()),
+    )
     samples = simulate(augmented, options).samples.tail(_SAMPLES + 1)
     places = samples[["slider_position", "slider_velocity", "crank_speed", "crank_angle", "time"]].to_numpy()
     guide = samples["guide_force"].to_numpy()

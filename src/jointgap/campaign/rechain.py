@@ -9,6 +9,7 @@ from jointgap.config import Box, Ensemble, Genetic, Mechanism, Optimise, Simulat
 from jointgap.dynamics import simulate
 from jointgap.mechanism import Fit
 from jointgap.optimise.stage import optimise
+from jointgap.rig.motion import tolerance_for
 
 NETWORK = "network"
 
@@ -16,7 +17,7 @@ _REACH = 0.02  # of the lengths, to either side
 _RATIO = 0.02  # that the largest ratio of the box exceeds the mechanism's own by
 _SURROGATE = Surrogate(iterations=300, seeds=(0,))
 _REVOLUTIONS, _SAMPLES = 3, 3600
-_TOLERANCE = 1e-10  # m
+_TOLERANCE = 1e-10  # m, or less where clearances are small
 
 
 def rechain(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
@@ -50,7 +51,8 @@ def rechain(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
 def _rows(name: str, mechanism: Mechanism, speed: float) -> list[dict]:
     if not mechanism.loose:
         return []
-    options = Simulate(speed=speed, revolutions=_REVOLUTIONS, samples_per_revolution=_SAMPLES, tolerance=_TOLERANCE)
+    tolerance = min(_TOLERANCE, tolerance_for(mechanism))
+    options = Simulate(speed=speed, revolutions=_REVOLUTIONS, samples_per_revolution=_SAMPLES, tolerance=tolerance)
     trajectory = simulate(mechanism, options).samples
     numbers = [tables.JOINT_NUMBERS[joint] for joint in mechanism.loose]
     fits = {output: _trained(trajectory, output) for number in numbers for output in (f"r{number}", f"gamma{number}")}

@@ -1,6 +1,7 @@
 """Stage regress: a force law as a formula, where no effect of the list explains what is missing."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -35,17 +36,16 @@ def regress(found: Recalibrated, limits: Thresholds, library: Sequence[Candidate
     rows = _rows(found, limits, list({one.label: one for one in fits}.values()), proposed.fit.label if unique else "")
     ranking = pd.concat([outcome.ranking, rows], ignore_index=True)
     if not proposed.accepted:
-        return Outcome(
-            UNEXPLAINED, f"{outcome.because}; {proposed.because}", outcome.chosen, outcome.equivalent, ranking
-        )
+        because = f"{outcome.because}; {proposed.because}"
+        return replace(outcome, because=because, ranking=ranking)
     if proposed.rivals:
         alike = ", ".join(one.label for one in (proposed.fit, *proposed.rivals))
         because = f"{outcome.because}; several laws explain it equally well: {alike}"
-        return Outcome(UNEXPLAINED, because, outcome.chosen, outcome.equivalent, ranking)
+        return replace(outcome, because=because, ranking=ranking)
     passes = reduced(proposed.fit) <= limits.omnibus
     verdict = "named" if passes else "named_with_remaining_misfit"
     because = f"no effect of the list explains it, but {proposed.law.words} does: {proposed.because}"
-    return Outcome(verdict, because, proposed.fit, [], ranking)
+    return Outcome(verdict, because, proposed.fit, outcome.base, [], ranking)
 
 
 def _rows(found: Recalibrated, limits: Thresholds, fits: list[Fit], named: str) -> pd.DataFrame:

@@ -3,6 +3,7 @@
 Each imports what it needs when it runs: a job that reads data alone does not wait for the compiled dynamics.
 """
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -125,11 +126,14 @@ def pair(case: Case, part: int = 0, parts: int = 1) -> None:
 def decide(case: Case, parts: int = 1) -> None:
     """Choose among the fits of all parts."""
     from jointgap.campaign import decide as deciding
+    from jointgap.campaign import fits
 
     (singles, seconds), (doubles, more) = (case.fits(stage, parts) for stage in ("fit", "pair"))
     screened = case.screening
     took = {label: seconds.get(label, 0.0) + more.get(label, 0.0) for label in seconds | more}
     outcome = deciding.decide(case.recalibrated, screened.known, [*singles, *doubles], took, screened.limits)
+    case.settled = replace(case.recalibrated, base=outcome.base)
+    case.folder.write_all(fits.to_frames([outcome.base], whole=True), "decide/base")
     _settled(case, outcome, "decide")
 
 
@@ -141,7 +145,7 @@ def regress(case: Case) -> None:
         case.folder.write_all(case.folder.read_all(OF_OUTCOME, "decide"), "regress")
         return
     limits = case.screening.limits
-    _settled(case, regressing.regress(case.recalibrated, limits, case.library, case.outcome("decide")), "regress")
+    _settled(case, regressing.regress(case.settled, limits, case.library, case.outcome("decide")), "regress")
 
 
 def _settled(case: Case, outcome: "Outcome", stage: str) -> None:
@@ -161,9 +165,8 @@ def confirm(case: Case) -> None:
     from jointgap.campaign import confirm as confirming
 
     outcome = case.outcome("regress")
-    base = case.recalibrated.base
     named = outcome.chosen if outcome.chosen.explanation else None
-    found = confirming.confirm(case.model, case.whole_noise, base, named, SEED)
+    found = confirming.confirm(case.model, case.whole_noise, outcome.base, named, SEED)
     case.folder.write("residuals", residuals_as_read(found.residuals, clockwise(case.campaign)))
     case.folder.write("gaps", found.gaps)
 
@@ -172,28 +175,28 @@ def augment(case: Case) -> None:
     """Write the mechanism with the effects of the verdict, and the force that they add."""
     from jointgap.campaign.augment import augment as augmented
 
-    text, force = augmented(case.campaign, case.recalibrated.base, case.outcome("regress"))
+    text, force = augmented(case.campaign, case.outcome("regress"))
     write_text(case.folder.path / MECHANISM, text)
     case.folder.write("missing_force", force)
 
 
 def rechain(case: Case) -> None:
-    """Optimise the link lengths again, before and after, at the speed of the fastest run for fitting."""
+    """Optimise the link lengths again, before and after, at the speed of the fastest run for fitting.
+
+    Where nothing was added to the model, or no joint is loose, there is nothing to compare, and the table has no row.
+    """
     written = load_mechanism(case.folder.path / MECHANISM)
-    if not case.campaign.mechanism.applied().loose and not written.applied().loose:
+    # the transmission angle of ideal joints follows from the lengths alone, whatever acts on the slider
+    loose = case.campaign.mechanism.applied().loose or written.applied().loose
+    outcome = case.outcome("regress") if loose else None
+    if outcome is None or all(candidate.sensor for candidate in outcome.chosen.explanation):
         case.folder.write("campaign_optimum", pd.DataFrame(columns=[column.name for column in OPTIMUM.columns]))
-        return  # the transmission angle of ideal joints follows from the lengths alone, whatever acts on the slider
+        return
     from jointgap.campaign.augment import mechanisms
     from jointgap.campaign.rechain import rechain as chained
     from jointgap.rig.changes import mirrored
 
-    models = dict(
-        zip(
-            ("base", "augmented"),
-            mechanisms(case.campaign, case.recalibrated.base, case.outcome("regress")),
-            strict=True,
-        )
-    )
+    models = dict(zip(("base", "augmented"), mechanisms(case.campaign, outcome), strict=True))
     fastest = max((run for run in case.campaign.runs if run.role != "confirm"), key=lambda run: run.speed)
     if fastest.direction == "clockwise":
         models = {name: mirrored(one.applied()) for name, one in models.items()}

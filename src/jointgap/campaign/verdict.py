@@ -22,7 +22,6 @@ _FOUND = "discovered_"
 def document(
     campaign: str,
     outcome: Outcome,
-    base: Fit,
     windows: pd.DataFrame,
     gap: Mapping[str, Mapping[str, float | None]],
     held_out: Sequence[Mapping[str, Any]],
@@ -37,8 +36,6 @@ def document(
     ----------
     campaign : str
     outcome : Outcome
-    base : Fit
-        The recalibrated base.
     windows : DataFrame
         Table `jointgap.tables.MAP_WINDOWS`.
     gap : mapping
@@ -53,7 +50,7 @@ def document(
     clockwise : collection of str
         Runs whose crank turns clockwise.
     """
-    gains = _gains(outcome, base)
+    gains = _gains(outcome)
     return {
         "schema_version": SCHEMA_VERSION,
         "campaign": campaign,
@@ -137,9 +134,9 @@ def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
     return {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
 
 
-def _gains(outcome: Outcome, base: Fit) -> dict[str, float]:
+def _gains(outcome: Outcome) -> dict[str, float]:
     known = outcome.ranking.dropna(subset=["bic"])
-    return {"base": base.bic} | dict(zip(known["explanation"], known["bic"], strict=True))
+    return {"base": outcome.base.bic} | dict(zip(known["explanation"], known["bic"], strict=True))
 
 
 def _nuisances(fit: Fit, clockwise: Collection[str]) -> dict[str, dict[str, Any]]:

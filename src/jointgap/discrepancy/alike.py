@@ -30,7 +30,7 @@ class Subspaces:
 
     def span(self, labels) -> np.ndarray:
         """All that the candidates `labels` together can change, shape (n, dimensions)."""
-        return orthonormal(np.hstack([space for label in labels for space in self.of[label]]))
+        return orthonormal(np.hstack([self.nuisances[:, :0], *(space for label in labels for space in self.of[label])]))
 
     def cosine(self, space: np.ndarray, label: str) -> float:
         """Largest cosine of anything that `label` changes with the orthonormal columns `space`; 0 where it changes nothing."""

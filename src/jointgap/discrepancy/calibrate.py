@@ -71,9 +71,10 @@ def thresholds(
     amounts = generator.standard_normal((DRAWS, numerics.shape[1]))
 
     # chi2: squares of many independent numbers, so normal about its mean, and what the numerics add to it.
-    added = amounts @ numerics.T
-    chi2 = np.sum(measured**2) - subspaces.nuisances.shape[1] + np.sum(added**2, axis=1)
-    chi2 += np.sqrt(2 * np.sum(measured**4) + 4 * (added**2 @ measured**2)) * generator.standard_normal(DRAWS)
+    # That is amounts @ numerics.T, of which sums over the samples alone are needed: all of it would fill the memory.
+    added, met = (_lengths(amounts, weight * numerics) for weight in (1.0, measured[:, None]))
+    chi2 = np.sum(measured**2) - subspaces.nuisances.shape[1] + added
+    chi2 += np.sqrt(2 * np.sum(measured**4) + 4 * met) * generator.standard_normal(DRAWS)
     if np.isfinite(noise_dof):  # noise taken for smaller or larger than it is
         chi2 *= noise_dof / generator.chisquare(noise_dof, DRAWS)
 
@@ -90,3 +91,8 @@ def thresholds(
     changed = float(np.max(np.sum(numerics**2, axis=0), initial=0.0))
     directed = max(float(np.quantile(gains, 1 - rate)), changed, rough)
     return Thresholds(rate, float(np.quantile(chi2, 1 - rate) / dof), directed, rough)
+
+
+def _lengths(amounts: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Squared length of each sum of the columns (n, m) with amounts (draws, m), shape (draws,)."""
+    return np.einsum("di,ij,dj->d", amounts, columns.T @ columns, amounts)

@@ -58,7 +58,9 @@ class Decision:
     verdict : str
         ``no_disagreement``, ``parameters_only``, ``named``, ``named_with_remaining_misfit``, ``ambiguous``, ``unexplained``.
     chosen : Fit
-        The explanation named; the base where none is.
+        The explanation named; the base where none is, or the nominal model where that is enough.
+    base : Fit
+        The model as it stands, nuisances fitted, that explanations were compared with.
     equivalent : list of Fit
         Explanations that the data cannot tell apart, best first; empty unless ``ambiguous``.
     ranking : list of Ranked
@@ -70,6 +72,7 @@ class Decision:
 
     verdict: str
     chosen: Fit
+    base: Fit
     equivalent: list[Fit] = field(default_factory=list)
     ranking: list[Ranked] = field(default_factory=list)
     thresholds: Thresholds | None = None
@@ -108,7 +111,7 @@ def decide(
     good = [one for one in ranking if one.admissible and one.delta_bic > 0]
     base_passes = reduced(base) <= max(limits.omnibus, SLIGHT)
     best = _best(good, max(RIVAL, limits.directed, second))
-    told = {"ranking": ranking, "thresholds": limits}
+    told = {"base": base, "ranking": ranking, "thresholds": limits}
     if best is None or best.delta_bic <= max(RIVAL, limits.directed):  # the base is a rival too
         if not base_passes:
             return Decision("unexplained", base, because="no candidate explains the disagreement", **told)
@@ -128,7 +131,7 @@ def decide(
         alike = [best.fit, *(one.fit for one in equals)]
         if best.passes or best.share >= SHARE:
             why = "several explanations fit the data equally well"
-            return Decision("ambiguous", base, alike, because=why, **told)
+            return Decision("ambiguous", base, equivalent=alike, because=why, **told)
         return Decision("unexplained", base, because="several explanations are equally poor", **told)
     if best.passes:
         return Decision("named", best.fit, because="with it the model leaves noise alone", **told)

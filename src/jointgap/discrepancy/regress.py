@@ -205,7 +205,7 @@ def _singles(sums: Sequence[Screened]) -> list[Screened]:
     """The single terms that explain most, among them some of each effect; `sums` is best first."""
     singles = [one for one in sums if len(one.signatures) == 1]
     chosen = singles[:_FITTED]
-    for effect in {effect_of(one.explanation[0]) for one in singles}:
+    for effect in dict.fromkeys(effect_of(one.explanation[0]) for one in singles):
         of_effect = [one for one in singles if effect_of(one.explanation[0]) == effect]
         chosen += [one for one in of_effect[:_OF_EACH] if one not in chosen]
     return chosen

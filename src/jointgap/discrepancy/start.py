@@ -41,10 +41,15 @@ def fit_screened(
     enough, view
         As of `jointgap.discrepancy.fit.fit`.
 
+    Returns
+    -------
+    Fit
+        Failed, with the reason, where its start cannot be simulated.
+
     Raises
     ------
-    InputError, SimulationError
-        Nothing near the start can be simulated, or no size on a candidate's grid comes near.
+    SimulationError
+        No size on a candidate's grid comes nearer to the data than none, or none can be simulated.
     """
     for new in one.signatures:
         if new.candidate.grid and not any(part.series.statistic for part in problem.parts):

@@ -1,0 +1,39 @@
+"""Stage decide: what is fitted once more, and what is handed on."""
+
+from dataclasses import replace
+
+import pytest
+
+from jointgap.campaign import decide, screen, verdict
+from jointgap.discrepancy.decide import Decision
+from jointgap.discrepancy.fit import fit as regular_fit
+from jointgap.discrepancy.recalibrate import recalibrate
+from tests.campaign.conftest import TRUTH
+from tests.discrepancy.toy import stated_noise, toy
+
+
+def test_the_other_one_of_two_effects_is_fitted_alone_where_it_never_was():
+    model = toy({"coulomb": {"force_N": TRUTH}, "spring": {"stiffness_N_m": 40.0}})
+    base = recalibrate(model, stated_noise(model))
+    screened = screen.screen(base, 0.01)
+    by_label = {candidate.label: candidate for candidate in model.candidates}
+    pair = regular_fit(base.problem, (by_label["coulomb"], by_label["spring"]))
+    coulomb = regular_fit(base.problem, (by_label["coulomb"],))
+    spring = regular_fit(base.problem, (by_label["spring"],))
+    outcome = decide.decide(base, screened.known, [pair, coulomb], {}, screened.limits)
+    assert outcome.chosen.label == "coulomb + spring"
+    gains = dict(zip(outcome.ranking["explanation"], outcome.ranking["bic"], strict=True)) | {"base": base.base.bic}
+    costs = {one["name"]: one["delta_bic"] for one in verdict.effects(outcome.chosen, gains)}
+    assert costs["coulomb"] == pytest.approx(spring.bic - pair.bic, rel=1e-3)
+    assert costs["spring"] == pytest.approx(coulomb.bic - pair.bic, rel=1e-3)
+
+
+def test_a_better_base_that_was_found_on_the_way_is_the_one_handed_on(chain, monkeypatch):
+    base, fitted = chain.recalibrated.base, []
+    better = replace(base, values=base.values * (1.0 + 1e-5))
+    monkeypatch.setattr(decide, "verdict", lambda *_: Decision("parameters_only", better, better))
+    monkeypatch.setattr(decide, "refined", lambda _, one: fitted.append(one) or replace(one, status="refined"))
+    outcome = decide.decide(chain.recalibrated, chain.screening.known, [], {}, chain.screening.limits)
+    assert fitted == [better]
+    assert outcome.chosen is outcome.base
+    assert outcome.base.values is better.values
