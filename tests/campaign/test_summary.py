@@ -7,8 +7,6 @@ import pandas as pd
 import pytest
 
 from jointgap.campaign import summary
-from jointgap.campaign.words import effect_in_words, joined, place_of, with_error
-from jointgap.config.effects import EFFECTS
 
 COULOMB = {
     "name": "slider_coulomb_friction",
@@ -16,7 +14,13 @@ COULOMB = {
     "delta_bic": 812.4,
     "parameters": {"force_N": {"value": 21.3, "sd": 0.4, "interval_90": [20.6, 22.0]}},
 }
-BIAS = {"name": "sensor_bias", "site": "crank_torque", "delta_bic": 40.0, "parameters": {}}
+BIAS = {
+    "name": "sensor_bias",
+    "site": "crank_torque",
+    "delta_bic": 40.0,
+    "parameters": {"bias": {"value": 0.5, "sd": 0.002, "interval_90": [0.497, 0.503]}},
+}
+WEIGHT = {"name": "gravity", "site": "all bodies", "delta_bic": 30.0, "parameters": {}}
 NAMED = {
     "schema_version": 1,
     "campaign": "rig-a",
@@ -33,11 +37,12 @@ NAMED = {
     "false_alarm_rate": 0.01,
 }
 UNNAMED = NAMED | {"effects": [], "where": []}
+MET = UNNAMED | {"gap": {"identify": {"before": 1.01, "after": 1.01}, "confirm": {"before": 1.02, "after": 1.02}}}
 VERDICTS = {
     "named": NAMED,
     "named_with_remaining_misfit": NAMED | {"verdict": "named_with_remaining_misfit"},
-    "no_disagreement": UNNAMED | {"verdict": "no_disagreement"},
-    "parameters_only": UNNAMED | {"verdict": "parameters_only"},
+    "no_disagreement": MET | {"verdict": "no_disagreement"},
+    "parameters_only": MET | {"verdict": "parameters_only"},
     "ambiguous": UNNAMED | {"verdict": "ambiguous", "equivalent": [[COULOMB], [BIAS]]},
     "unexplained": UNNAMED | {"verdict": "unexplained"},
 }
@@ -49,7 +54,7 @@ VERDICTS = {
         ("named", "Missing in the model is Coulomb friction of the slider. With this added"),
         ("named_with_remaining_misfit", "a small rest is left"),
         ("no_disagreement", "Nothing is missing that these data could show"),
-        ("parameters_only", "No effect is missing: with other parameters"),
+        ("parameters_only", "No effect is missing that these data could show: with other parameters"),
         ("ambiguous", "these data cannot tell what: 2 explanations fit equally well"),
         ("unexplained", "it is none of the effects tried"),
     ],
@@ -88,15 +93,67 @@ def test_a_formula_stands_as_it_is_with_its_coefficients():
 
 
 def test_two_effects_are_both_named():
-    said = summary.answer(NAMED | {"effects": [COULOMB, BIAS]})
+    said = summary.answer(NAMED | {"effects": [COULOMB, WEIGHT]})
+    assert said.startswith("Missing in the model are Coulomb friction of the slider and the weight of the bodies. With")
+
+
+def test_a_fault_of_a_sensor_is_not_called_missing_in_the_mechanism():
+    said = summary.answer(NAMED | {"effects": [BIAS]})
+    wrong = "a bias of the sensor of crank torque (bias 0.5 N*m)"
+    assert said == (
+        f"The fault lies in the measurement, not in the mechanism: {wrong}. With this taken into account the model meets the "
+        "measurement within the noise."
+    )
+    said = summary.answer(NAMED | {"effects": [BIAS, COULOMB]})
     assert said.startswith(
-        "Missing in the model are Coulomb friction of the slider and a bias of the sensor of crank torque."
+        f"Missing in the model is Coulomb friction of the slider, and the measurement has a fault: {wrong}. With"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "shown"),
+    [
+        ("sensor_bias", "bias", r"0.5000 N\*m"),
+        ("sensor_gain", "gain_error", "0.5000"),
+        ("sensor_lag", "lag_s", "0.5000 s"),
+        ("encoder_offset", "offset_rad", "0.5000 rad"),
+    ],
+)
+def test_a_fault_of_a_sensor_stands_in_the_unit_of_its_channel(name, parameter, shown):
+    fault = BIAS | {"name": name, "parameters": {parameter: BIAS["parameters"]["bias"]}}
+    text = summary.markdown(NAMED | {"effects": [fault]}, {})
+    assert f"| {name}: {parameter} | {shown} | 0.0020 |" in text
+    assert "figures/missing_force.svg" not in text  # there is no force
+
+
+@pytest.mark.parametrize("verdict", ["no_disagreement", "parameters_only"])
+def test_a_gap_on_held_out_data_is_not_called_noise_where_nothing_was_added(verdict):
+    unmet = VERDICTS[verdict] | {
+        "gap": {"identify": {"before": 1.0, "after": 1.0}, "confirm": {"before": 3.0, "after": 3.0}}
+    }
+    said = summary.answer(unmet)
+    assert "is missing that the data used for fitting could show" in said
+    assert said.endswith("It does not meet the held-out data: the gap there is 3.00, so something may be missing.")
+    assert "it is 3.00. That is more than noise" in summary.markdown(unmet, {})
+    met = summary.markdown(VERDICTS[verdict], {})
+    assert "does not meet" not in met
+    assert "it is 1.02." in met
+    assert "more than noise" not in met
+
+
+def test_what_was_named_does_not_meet_the_measurement_where_the_held_out_gap_stays():
+    unmet = NAMED | {"gap": {"identify": {"before": 3.0, "after": 1.0}, "confirm": {"before": 3.0, "after": 2.0}}}
+    assert summary.answer(unmet).endswith(
+        "With this added the model meets the data used for fitting within the noise. It does not meet the held-out data: the gap "
+        "there is 2.00, so more may be missing."
     )
 
 
 def test_the_share_of_the_excess_that_is_gone_follows_from_the_gaps():
     text = summary.markdown(NAMED, {})
     assert "falls from 8.70 to 1.05: 99.9 % of what exceeds the noise is gone." in text
+    slight = NAMED | {"gap": {"identify": {"before": 3.0, "after": 1.0}, "confirm": {"before": 1.01, "after": 0.99}}}
+    assert "it falls from 1.01 to 0.99.\n" in summary.markdown(slight, {})
     half = NAMED | {"gap": {"identify": {"before": 3.0, "after": 2.2}, "confirm": {"before": 3.0, "after": 5.0**0.5}}}
     assert "50.0 % of what exceeds the noise is gone. More than noise is left there" in summary.markdown(half, {})
 
@@ -120,14 +177,18 @@ def test_a_held_out_run_that_cannot_be_simulated_is_told_with_the_reason():
     gaps = gaps.assign(before=8.7, before_low=8.0, before_high=9.0, after=np.nan, after_low=np.nan, after_high=np.nan)
     unknown = {"identify": {"before": 9.1, "after": 1.02}, "confirm": {"before": 8.7, "after": None}}
     text = summary.markdown(NAMED | {"gap": unknown, "held_out": [lost]}, {"gaps": gaps})
-    assert "cannot be simulated in run fast (it flies off), so it is not confirmed there." in text
+    told = (
+        "it is 8.70 before anything is added. What was added cannot be simulated in run fast (it flies off), so it is not "
+        "confirmed there."
+    )
+    assert told in text
     assert "| fast | 8.70 (8.00 to 9.00) | – |" in text
 
 
 def test_the_explanations_that_cannot_be_told_apart_are_listed_with_the_experiment_that_would():
     text = summary.markdown(VERDICTS["ambiguous"] | {"separated_by": "A run at 900 rpm would tell them apart."}, {})
-    assert "- Coulomb friction of the slider (force_N 21.3)" in text
-    assert "- a bias of the sensor of crank torque" in text
+    assert "- Coulomb friction of the slider (force_N 21.3 N)" in text
+    assert "- a bias of the sensor of crank torque (bias 0.5 N\\*m)" in text
     assert "A run at 900 rpm would tell them apart." in text
 
 
@@ -150,13 +211,70 @@ def test_a_gain_that_is_not_known_is_called_so():
     assert "Gain in BIC: not known for Coulomb friction of the slider and 40 for a bias of the sensor" in text
 
 
+def test_without_a_window_no_effect_is_spoken_of_that_was_not_found():
+    text = summary.markdown(VERDICTS["no_disagreement"], {})
+    assert "At no crank angle does the recalibrated model stand out of the noise by itself." in text
+    text = summary.markdown(NAMED | {"where": []}, {})
+    assert "does the recalibrated model without what was added stand out" in text
+
+
+OPTIMUM = pd.DataFrame({"model": ["base", "augmented"], "source": "network", "reduction": [0.038, 0.05]}).assign(
+    crank_length=[0.150, 0.1515], rod_length=0.564
+)
+
+
 def test_a_move_of_the_optimum_is_told_in_millimetres_and_percent():
-    optimum = pd.DataFrame({"model": ["base", "augmented"], "source": "networks", "reduction": [0.038, 0.05]})
-    optimum = optimum.assign(crank_length=[0.150, 0.1515], rod_length=0.564)
-    text = summary.markdown(NAMED, {"optimum": optimum})
+    text = summary.markdown(NAMED, {"optimum": OPTIMUM})
     assert "the crank from 150.00 to 151.50 mm (+1.00 %)" in text
     assert "Does it move the optimum" not in summary.markdown(NAMED, {})
-    assert "all joints are ideal" in summary.markdown(NAMED, {"optimum": optimum.head(0)})
+    assert "all joints are ideal" in summary.markdown(NAMED, {"optimum": OPTIMUM.head(0)})
+
+
+def test_what_the_optimal_lengths_gain_is_said():
+    text = summary.markdown(NAMED, {"optimum": OPTIMUM})
+    assert "the RMS error of the transmission angle is smallest" in text
+    assert "the error falls by 3.8 % before and by 5.0 % after." in text
+
+
+@pytest.mark.parametrize("verdict", [VERDICTS["unexplained"], NAMED | {"effects": [BIAS]}])
+def test_no_optimum_moves_where_nothing_was_added(verdict):
+    text = summary.markdown(verdict, {"optimum": OPTIMUM.head(0)})
+    assert "Nothing was added to the mechanism" in text
+    assert "ideal" not in text
+
+
+EFFECTS_SEEN = pd.DataFrame(
+    [
+        ("rod_flexibility", "frequency_Hz", 157.2, "Hz", True, True, None),
+        ("slider_coulomb_friction", "force_N", 0.0787, "N", False, True, None),
+        ("sensor_gain:crank_torque", "gain_error", 0.05, "1", False, True, None),
+        ("crank_unbalance", "unbalance_kg_m", np.nan, "kg*m", False, False, None),
+        ("gas_pressure", "force_N", np.nan, "N", False, False, "the slider jams"),
+    ],
+    columns=["label", "parameter", "smallest_detectable", "unit", "falls", "detectable", "failed"],
+).assign(assumed="crank_torque in run slow: 0.0042 N*m, 2 % of what it varies by")
+
+
+def test_what_would_have_been_seen_is_told_by_parameter_and_unit_in_the_direction_in_which_it_shows():
+    text = summary.markdown(VERDICTS["no_disagreement"], {"effects": EFFECTS_SEEN})
+    seen = (
+        "bending of the rod (frequency_Hz up to 157.2 Hz), a wrong gain of the sensor of crank torque (gain_error 0.05), Coulomb "
+        "friction of the slider (force_N 0.0787 N)."
+    )
+    assert f"What would have been seen, from this size on: {seen}" in text
+
+
+def test_what_could_not_be_simulated_is_not_called_undetectable():
+    verdict = NAMED | {"preflight": {"undetectable": ["crank_unbalance", "gas_pressure"], "merged": []}}
+    text = summary.markdown(verdict, {"effects": EFFECTS_SEEN})
+    assert "so nothing is said about: an unbalance of the crank.\n" in text
+    assert "is not known: the pressure of a closed gas volume on the slider (the slider jams)." in text
+
+
+def test_noise_that_was_assumed_for_what_could_be_seen_is_told():
+    told = "with assumed noise where the campaign states none"
+    assert told in summary.markdown(NAMED, {"effects": EFFECTS_SEEN})
+    assert "assumed noise" not in summary.markdown(NAMED, {"effects": EFFECTS_SEEN.assign(assumed="")})
 
 
 def test_what_was_not_detectable_and_what_looks_alike_is_said():
@@ -164,33 +282,3 @@ def test_what_was_not_detectable_and_what_looks_alike_is_said():
     assert "nothing is said about: an unbalance of the crank" in text
     alike = "a bias of the sensor of crank torque and Coulomb friction of the crank"
     assert f"look alike in this experiment and count as one: {alike}" in text
-
-
-@pytest.mark.parametrize("name", EFFECTS)
-def test_every_effect_of_the_catalogue_has_words(name):
-    said = effect_in_words({"name": name, "site": "crank_pin"})
-    assert said != name.replace("_", " ")
-    assert "{" not in said
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "shown"),
-    [
-        (15.707781, 2.178e-4, ("15.70778", "0.00022")),
-        (-0.04, 3.0, ("-0.040", "3.0")),
-        (1234.5, 98.0, ("1234", "98")),
-        (2.5, None, ("2.5", "–")),
-        (0.0, 0.1, ("0", "0.1")),
-    ],
-)
-def test_a_value_has_the_digits_that_its_error_leaves(value, error, shown):
-    assert with_error(value, error) == shown
-
-
-def test_a_window_that_is_most_of_a_revolution_is_told_by_what_it_leaves_out():
-    assert place_of("a", "crank_torque", 190.0, 170.0) == "run a, crank torque, all crank angles but 170 to 190 deg"
-    assert place_of("a", "crank_torque", 350.0, 10.0) == "run a, crank torque, 350 to 10 deg of crank angle"
-
-
-def test_lists_read_as_in_a_sentence():
-    assert [joined("abc"[:n]) for n in range(4)] == ["", "a", "a and b", "a, b and c"]

@@ -1,5 +1,6 @@
 """Before anything is measured, a campaign is told what it can detect and tell apart, and what would help."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -122,8 +123,9 @@ def test_an_effect_that_is_a_nuisance_is_seen_beyond_that_nuisances_range():
 
 def test_noise_that_is_not_stated_is_assumed_and_told():
     found = preflight(planned(stated=False))
-    assert len(found.remarks) == 9
-    assert "noise of torque in run slow is not stated" in found.remarks[0]
+    assert len(found.assumed) == 9
+    assert re.fullmatch(r"torque in run slow: 0\.\d+ N\*m, 2 % of what it varies by", found.assumed[0])
+    assert preflight(planned()).assumed == ()
     assert found.sizes["coulomb"] == pytest.approx(preflight(planned()).sizes["coulomb"], rel=1e-6)  # 2 % as well
 
 
@@ -148,9 +150,26 @@ def test_a_candidate_that_cannot_be_simulated_is_told_and_the_others_go_on():
 
     model = planned()
     found = preflight(Refusing(model.series, model.nuisances, model.candidates, model.speeds))
-    assert found.undetectable == ["spring"]
-    assert found.remarks == ("spring cannot be simulated: the spring jams",)
+    assert found.failed == {"spring": "the spring jams"}
+    assert found.undetectable == []
     assert "coulomb" in found.cosines.index
+
+
+def test_a_value_that_falls_as_its_effect_grows_is_told_from_one_that_grows_with_it():
+    class Bending(Toy):
+        def simulate(self, run, values, effects=(), numerics=0):
+            plain = [(candidate_of("spring") if one.name == "bending" else one, at) for one, at in effects]
+            return super().simulate(run, values, plain, numerics)
+
+    bending = replace(
+        candidate_of("spring"), name="bending", parameters=lambda values: {"softness": 1.0 / values["stiffness_N_m"]}
+    )
+    model = planned()
+    found = preflight(Bending(model.series, model.nuisances, (bending, candidate_of("coulomb")), model.speeds))
+    effects = found.effects.set_index("label")
+    assert effects["falls"].to_dict() == {"bending": True, "coulomb": False}
+    assert effects["unit"].to_dict() == {"bending": "", "coulomb": "N"}  # a softness is not in N/m as its coordinate is
+    assert effects.loc["bending", "smallest_detectable"] == 1.0 / found.sizes["bending"]
 
 
 def test_the_most_helpful_change_is_told_first():
@@ -166,6 +185,11 @@ def test_the_most_helpful_change_is_told_first():
     assert table.loc["channel acceleration", "newly_detectable"] == ["sensor_gain:acceleration"]
     # samples that tell nothing of an effect still raise what is asked of it, k ln n
     assert (table["gain"] >= 0.97).all()
+
+
+def test_only_the_noise_of_what_is_planned_is_told_as_assumed():
+    base, _ = advise(planned(stated=False), [("slow", "torque"), ("mid", "torque")])
+    assert [text.partition(":")[0] for text in base.assumed] == ["torque in run slow", "torque in run mid"]
 
 
 def test_advice_on_a_planned_campaign_agrees_with_its_own_preflight():

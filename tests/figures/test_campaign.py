@@ -71,9 +71,15 @@ def planned():
     cosine = {("gravity", "slider_spring"): 0.985, ("gravity", "crank_unbalance"): 0.4}
     pairs = [(a, b, 1.0 if a == b else cosine.get((a, b), 0.1)) for i, a in enumerate(labels) for b in labels[i:]]
     rows = [("gravity", 0.3, 9.8), ("slider_spring", 5.0, 40.0), ("crank_unbalance", np.nan, np.nan)]
-    rows.append(("sensor_bias:crank_torque", 0.005, 0.02))
+    rows += [
+        ("sensor_bias:crank_torque", 0.005, 0.02),
+        ("rod_flexibility", 150.0, 75.0),
+        ("gas_pressure", np.nan, np.nan),
+    ]
     effects = pd.DataFrame(rows, columns=["label", "smallest_detectable", "typical"])
-    effects = effects.assign(parameter="x", unit="N", detectable=effects["smallest_detectable"] < effects["typical"])
+    effects = effects.assign(parameter="x", unit="N", detectable=effects["typical"].notna())
+    effects = effects.assign(falls=effects["label"] == "rod_flexibility", failed=None)
+    effects.loc[effects["label"] == "gas_pressure", "failed"] = "the slider jams"
     return {"confusability": pd.DataFrame(pairs, columns=["first", "second", "cosine"]), "effects": effects}
 
 
@@ -184,7 +190,17 @@ def test_an_effect_that_no_size_shows_is_listed_without_a_mark(drawings):
     drawing = drawings["detectable"]
     assert "crank_unbalance" not in set(drawing.data["label"].dropna())
     beside = drawing.figure.axes[0].child_axes[0]
-    assert [text.get_text() for text in beside.get_yticklabels()][-1] == "no size shows"
+    told = dict(zip(drawing.figure.axes[0].get_yticklabels(), beside.get_yticklabels(), strict=True))
+    told = {label.get_text(): size.get_text() for label, size in told.items()}
+    assert told["crank unbalance"] == "no size shows"
+    assert told["gas pressure"] == "not simulated"
+
+
+def test_an_effect_whose_value_falls_as_it_grows_shows_up_to_a_value_and_lies_on_the_side_of_what_is_seen(drawings):
+    drawing = drawings["detectable"]
+    marks = drawing.data.set_index("label")["x"]
+    assert marks["rod_flexibility"] == pytest.approx(0.5)
+    assert "up to 1.5e+02 N" in [text.get_text() for text in drawing.figure.axes[0].child_axes[0].get_yticklabels()]
 
 
 def test_large_residuals_are_drawn_on_a_scale_that_is_linear_in_the_noise_and_logarithmic_beyond():

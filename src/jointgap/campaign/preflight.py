@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from jointgap.campaign.words import size_in_words, unit_of
 from jointgap.config.campaign import CHANNELS, Campaign, Channel
 from jointgap.discrepancy.preflight import Preflight, advise
 from jointgap.discrepancy.preflight import preflight as planned
@@ -24,6 +25,7 @@ _FASTER, _SLOWER = 1.5, 0.5
 """Further speeds that are tried, as shares of the fastest and of the slowest."""
 
 _SEPARATOR = " | "
+_JOIN = "; "
 _MOST_ADVICE = 3
 
 
@@ -117,7 +119,12 @@ def extended(campaign: Campaign) -> Campaign:
 
 
 def _frames(found: Preflight) -> dict[str, pd.DataFrame]:
-    return {"detectable": found.effects, "confusability": pairs(found.cosines, found.merged)}
+    effects = found.effects
+    # What varies an effect need not be what states it: units of the latter are in the catalogue.
+    units = [row.unit or unit_of(*row.label.partition(":")[::2], row.parameter) for row in effects.itertuples()]
+    failed = pd.Series([found.failed.get(label) for label in effects["label"]], dtype=object)
+    detectable = effects.assign(unit=units, failed=failed, assumed=_JOIN.join(found.assumed))
+    return {"detectable": detectable, "confusability": pairs(found.cosines, found.merged)}
 
 
 def pairs(cosines: pd.DataFrame, merged: Iterable[Iterable[str]]) -> pd.DataFrame:
@@ -151,9 +158,23 @@ def groups(confusability: pd.DataFrame) -> list[list[str]]:
 
 
 def undetectable(detectable: pd.DataFrame) -> list[str]:
-    """Effects that no size within their bounds shows, from table `jointgap.tables.DETECTABLE`."""
+    """Effects of which a campaign says nothing, from table `jointgap.tables.DETECTABLE`.
+
+    No size within their bounds shows them, or they cannot be simulated (`failures`).
+    """
     seen = detectable.groupby("label", sort=False)["detectable"].any()
     return list(seen.index[~seen])
+
+
+def failures(detectable: pd.DataFrame) -> dict[str, str]:
+    """Why effects could not be simulated, by label, from table `jointgap.tables.DETECTABLE`."""
+    lost = detectable[detectable["failed"].notna()]
+    return dict(zip(lost["label"], lost["failed"], strict=True))
+
+
+def assumed(detectable: pd.DataFrame) -> list[str]:
+    """Noise that was assumed where none is stated, by run and channel, from table `jointgap.tables.DETECTABLE`."""
+    return [text for told in detectable["assumed"].unique() for text in told.split(_JOIN) if text]
 
 
 def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]) -> str:
@@ -183,11 +204,14 @@ def in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.D
     """What a preflight found, as lines of text; arguments are its tables."""
     lines = ["Effects that these runs and channels show, from which size on:"]
     for row in detectable[detectable["detectable"]].itertuples():
-        lines.append(
-            f"  {row.label}: {row.parameter} {row.smallest_detectable:.3g} {row.unit}".removesuffix(" 1").rstrip()
-        )
-    if absent := undetectable(detectable):
+        size = size_in_words(row.parameter, f"{row.smallest_detectable:.3g}", row.unit, row.falls)
+        lines.append(f"  {row.label}: {size}")
+    failed = failures(detectable)
+    if absent := [label for label in undetectable(detectable) if label not in failed]:
         lines.append(f"Not detectable at any size within bounds: {', '.join(absent)}")
+    lines += [
+        f"Could not be simulated, so what size shows is not known: {label} ({why})" for label, why in failed.items()
+    ]
     for group in groups(confusability):
         lines.append(f"Cannot be told apart: {', '.join(group)}")
     for row in advice.head(_MOST_ADVICE).itertuples():
@@ -195,4 +219,6 @@ def in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.D
         gains += [f"tells apart {row.separated}"] if row.separated else []
         if gains:
             lines.append(f"A further {row.change} {' and '.join(gains)}")
+    if noise := assumed(detectable):
+        lines += ["Assumed noise, where the campaign states none:", *(f"  {text}" for text in noise)]
     return "\n".join(lines)

@@ -7,22 +7,33 @@ import pandas as pd
 
 from jointgap.campaign import page
 from jointgap.campaign.page import Block, Heading, Listing, Picture, Rows, Text
+from jointgap.campaign.preflight import assumed, failures
 from jointgap.campaign.words import (
+    ENOUGH,
+    answer,
     effect_in_words,
+    explanation_in_words,
+    held_out_in_words,
+    is_fault,
     joined,
     label_in_words,
     number,
     parameter_rows,
+    percent,
     place_of,
+    rounded,
+    size_in_words,
     with_error,
 )
 
 _MOST_WINDOWS = 5
-_WEAK = 1.2  # a gap after of up to this is called noise: the seed of noise alone moves it by less
+
+_LINKS = {"crank": "crank_length", "rod": "rod_length"}
+"""Columns of table `jointgap.tables.OPTIMUM` by what they are of."""
 
 _ONE_SIDED = 0.7  # share of the root mean square that is the mean: above, measurement and model differ to one side
 
-_PLAIN = ("no_disagreement", "parameters_only", "named")
+_PLAIN = (*ENOUGH, "named")
 """Verdicts whose sentence holds the reason."""
 
 Tables = Mapping[str, pd.DataFrame | None]
@@ -62,7 +73,7 @@ def blocks(verdict: Mapping[str, Any], tables: Tables, remarks: Sequence[str] = 
         *_gap(verdict, tables.get("gaps")),
         *_where(verdict, tables.get("windows")),
         *_why(verdict),
-        *_optimum(tables.get("optimum")),
+        *_optimum(verdict["effects"], tables.get("optimum")),
         *_nuisances(verdict),
         *_limits(verdict, tables.get("effects")),
         *([Heading("About the data"), Listing(tuple(remarks))] if remarks else []),
@@ -80,64 +91,18 @@ def _answer(verdict: Mapping[str, Any]) -> list[Block]:
     if verdict["verdict"] not in _PLAIN and (reason := verdict.get("because")):
         said.append(Text(_capital(reason) + "."))
     if verdict["verdict"] == "ambiguous":
-        said.append(Listing(tuple(_explanation(one) for one in verdict["equivalent"])))
+        said.append(Listing(tuple(explanation_in_words(one) for one in verdict["equivalent"])))
         said += [Text(advice) for advice in [verdict.get("separated_by", "")] if advice]
     return said + table
 
 
-def answer(verdict: Mapping[str, Any]) -> str:
-    """The verdict in a sentence or two."""
-    effects = joined(effect_in_words(effect) for effect in verdict["effects"])
-    are = "are" if len(verdict["effects"]) > 1 else "is"
-    count = len(verdict["equivalent"])
-    return {
-        "no_disagreement": "Nothing is missing that these data could show: the model as it stands meets the measurement within the "
-        "noise.",
-        "parameters_only": "No effect is missing: with other parameters within their stated ranges the model meets the measurement "
-        "within the noise.",
-        "named": f"Missing in the model {are} {effects}. With this added the model meets the measurement within the noise.",
-        "named_with_remaining_misfit": f"Missing in the model {are} {effects}. This closes most of the gap, but not all: a small "
-        "rest is left that none of the effects tried explains.",
-        "ambiguous": f"Something is missing, but these data cannot tell what: {count} explanations fit equally well. None of them "
-        "was added to the model.",
-        "unexplained": "Something is missing, and it is none of the effects tried: the model and the measurement disagree by more "
-        "than the noise, and no explanation holds. No effect was added to the model.",
-    }[verdict["verdict"]]
-
-
-def _explanation(effects: Sequence[Mapping[str, Any]]) -> str:
-    values = [
-        f"{name} {number(one['value'])}" for effect in effects for name, one in effect.get("parameters", {}).items()
-    ]
-    return joined(effect_in_words(effect) for effect in effects) + (f" ({', '.join(values)})" if values else "")
-
-
 def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
-    confirm, added = verdict["gap"]["confirm"], bool(verdict["effects"])
+    added = bool(verdict["effects"])
     meaning = "The gap is the residual in standard deviations of the noise (root mean square): 1 is noise alone."
-    if added and confirm["after"] is None:
-        found = (
-            f"On data that took no part in fitting or choosing it is {_two(confirm['before'])} before anything is added; "
-            f"after is not known for all of them. {_not_simulated(verdict)}"
-        )
-    elif added:
-        falls = confirm["after"] < confirm["before"]
-        found = (
-            f"On data that took no part in fitting or choosing it {'falls' if falls else 'does not fall: it goes'} from "
-            f"{_two(confirm['before'])} to {_two(confirm['after'])}"
-        )
-        if falls and confirm["before"] > 1.0:
-            closed = 1.0 - (confirm["after"] ** 2 - 1.0) / (confirm["before"] ** 2 - 1.0)
-            found += f": {_percent(min(closed, 1.0))} of what exceeds the noise is gone"
-        if not falls and confirm["after"] > _WEAK:
-            found += ", so what was added does not hold there"
-        if confirm["after"] > _WEAK:
-            found += (
-                ". More than noise is left there: the effect, or what else the held-out data hold, is not all known"
-            )
-    else:
-        found = f"On data that took no part in fitting it is {_two(confirm['before'])}"
-    told: list[Block] = [Heading("How far simulation and measurement are apart"), Text(f"{meaning} {found}.")]
+    told: list[Block] = [
+        Heading("How far simulation and measurement are apart"),
+        Text(f"{meaning} {held_out_in_words(verdict)}."),
+    ]
     told += _parts_of_runs(verdict)
     if gaps is not None:
         own = gaps[(gaps["channel"] == "all") & (gaps["role"] == "confirm") & (gaps["run"] != "all")]
@@ -146,12 +111,6 @@ def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
         heads = [f"gap {each} (90 % interval)" for each in when] if added else ["gap (90 % interval)"]
         told.append(Rows(("held-out run", *heads), rows))
     return [*told, Picture("gaps"), *([Picture("residuals")] if added else [])]
-
-
-def _not_simulated(verdict: Mapping[str, Any]) -> str:
-    """Which held-out runs cannot be simulated with what was added, and why."""
-    lost = [f"run {one['run']} ({one['not_simulated']})" for one in verdict["held_out"] if "not_simulated" in one]
-    return f"What was added cannot be simulated in {joined(lost)}, so it is not confirmed there"
 
 
 def _parts_of_runs(verdict: Mapping[str, Any]) -> list[Block]:
@@ -168,7 +127,7 @@ def _parts_of_runs(verdict: Mapping[str, Any]) -> list[Block]:
 
 def _interval(row: Mapping[str, Any], when: str) -> str:
     low, high = (row[f"{when}_{end}"] for end in ("low", "high"))
-    return f"{_two(row[when])} ({_two(low)} to {_two(high)})" if row[when] == row[when] else "–"
+    return f"{rounded(row[when])} ({rounded(low)} to {rounded(high)})" if row[when] == row[when] else "–"
 
 
 def _where(verdict: Mapping[str, Any], windows: pd.DataFrame | None) -> list[Block]:
@@ -178,17 +137,18 @@ def _where(verdict: Mapping[str, Any], windows: pd.DataFrame | None) -> list[Blo
     ]
     if windows is not None and len(windows):
         places = [_window(row) for row in windows.sort_values("rms", ascending=False).itertuples(index=False)]
+    without = " without what was added" if verdict["effects"] else ""
     if not places:
         return [
             Heading("Where it shows"),
-            Text("At no crank angle does the recalibrated model without the effect stand out of the noise by itself."),
+            Text(f"At no crank angle does the recalibrated model{without} stand out of the noise by itself."),
             Picture("disagreement"),
         ]
     more = len(places) - _MOST_WINDOWS
     further = [f"and {more} more windows (map of disagreement)"] if more > 0 else []
     return [
         Heading("Where it shows"),
-        Text("The measurement differs from the model before anything was added, its parameters re-fitted, at:"),
+        Text(f"The measurement differs from the model{without}, its parameters re-fitted, at:"),
         Listing((*places[:_MOST_WINDOWS], *further)),
         Picture("disagreement"),
     ]
@@ -206,12 +166,12 @@ def _window(row) -> str:
 
 
 def _why(verdict: Mapping[str, Any]) -> list[Block]:
-    if verdict["verdict"] in ("no_disagreement", "parameters_only"):
+    if verdict["verdict"] in ENOUGH:
         return []
     named = verdict["effects"]
     gains = joined(f"{_gain(effect)} for {effect_in_words(effect)}" for effect in named)
     evidence = [Text(f"Gain in BIC: {gains}; 10 would be very strong evidence.")] if named else []
-    force = [Picture("missing_force")] if named else []
+    force = [] if all(map(is_fault, named)) else [Picture("missing_force")]
     return [Heading("What else was tried"), *evidence, Picture("ranking"), *force]
 
 
@@ -219,31 +179,41 @@ def _gain(effect: Mapping[str, Any]) -> str:
     return "not known" if effect["delta_bic"] is None else f"{effect['delta_bic']:.0f}"
 
 
-def _optimum(optimum: pd.DataFrame | None) -> list[Block]:
+def _optimum(effects: Sequence[Mapping[str, Any]], optimum: pd.DataFrame | None) -> list[Block]:
     if optimum is None:
         return []
+    heading = Heading("Does it move the optimum?")
+    if all(map(is_fault, effects)):
+        return [heading, Text("Nothing was added to the mechanism, so there is nothing that could move it.")]
     if optimum.empty:
         words = (
             "No: all joints are ideal, so the transmission angle follows from the lengths alone, whatever forces act."
         )
-        return [Heading("Does it move the optimum?"), Text(words)]
+        return [heading, Text(words)]
     if not {"base", "augmented"} <= set(optimum["model"]):
         return []
+    meaning = (
+        "At the optimal lengths the RMS error of the transmission angle is smallest, with the motion in the joints as it is at the "
+        "original lengths; how far it falls is counted from the error at those."
+    )
     said = []
     for source in optimum["source"].unique():
         own = optimum[optimum["source"] == source].set_index("model")
         if {"base", "augmented"} <= set(own.index):
-            moves = [
-                f"the {words} from {1e3 * own.loc['base', key]:.2f} to {1e3 * own.loc['augmented', key]:.2f} mm "
-                f"({100.0 * (own.loc['augmented', key] / own.loc['base', key] - 1.0):+.2f} %)"
-                for key, words in (("crank_length", "crank"), ("rod_length", "rod"))
-            ]
-            gains = [_percent(own.loc[model, "reduction"]) for model in ("base", "augmented")]
-            said.append(
-                f"Motion from the {source}: optimal lengths move, {joined(moves)}; the gain there is {gains[0]} before and "
-                f"{gains[1]} after."
-            )
-    return [Heading("Does it move the optimum?"), Listing(tuple(said)), Picture("optimum")]
+            said.append(f"Motion from the {source.replace('_', ' ')}: {_optimal(own)}.")
+    return [heading, Text(meaning), Listing(tuple(said)), Picture("optimum")]
+
+
+def _optimal(own: pd.DataFrame) -> str:
+    """Optimal lengths and what they gain, from rows base and augmented."""
+    before, after = own.loc["base"], own.loc["augmented"]
+    pairs = [(words, 1e3 * before[key], 1e3 * after[key]) for words, key in _LINKS.items()]
+    moves = joined(
+        f"the {words} from {one:.2f} to {other:.2f} mm ({100.0 * (other / one - 1.0):+.2f} %)"
+        for words, one, other in pairs
+    )
+    falls = [percent(row["reduction"]) for row in (before, after)]
+    return f"optimal lengths move, {moves}; the error falls by {falls[0]} before and by {falls[1]} after"
 
 
 def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
@@ -270,28 +240,36 @@ def _limits(verdict: Mapping[str, Any], effects: pd.DataFrame | None) -> list[Bl
         f"These look alike in this experiment and count as one: {joined(map(label_in_words, group))}."
         for group in merged
     ]
-    absent = verdict["preflight"]["undetectable"]
-    if absent:
+    failed = {} if effects is None else failures(effects)
+    if absent := [label for label in verdict["preflight"]["undetectable"] if label not in failed]:
         lines.append(
             f"Not detectable with these runs and channels, so nothing is said about: {joined(map(label_in_words, absent))}."
         )
-    if effects is not None and verdict["verdict"] in ("no_disagreement", "parameters_only"):
-        found = effects[effects["detectable"]].sort_values("label")
-        sizes = [
-            f"{label_in_words(row.label)} {number(row.smallest_detectable)} {row.unit}".removesuffix(" 1").rstrip()
-            for row in found.itertuples()
-        ]
-        if sizes:
-            lines.append(f"What would have been seen, from this size on: {', '.join(sizes)}.")
+    if failed:
+        lost = joined(f"{label_in_words(label)} ({reason})" for label, reason in failed.items())
+        lines.append(f"Could not be simulated in the preflight, so what size of it would show is not known: {lost}.")
+    if effects is not None:
+        lines += _foreseen(verdict, effects)
     return [Heading("How sure, and what these data cannot show"), Listing(tuple(lines))]
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.1f} %"
-
-
-def _two(value: float) -> str:
-    return f"{value:.2f}" if value < 100 else f"{value:.0f}"
+def _foreseen(verdict: Mapping[str, Any], effects: pd.DataFrame) -> list[str]:
+    """What would have been seen, and on what assumptions that rests; `effects` is table `jointgap.tables.DETECTABLE`."""
+    lines = []
+    found = effects[effects["detectable"]].sort_values("label")
+    if verdict["verdict"] in ENOUGH and len(found):
+        sizes = [
+            f"{label_in_words(row.label)} "
+            f"({size_in_words(row.parameter, number(row.smallest_detectable), row.unit, row.falls)})"
+            for row in found.itertuples()
+        ]
+        lines.append(f"What would have been seen, from this size on: {', '.join(sizes)}.")
+    if assumed(effects):
+        lines.append(
+            "What can be seen and told apart is reckoned from the plan alone, with assumed noise where the campaign states none "
+            "(`jointgap preflight` lists it)."
+        )
+    return lines
 
 
 def _capital(sentence: str) -> str:

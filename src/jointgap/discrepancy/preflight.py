@@ -31,25 +31,30 @@ class Preflight:
     ----------
     effects : DataFrame
         Per candidate: label; parameter that a verdict states first; smallest_detectable: its value where the effect is found
-        with a probability of 90 %; unit; typical: its value where the gap after recalibration is 1.5; detectable. NaN where the
-        effect cannot be seen at any size.
+        with a probability of 90 %; unit, empty where the parameter is no coordinate; typical: its value where the gap after
+        recalibration is 1.5; falls: whether the value falls as the effect grows; detectable. NaN where the effect cannot be seen
+        at any size.
     cosines : DataFrame
         Labels by labels: largest cosine between what two effects change beyond what nuisances can.
     merged : list of lists of str
         Effects that cannot be told apart at a gap of 1.5.
     undetectable : list of str
+        Effects that no size within their bounds shows.
+    failed : dict of label to str
+        Effects of which nothing is known since they could not be simulated, and why.
     sizes : dict of label to float
         As smallest_detectable, of the first coordinate; infinite where the effect cannot be seen.
-    remarks : tuple of str
-        What was assumed and what failed.
+    assumed : tuple of str
+        Noise that was assumed where none is stated, by run and channel.
     """
 
     effects: pd.DataFrame
     cosines: pd.DataFrame
     merged: list[list[str]]
     undetectable: list[str]
+    failed: dict[str, str]
     sizes: dict[str, float]
-    remarks: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
 
 
 def preflight(
@@ -76,8 +81,8 @@ def preflight(
     SimulationError
         The model cannot be simulated as it stands.
     """
-    problem, survey, remarks = _surveyed(model, noise, rate, counts or {})
-    return _preflight(problem.model, survey, remarks)
+    problem, survey, assumed = _surveyed(model, noise, rate, counts or {})
+    return _preflight(problem.model, survey, tuple(assumed.values()))
 
 
 def advise(
@@ -107,10 +112,11 @@ def advise(
         by how much the smallest detectable sizes shrink (median over effects).
     """
     counts = counts or {}
-    problem, survey, remarks = _surveyed(model, noise, rate, counts)
+    problem, survey, assumed = _surveyed(model, noise, rate, counts)
     keys = [part.series.key for part in problem.parts]
     runs, channels = ({key[i] for key in planned} for i in (0, 1))
-    base = _preflight(model, _of(survey, problem, planned, counts), remarks)
+    told = tuple(text for key, text in assumed.items() if key in planned)
+    base = _preflight(model, _of(survey, problem, planned, counts), told)
     choices = {
         f"run {run}": {*planned, *(key for key in keys if key[0] == run and key[1] in channels)}
         for run in dict.fromkeys(key[0] for key in keys)
@@ -132,15 +138,15 @@ def advise(
     return base, ordered.drop(columns="worth")
 
 
-def assumed_noise(model: Model) -> tuple[dict[Key, Noise], tuple[str, ...]]:
-    """Noise as stated, or assumed where it is not, and in words what was assumed.
+def assumed_noise(model: Model) -> tuple[dict[Key, Noise], dict[Key, str]]:
+    """Noise as stated, or assumed where it is not, and in words what was assumed of which run and channel.
 
     Raises
     ------
     InputError
         A channel whose noise is not stated is predicted to be 0 throughout.
     """
-    found, told = {}, []
+    found, told = {}, {}
     for run in runs_of(model):
         at = {p.name: p.nominal for p in model.nuisances if p.run in (None, run)}
         predicted = model.simulate(run, at)
@@ -150,8 +156,8 @@ def assumed_noise(model: Model) -> tuple[dict[Key, Noise], tuple[str, ...]]:
                 continue
             sd, why = _assumed(series, predicted[series.channel])
             found[series.key] = Noise(np.full(series.value.shape, sd), source="assumed")
-            told.append(f"noise of {series.channel} in run {run} is not stated: {sd:.3g} {series.unit} assumed, {why}")
-    return found, tuple(told)
+            told[series.key] = f"{series.channel} in run {run}: {sd:.3g} {series.unit}, {why}"
+    return found, told
 
 
 def _assumed(series: Series, predicted: np.ndarray) -> tuple[float, str]:
@@ -163,14 +169,14 @@ def _assumed(series: Series, predicted: np.ndarray) -> tuple[float, str]:
             f"run {series.run}, channel {series.channel}: it is predicted to be 0 throughout; state its `noise`"
         )
     if varies > 1e-3 * size:
-        return ASSUMED_SHARE * varies, f"{ASSUMED_SHARE:.0%} of what it varies by"
-    return ASSUMED_SHARE * size, f"{ASSUMED_SHARE:.0%} of its size, as it hardly varies"
+        return ASSUMED_SHARE * varies, f"{100 * ASSUMED_SHARE:.0f} % of what it varies by"
+    return ASSUMED_SHARE * size, f"{100 * ASSUMED_SHARE:.0f} % of its size, as it hardly varies"
 
 
-def _surveyed(model: Model, noise, rate: float, counts: Mapping[Key, int]) -> tuple[Problem, Survey, tuple[str, ...]]:
-    remarks: tuple[str, ...] = ()
+def _surveyed(model: Model, noise, rate: float, counts: Mapping[Key, int]) -> tuple[Problem, Survey, dict[Key, str]]:
+    assumed: dict[Key, str] = {}
     if noise is None:
-        noise, remarks = assumed_noise(model)
+        noise, assumed = assumed_noise(model)
         noise = numerics_noise(model, {}, noise)
     problem = Problem(model, noise, planned=True)
     differences = Differences(problem)
@@ -178,8 +184,7 @@ def _surveyed(model: Model, noise, rate: float, counts: Mapping[Key, int]) -> tu
     if base.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
     known = signatures(problem, base, differences)
-    remarks += tuple(f"{label} cannot be simulated: {reason}" for label, reason in known.failed.items())
-    return problem, Survey(known, *_lengths(problem.parts, counts), rate), remarks
+    return problem, Survey(known, *_lengths(problem.parts, counts), rate), assumed
 
 
 def _lengths(parts: Iterable, counts: Mapping[Key, int]) -> tuple[list[int], list[int]]:
@@ -197,14 +202,14 @@ def _of(survey: Survey, problem: Problem, keys: Collection[Key], counts: Mapping
     return survey.part(rows, *_lengths(parts, counts))
 
 
-def _preflight(model: Model, survey: Survey, remarks: tuple[str, ...]) -> Preflight:
-    rows, sizes = [], {}
+def _preflight(model: Model, survey: Survey, assumed: tuple[str, ...]) -> Preflight:
+    rows, sizes, failed = [], {}, dict(survey.known.failed)
     for candidate in model.candidates:
         there = candidate.label in survey.labels
         smallest = survey.detectable_size(candidate.label) if there else np.inf
         typical = survey.typical_size(candidate.label) if there else np.inf
         sizes[candidate.label] = smallest
-        parameter, unit, stated = _stated(candidate, smallest)
+        parameter, unit, stated, falls = _stated(candidate, smallest)
         rows.append(
             {
                 "label": candidate.label,
@@ -212,10 +217,11 @@ def _preflight(model: Model, survey: Survey, remarks: tuple[str, ...]) -> Prefli
                 "smallest_detectable": stated,
                 "unit": unit,
                 "typical": _stated(candidate, typical)[2],
+                "falls": falls,
                 "detectable": bool(np.isfinite(smallest) and np.isfinite(typical)),
             }
         )
-    columns = ["label", "parameter", "smallest_detectable", "unit", "typical", "detectable"]
+    columns = ["label", "parameter", "smallest_detectable", "unit", "typical", "falls", "detectable"]
     effects = pd.DataFrame(rows, columns=columns)
     seen = [row["label"] for row in rows if row["detectable"]]
     known = [row["label"] for row in rows if row["label"] in survey.labels]
@@ -223,12 +229,15 @@ def _preflight(model: Model, survey: Survey, remarks: tuple[str, ...]) -> Prefli
     for i, label in enumerate(known):
         for other in known[i + 1 :]:
             cosines.loc[label, other] = cosines.loc[other, label] = survey.cosine(label, other)
-    undetectable = [row["label"] for row in rows if not row["detectable"]]
-    return Preflight(effects, cosines, survey.merged(seen), undetectable, sizes, remarks)
+    undetectable = [row["label"] for row in rows if not row["detectable"] and row["label"] not in failed]
+    return Preflight(effects, cosines, survey.merged(seen), undetectable, failed, sizes, assumed)
 
 
-def _stated(candidate: Candidate, size: float) -> tuple[str, str, float]:
-    """The parameter that a verdict states first, its unit and its value at a size of the first coordinate; NaN at infinity."""
+def _stated(candidate: Candidate, size: float) -> tuple[str, str, float, bool]:
+    """The parameter that a verdict states first, its unit, its value at a size of the first coordinate, and whether it falls.
+
+    The value is NaN at infinity; the unit is empty where the parameter is not the coordinate itself, or that and a constant.
+    """
     first = next(p for p in candidate.coordinates if p.key in candidate.sizes)
     shapes = {p.key: p.nominal for p in candidate.coordinates} | dict(candidate.starts[0])
     amount = size if np.isfinite(size) else first.step
@@ -239,7 +248,7 @@ def _stated(candidate: Candidate, size: float) -> tuple[str, str, float]:
     parameter = next(iter(named(amount)))
     one, two = named(amount)[parameter], named(2 * amount)[parameter]
     proportional = np.isclose(two - one, amount, rtol=1e-6)
-    return parameter, first.unit if proportional else "", one if np.isfinite(size) else float("nan")
+    return parameter, first.unit if proportional else "", one if np.isfinite(size) else float("nan"), bool(two < one)
 
 
 def _help(base: Preflight, wider: Preflight) -> dict:

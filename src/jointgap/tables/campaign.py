@@ -152,11 +152,24 @@ DETECTABLE = Table(
         _LABEL,
         Column("parameter", "", "parameter of the effect", "text"),
         Column(
-            "smallest_detectable", "SI", "smallest size found with 90 % probability; null if none is", nullable=True
+            "smallest_detectable",
+            "SI",
+            "parameter at the smallest size found with 90 % probability; null if none is",
+            nullable=True,
         ),
         Column("unit", "", "SI unit", "text"),
         Column("typical", "SI", "size that makes a whitened gap of 1.5", nullable=True),
+        Column(
+            "falls", "", "whether the effect shrinks as the parameter grows: it then shows up to that value", "bool"
+        ),
         Column("detectable", "", "whether sizes within the bounds are", "bool"),
+        Column("failed", "", "why the effect cannot be simulated; null where it can", "text", nullable=True),
+        Column(
+            "assumed",
+            "",
+            "noise that was assumed where none is stated, the same in all rows; separated by '; '",
+            "text",
+        ),
     ),
 )
 

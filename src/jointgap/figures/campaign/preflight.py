@@ -95,9 +95,13 @@ def _short_of_one(value: float) -> str:
 
 
 def detectable(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> Drawing:
-    """The smallest size of each effect that this experiment shows, over the one that makes a gap of 1.5, with its value."""
+    """The smallest size of each effect that this experiment shows, over the one that makes a gap of 1.5, with its value.
+
+    Where the value falls as the effect grows, the ratio is turned over: to the left of the line is always what is easily seen.
+    """
     effects = tables["effects"]
-    effects = effects.assign(ratio=(effects["smallest_detectable"] / effects["typical"]).abs())
+    ratio = (effects["smallest_detectable"] / effects["typical"]).abs()
+    effects = effects.assign(ratio=ratio.where(~effects["falls"], 1.0 / ratio))
     effects = effects.sort_values("ratio", na_position="last").reset_index(drop=True)
     sheet = Sheet(1.3 + 0.21 * len(effects), 1, 1)
     panel = sheet.panel((0, 0), "what this experiment would show", _SIZE, _EFFECT)
@@ -121,6 +125,9 @@ def detectable(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -
 
 
 def _size(effect) -> str:
+    if pd.notna(effect.failed):
+        return "not simulated"
     if not effect.detectable:
         return "no size shows"
-    return f"{effect.smallest_detectable:.2g} {effect.unit}".removesuffix(" 1").replace("**", "^")
+    size = f"{effect.smallest_detectable:.2g} {effect.unit}".removesuffix(" 1").replace("**", "^")
+    return f"up to {size}" if effect.falls else size
