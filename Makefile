@@ -25,7 +25,7 @@ smoke: set-up ## the whole chain, small: about a minute, then results/smoke-repo
 		--configfile config/smoke.yaml $(snakemake_options)
 
 study: set-up ## map clearance x speed x friction of the first scenario, then results/study-report.html
-	@scripts/in-venv scripts/run-workflow results/study-report.html $(snakemake_options) studied
+	@scripts/in-venv scripts/run-workflow results/study-report.html studied $(snakemake_options)
 
 # $$CAMPAIGN is read from the environment, where a quote in a path means itself.
 campaign: set-up ## what is missing in the model of CAMPAIGN=config/campaigns/mine.yaml, then results/campaign-report.html

@@ -1,6 +1,8 @@
 """Campaigns on files: what a configuration asks for, and the demonstration from its CSV to its verdict."""
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -8,6 +10,7 @@ from jsonschema import validate
 
 from benchmarks.project import ROOT
 from jointgap.campaign import preflight, stages
+from jointgap.campaign.case import Case
 from jointgap.campaign.files import campaigns
 from jointgap.cli import cli
 from jointgap.config import load_mechanism
@@ -127,3 +130,19 @@ def test_the_demonstration_names_what_its_data_hide(tmp_path):
     assert [one.name for one in augmented.effects] == ["slider_coulomb_friction"]
     for path in tmp_path.rglob("*.parquet"):
         assert (describe(path)["description"] != "").all(), path
+
+
+def test_noise_of_other_data_is_refused_with_the_command_that_finds_it(tmp_path):
+    case = Case(ROOT / DEMONSTRATION, tmp_path)
+    stages.measure(case, pictures=False)
+    stages.noise(case)
+    again = Case(ROOT / DEMONSTRATION, tmp_path)
+    assert again.noise.keys() == case.noise.keys()
+    first = case.model.series[0]
+    for other in (replace(first, channel="guide_force"), replace(first, value=first.value[:-1])):
+        later = Case(ROOT / DEMONSTRATION, tmp_path)
+        later.model = SimpleNamespace(series=[other])
+        with pytest.raises(
+            InputError, match=f"channel {other.channel} of run 'slow' now holds; run `jointgap noise` on it"
+        ):
+            _ = later.noise

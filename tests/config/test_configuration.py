@@ -116,7 +116,7 @@ def test_other_lengths_keep_the_mass_centres_share():
         ({"simulate": {"revolutions": 10**400}}, ["simulate.revolutions = 1000", "20000000"]),
         ({"study": {"tolerance": 2e-4}}, ["study.tolerance = 0.0002", "0.0001"]),
         ({"study": {"clearance": {"from": "0,1 mm", "to": "1 mm", "number": 3}}}, ["has a comma; write 0.1 mm"]),
-        ({"simulate": {"revolutions": "many"}}, ["simulate.revolutions = 'many'", "integer"]),
+        ({"simulate": {"revolutions": "many"}}, ["simulate.revolutions = 'many'", "must be a whole number"]),
         ({"simulate": {"revolutions": 2}}, ["settled_revolution 4", "simulate.revolutions"]),
         ({"simulate": {"samples_per_revolution": 720}}, ["samples_per_revolution 720", "five times"]),
         ({"surrogate": {"seeds": [1, 1]}}, ["seeds [1, 1]", "give each once"]),

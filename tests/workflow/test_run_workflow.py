@@ -35,3 +35,10 @@ def test_a_users_configuration_keeps_what_the_makefile_says(tmp_path):
 
 def test_without_configuration_nothing_is_added(tmp_path):
     assert asked_of_snakemake(tmp_path, "--cores", "2") == ["--cores", "2", "--dry-run"]
+
+
+def test_no_target_of_the_makefile_is_taken_for_a_users_configuration():
+    for target, asked in (("study", "studied"), ("campaign", "campaigned")):
+        command = ["make", "--dry-run", target, "ARGS=--config a=b"]
+        said = subprocess.run(command, cwd=SCRIPT.parents[1], capture_output=True, text=True, check=True).stdout
+        assert 0 < said.index(asked) < said.index("--config a=b")

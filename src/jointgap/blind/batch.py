@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from jointgap.blind.plan import Plan, Sizes, plans
+from jointgap.errors import InputError
 from jointgap.tables import write_text
 
 
@@ -22,6 +23,68 @@ def of_files(folder: Path) -> str:
         content = path.read_bytes()
         found.update(f"{path.name} {len(content)} ".encode() + content)
     return found.hexdigest()[:16]
+
+
+def trials_in(path: Path, campaigns: Path) -> list[str]:
+    """The identifiers in a batch's list, of campaigns that are there.
+
+    Parameters
+    ----------
+    path : Path
+        Text file that ``jointgap blind-conceal`` wrote.
+    campaigns : Path
+        Folder with a folder for each campaign.
+
+    Raises
+    ------
+    InputError
+        No such file, or a campaign has no folder.
+    """
+    found = _text(path, "--listed", "blind-conceal").split()
+    for trial in found:
+        if not (campaigns / trial).is_dir():
+            raise InputError(
+                f"{path}: lists the campaign {trial}, which is not in {campaigns}; correct --campaigns, or run "
+                "`jointgap blind-conceal` again"
+            )
+    return found
+
+
+def records(path: Path, option: str, command: str) -> list[dict[str, Any]]:
+    """The trials in a JSON file, each with its ``id``.
+
+    Parameters
+    ----------
+    path : Path
+    option, command : str
+        Of the command line: what names the file, and what writes it.
+
+    Raises
+    ------
+    InputError
+        No such file, or it holds something else.
+    """
+    text = _text(path, option, command)
+    try:
+        found = json.loads(text)
+    except ValueError as error:
+        raise InputError(f"{path}: is not JSON ({error}); run `jointgap {command}` again, which writes it") from error
+    if not isinstance(found, list) or not all(isinstance(one, dict) and "id" in one for one in found):
+        raise InputError(f"{path}: is no list of trials; give {option} a file that `jointgap {command}` wrote")
+    return found
+
+
+def _text(path: Path, option: str, command: str) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); correct {option}, or run `jointgap {command}`, which writes it"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: is not text in UTF-8 (byte {error.start}); give {option} a file that `jointgap {command}` wrote"
+        ) from error
 
 
 def kept(

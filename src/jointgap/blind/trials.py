@@ -1,12 +1,12 @@
 """The table of trials: truth and verdict side by side."""
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from jointgap.blind.batch import records
 from jointgap.blind.score import scored
 from jointgap.errors import InputError
 from jointgap.tables.columns import Column, Table
@@ -65,11 +65,11 @@ def trials(truths: Iterable[Path], founds: Iterable[Path]) -> pd.DataFrame:
     Raises
     ------
     InputError
-        A trial without its truth, or a truth without its trial.
+        A file that is not there or no list of trials, a trial without its truth, or a truth without its trial.
     """
     truth, found = (
-        {one["id"]: one for path in paths for one in json.loads(path.read_text(encoding="utf-8"))}
-        for paths in (truths, founds)
+        {one["id"]: one for path in paths for one in records(path, option, command)}
+        for paths, option, command in ((truths, "--truth", "blind-conceal"), (founds, "--found", "blind-analyse"))
     )
     if odd := truth.keys() ^ found.keys():
         raise InputError(f"trial {min(odd)} has a truth or a verdict alone; give the files of the same batches")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from jointgap.campaign.folder import OF_FITS, OF_NOISE, Folder
 from jointgap.config.campaign import Campaign, load_campaign
+from jointgap.errors import InputError
 
 if TYPE_CHECKING:  # what a stage does not ask for is not imported: the compiled dynamics take seconds to load
     from jointgap.campaign.decide import Outcome
@@ -75,7 +76,15 @@ class Case:
     def _noise(self, stage: str) -> "dict[tuple[str, str], FoundNoise]":
         from jointgap.campaign.noise import from_frames
 
-        return from_frames(*(self.folder.read(name, stage) for name in OF_NOISE))
+        found = from_frames(*(self.folder.read(name, stage) for name in OF_NOISE))
+        for series in self.model.series:
+            if series.key not in found or found[series.key].sd.shape != series.value.shape:
+                run, channel = series.key
+                raise InputError(
+                    f"campaign {self.campaign.name}: {self.folder.place(OF_NOISE[0], stage)} is of other data than channel {channel} "
+                    f"of run '{run}' now holds; run `jointgap {stage}` on it again, and the stages after it"
+                )
+        return found
 
     @cached_property
     def recalibrated(self) -> "Recalibrated":

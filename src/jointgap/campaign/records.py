@@ -1,9 +1,12 @@
 """What MLflow is told of a campaign: a run with its verdict and gaps, and under it one for each explanation that was fitted."""
 
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
+from jointgap.campaign.fits import JOINED
 from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, Folder
 from jointgap.campaign.verdict import read
 from jointgap.track.record import Dataset, Record
@@ -30,15 +33,17 @@ def records(folder: Path) -> list[Record]:
     places, verdict = Folder(folder), read(folder / VERDICT)
     metrics = {f"gap/{role}_{when}": value for role, gap in verdict["gap"].items() for when, value in gap.items()}
     metrics |= {"windows": len(verdict["where"]), "equivalent": len(verdict["equivalent"])}
+    ranking = places.read("ranking", "regress")
+    labels = {label for explanation in ranking["explanation"] for label in explanation.split(JOINED)}
     for effect in verdict["effects"]:
-        metrics[f"effect/{effect['name']}_delta_bic"] = effect["delta_bic"]
+        own = _metric(effect, labels)
+        metrics[f"{own}_delta_bic"] = effect["delta_bic"]
         for name, one in effect["parameters"].items():
             if not isinstance(one["value"], str):
-                metrics[f"effect/{effect['name']}_{name}"] = one["value"]
+                metrics[f"{own}_{name}"] = one["value"]
     named = " + ".join(f"{effect['name']}:{effect['site']}" for effect in verdict["effects"])
     pictures = sorted(path for path in (folder / "figures").glob("*") if path.suffix in (".svg", ".png"))
     files = {name: folder / name for name in (VERDICT, MECHANISM, *SUMMARIES) if (folder / name).is_file()}
-    ranking = places.read("ranking", "regress")
     whole = Record(
         "campaign",
         metrics={name: value for name, value in metrics.items() if value is not None},
@@ -50,6 +55,12 @@ def records(folder: Path) -> list[Record]:
         notes={"verdict": verdict["verdict"], "effects": named, "because": verdict["because"]},
     )
     return [whole, *(_fit(row) for row in ranking.to_dict("records"))]
+
+
+def _metric(effect: Mapping[str, Any], labels: Collection[str]) -> str:
+    """What metrics of an effect begin with: its label among `labels`, its site behind an underscore, as not all stores take a colon."""
+    name, site = effect["name"], effect["site"]
+    return f"effect/{name}_{site}" if f"{name}:{site}" in labels else f"effect/{name}"
 
 
 def _fit(row: dict) -> Record:

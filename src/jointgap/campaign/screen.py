@@ -10,6 +10,7 @@ from jointgap.discrepancy.calibrate import Thresholds, thresholds
 from jointgap.discrepancy.naming import shortlist
 from jointgap.discrepancy.recalibrate import Recalibrated, other_numerics
 from jointgap.discrepancy.screen import Screened, Signature, Signatures, signatures
+from jointgap.errors import InputError
 
 _ORIGIN = "origin"
 
@@ -91,7 +92,13 @@ def to_frames(known: Signatures) -> tuple[pd.DataFrame, pd.DataFrame]:
 def from_frames(
     derivatives: pd.DataFrame, shapes: pd.DataFrame, screened: pd.DataFrame, found: Recalibrated
 ) -> Signatures:
-    """The signatures of all candidates from their tables."""
+    """The signatures of all candidates from their tables.
+
+    Raises
+    ------
+    InputError
+        They are of another model than that of `found`.
+    """
     columns = {
         place: {name: rows["derivative"].to_numpy() for name, rows in of.groupby("name", sort=False)}
         for place, of in derivatives.groupby(["label", "start"], sort=False)
@@ -105,8 +112,13 @@ def from_frames(
     by_label = {candidate.label: candidate for candidate in found.problem.model.candidates}
     signatures = []
     for (label, start), own in columns.items():
-        candidate = by_label[label]
-        sizes = [p.key for p in candidate.seen_in(runs) if p.key in candidate.sizes]
+        candidate = by_label.get(label)
+        sizes = [p.key for p in candidate.seen_in(runs) if p.key in candidate.sizes] if candidate else []
+        if candidate is None or not own.keys() >= set(sizes):
+            raise InputError(
+                f"screen/signatures.parquet: holds {label} of another model than the campaign file and its mechanism now give; run "
+                "`jointgap noise` on the campaign file again, and the stages after it"
+            )
         origin = own.get(_ORIGIN, base.residual)
         stacked = _stacked([own[key] for key in sizes], size)
         signatures.append(Signature(candidate, at.get((label, start), {}), stacked, origin, runs))

@@ -7,7 +7,8 @@ from typing import Any
 from jointgap.campaign import stages, verdict
 from jointgap.campaign.case import Case
 from jointgap.campaign.conclude import conclude
-from jointgap.campaign.folder import VERDICT
+from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, Folder
+from jointgap.figures.campaign import CATALOGUE
 from jointgap.tables import write_text
 
 ORDER = (
@@ -30,6 +31,8 @@ ORDER = (
 _OPTIONS = {"measure": {"pictures": False}, "preflight": {"advice": False}}
 """Advice is sought where the verdict needs it, and who wants pictures asks for them."""
 
+_ENDINGS = (".svg", ".png", ".parquet")
+
 
 def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
     """Find where model and measurement of a campaign disagree and what is missing.
@@ -39,7 +42,8 @@ def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
     campaign : Path
         A campaign file.
     folder : Path
-        Where the tables of all stages, the augmented mechanism and ``verdict.json`` are written.
+        Where the tables of all stages, the augmented mechanism and ``verdict.json`` are written; what an earlier analysis concluded
+        there is removed first.
 
     Returns
     -------
@@ -55,8 +59,7 @@ def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
     """
     case, seconds = Case(Path(campaign), Path(folder)), {}
     case.folder.check_writable(*(f"{name}/0" if name in ("fit", "pair") else name for name in ORDER), "conclude")
-    for name in ("advice", "campaign_optimum"):  # of earlier data, in a folder that is used again
-        case.folder.place(name).unlink(missing_ok=True)
+    _remove_conclusions(case.folder)
     for name in ORDER:
         begin = time.monotonic()
         getattr(stages, name)(case, **_OPTIONS.get(name, {}))
@@ -64,3 +67,13 @@ def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
     found = conclude(case) | {"seconds": seconds}
     write_text(case.folder.path / VERDICT, verdict.text(found))
     return found
+
+
+def _remove_conclusions(folder: Folder) -> None:
+    """Remove what an earlier analysis came to: beside the tables of one that fails half-way it would pass for its result."""
+    tables = [folder.place("advice"), folder.place("campaign_optimum")]
+    tables += [folder.place("decision", stage) for stage in ("decide", "regress")]
+    pages = [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]
+    pictures = [folder.path / "figures" / f"{name}{ending}" for name in CATALOGUE for ending in _ENDINGS]
+    for path in (*tables, *pages, *pictures):
+        path.unlink(missing_ok=True)

@@ -56,11 +56,11 @@ def blind_analyse(listed: Path, campaigns: Path, verdicts: Path, found: Path, co
     import json
 
     from jointgap.blind.analyse import analysed
-    from jointgap.blind.batch import kept, of_files
+    from jointgap.blind.batch import kept, of_files, trials_in
     from jointgap.tables import write_text
 
     told = []
-    for trial in listed.read_text(encoding="utf-8").split():
+    for trial in trials_in(listed, campaigns):
         place, same = verdicts / trial / "trial.json", f"{code} {of_files(campaigns / trial)}"
         told.append(kept(place, same, lambda trial=trial: analysed(campaigns / trial, verdicts / trial)))
         verdict = told[-1].get("verdict", {}).get("verdict", told[-1].get("error"))

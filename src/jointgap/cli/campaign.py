@@ -63,12 +63,25 @@ _then = click.option(
 )
 
 
+def _check_part(part: int, parts: int) -> None:
+    """InputError on a part that nobody would read."""
+    from jointgap.errors import InputError
+
+    if part >= parts:
+        raise InputError(
+            f"--part {part}: parts are counted from 0, and --parts {parts} has none of that number; give {parts - 1} at most, or more "
+            "--parts"
+        )
+
+
 def _stage(name: str, words: str) -> None:
     """Make the subcommand that runs one stage on files, and others after it."""
 
     def command(campaign: Path, folder: Path | None, further: tuple[str, ...], **given) -> None:
         from jointgap.campaign import stages
 
+        if "part" in given:
+            _check_part(given["part"], given["parts"])
         case = _case(campaign, folder)
         case.folder.check_writable(f"{name}/{given['part']}" if "part" in given else name, *further)
         getattr(stages, name)(case, **given)

@@ -1,5 +1,6 @@
 """What is wrong with a configuration, in words that name the key, the value and the mend."""
 
+import re
 from collections.abc import Iterator
 from typing import get_args
 
@@ -10,6 +11,24 @@ from jointgap.errors import did_you_mean
 _UNION_ERRORS = {"union_tag_invalid", "union_tag_not_found"}
 _LONGEST = 200  # characters of a value that are shown
 _KINDS = {"name": "effect", "kind": "kind"}  # keys by which sections in one place are told apart, and what they tell
+_ALSO = {"mechanism": "the path of a mechanism file, or ", "contact": "the name of an entry of contacts, or "}
+
+# pydantic's types of errors whose own words speak of Python
+_PLAIN = {
+    "string_type": "must be text; write it in quotation marks",
+    "path_type": "must be a path, written as text",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "int_type": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "dict_type": "must be a mapping of names to values",
+    "model_attributes_type": "must be a mapping of keys to values",
+}
+_SUBJECT = re.compile(r"^(Input|String|Tuple|List) should ")
+_COUNTED = re.compile(r" after validation, not \d+$")
 
 
 def complaints(error: ValidationError, model: type[BaseModel]) -> list[str]:
@@ -20,6 +39,8 @@ def complaints(error: ValidationError, model: type[BaseModel]) -> list[str]:
     for item in items:
         if _within("contact", item, 1) in told:
             continue  # the joint only repeats what its entry of contacts says
+        if item["type"] == "too_short" and len(item["input"]) >= item["ctx"]["min_length"]:
+            continue  # pydantic counts entries that are wrong, of which it complains by themselves, as absent
         lines.append(_complaint(item, model))
     return list(dict.fromkeys(lines))
 
@@ -40,10 +61,34 @@ def _complaint(item: dict, model: type[BaseModel]) -> str:
         return f"key '{key}' is missing; add it"
     if item["type"] in _UNION_ERRORS:
         return _wrong_kind(key, item)
-    message = item["msg"].removeprefix("Value error, ")
-    value = item["input"]
+    message, value = _message(item, model), item["input"]
     shown = "" if isinstance(value, dict | BaseModel) else f" = {_shortened(repr(value))}"
     return f"{key}{shown}: {message[0].lower() + message[1:]}" if key else message
+
+
+def _message(item: dict, model: type[BaseModel]) -> str:
+    """What is expected instead, in words that need no Python."""
+    kind, location = item["type"], item["loc"]
+    field = _model_at(model, location[:-1]).model_fields.get(str(location[-1])) if location else None
+    if kind == "model_type":
+        needed = _needed(_model_at(model, location))
+        message = f"must be {_ALSO.get(location[-1], '') if location else ''}a mapping {needed or 'of keys to values'}"
+    elif kind in ("tuple_type", "list_type"):
+        entry = next(_sections(field.annotation), None) if field else None
+        message = f"must be a list{f' of mappings, each {_needed(entry)}' if entry else ''}"
+    else:
+        own = _COUNTED.sub("", item["msg"].removeprefix("Value error, "))
+        message = _PLAIN.get(kind) or _SUBJECT.sub("must ", own)
+    optional = item["input"] is None and field is not None and not field.is_required()
+    return f"{message}; or leave the key out" if optional else message
+
+
+def _needed(section: type[BaseModel]) -> str:
+    """``with the keys id and file``: what the section cannot do without; empty where that is nothing."""
+    keys = [key for key, field in section.model_fields.items() if field.is_required()]
+    if len(keys) < 2:
+        return f"with the key {keys[0]}" if keys else ""
+    return f"with the keys {', '.join(keys[:-1])} and {keys[-1]}"
 
 
 def _shortened(text: str) -> str:

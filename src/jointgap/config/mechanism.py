@@ -183,7 +183,8 @@ class Mechanism(Section):
             return Mechanism.model_validate(data)
         except ValidationError as error:
             names = ", ".join(effect.name for effect in self.effects if changes_data(self, effect))
-            raise InputError(f"with the effects {names}: {'; '.join(complaints(error, Mechanism))}") from error
+            told = "; ".join(complaints(error, Mechanism))
+            raise InputError(f"with the effects {names}: {told}" if names else told) from error
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
         """The mechanism with other link lengths [m]; mass centres keep their share, masses and inertias stay."""

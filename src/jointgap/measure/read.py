@@ -14,6 +14,7 @@ from jointgap.measure.rotation import LEAST_TURNS, checked_rotation
 from jointgap.measure.table import Columns, read_columns
 
 LEAST_SAMPLES = 12
+_IDLE = {"speed": "follows from time and crank_angle"}
 LARGEST = 1e12
 """No channel has a value beyond it in SI units: what is larger stands for something else, such as 'no data'."""
 
@@ -31,7 +32,8 @@ def read_measurements(campaign: Campaign) -> Measurements:
         column, row and what to do.
     """
     remarks = [
-        f"nuisance {key} has nothing to act on in this mechanism and is left out" for key in campaign.idle_nuisances
+        f"nuisance {key} {_IDLE.get(key, 'has nothing to act on in this mechanism')} and is left out"
+        for key in campaign.idle_nuisances
     ]
     runs = {run.id: _recording(campaign, run, remarks) for run in campaign.runs}
     return Measurements(runs, tuple(remarks))

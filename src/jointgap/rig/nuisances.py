@@ -5,10 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from jointgap.config import Mechanism
-from jointgap.config.campaign import NUISANCES, Campaign, CampaignRun
+from jointgap.config.campaign import NUISANCES, PINS, Campaign, CampaignRun
 from jointgap.config.campaign.nuisance import nominal_values
+from jointgap.config.load import validate
 from jointgap.discrepancy.protocol import Parameter
-from jointgap.rig.changes import friction_speed
+from jointgap.errors import InputError
+from jointgap.rig.changes import friction_speed, with_nuisances
 from jointgap.rig.clock import Clock
 
 _STEP = 0.02  # of the width of a nuisance's bounds
@@ -30,6 +32,33 @@ def shared(campaign: Campaign) -> tuple[Parameter, ...]:
     if (width := friction_speed(campaign.mechanism)) is not None:
         found.append(_parameter("friction_speed", width, width / REGULARISED, width * REGULARISED, "m/s"))
     return tuple(found)
+
+
+def check_ends(campaign: Campaign) -> None:
+    """Make sure that the mechanism is possible at the ends of its nuisances' bounds.
+
+    One at a time, the others at nominal; and where lengths and clearances together leave the crank least room to turn.
+
+    Raises
+    ------
+    InputError
+        It is not; with the nuisance, its value and what to do.
+    """
+    bounds = {p.name: (p.low, p.high) for p in shared(campaign) if p.name in campaign.nuisance}
+    tightest = {"crank_length": 1, "rod_length": 0} | {f"{pin}_clearance": 1 for pin in PINS}
+    together = {key: bounds[key][end] for key, end in tightest.items() if key in bounds}
+    alone = [{key: end} for key, ends in bounds.items() for end in ends]
+    for values in [*alone, together] if len(together) > 1 else alone:
+        _check_possible(campaign, values)
+
+
+def _check_possible(campaign: Campaign, values: Mapping[str, float]) -> None:
+    at = ", ".join(f"{key} = {value:g} {NUISANCES[key]}".rstrip() for key, value in values.items())
+    source = f"campaign {campaign.name}, nuisance, at the bound {at}"
+    try:
+        validate(Mechanism, with_nuisances(campaign.mechanism, values).model_dump(), source)
+    except InputError as error:
+        raise InputError(f"{error}; or give narrower bounds") from error
 
 
 def of_run(campaign: Campaign, run: CampaignRun, clock: Clock, first_angle_searched: bool) -> tuple[Parameter, ...]:

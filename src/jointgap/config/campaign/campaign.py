@@ -1,20 +1,39 @@
 """The campaign file: a mechanism, the runs measured on its rig, and how their columns map to channels."""
 
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_serializer, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_serializer, field_validator, model_validator
 
 from jointgap.config.campaign.channels import CHANNELS, Channel, Name, channel_factor
-from jointgap.config.campaign.nuisance import PINS, SHARED, as_written, check_keys, nominal_values, share_or_bounds
+from jointgap.config.campaign.nuisance import (
+    PINS,
+    SHARED,
+    as_written,
+    check_keys,
+    check_possible,
+    nominal_values,
+    share_or_bounds,
+)
 from jointgap.config.drive import MotorDrive
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.quantities import Angle, PositiveAngularSpeed
 from jointgap.config.section import Section
 from jointgap.errors import did_you_mean
 
-Word = Annotated[Name, Field(pattern=r"^[A-Za-z0-9_-]+$")]
-"""A name that becomes a folder."""
+RESERVED_IDS = ("all", "look", "measured", "remarks")
+"""No run may be called so: a sum over runs is, and the tables that stand beside the pictures of the runs are."""
+
+
+def _is_a_word(name: str) -> str:
+    if re.fullmatch(r"[A-Za-z0-9_-]+", name) is None:
+        raise ValueError("use letters, digits, '_' and '-' only, for files or folders are called so")
+    return name
+
+
+Word = Annotated[Name, AfterValidator(_is_a_word)]
+"""A name that files or folders get."""
 
 
 class CampaignRun(Section):
@@ -35,6 +54,13 @@ class CampaignRun(Section):
     direction: Literal["counter_clockwise", "clockwise"] = Field(
         "counter_clockwise", description="how the crank turns; a clockwise crank's falling angle is mirrored"
     )
+
+    @field_validator("id")
+    @classmethod
+    def _is_free(cls, name: str) -> str:
+        if name in RESERVED_IDS:
+            raise ValueError("would be taken for another result of that name; choose another id")
+        return name
 
 
 class Csv(Section):
@@ -72,6 +98,8 @@ class Campaign(Section):
     @field_validator("motor", mode="before")
     @classmethod
     def _is_a_motor(cls, value: Any) -> Any:
+        if value is not None and not isinstance(value, dict | MotorDrive):
+            raise ValueError("must be a mapping with the keys stall_torque and no_load_speed")
         return {"kind": "motor"} | value if isinstance(value, dict) else value
 
     @field_validator("channels", mode="before")
@@ -181,6 +209,8 @@ class Campaign(Section):
                     raise ValueError(
                         f"nuisance: {key} is {nominal:g}, outside of [{low:g}, {high:g}]; widen them or correct the value"
                     )
+                said = as_written(self.nuisance[key])
+                check_possible(key, low, high, f"nuisance: {key} = {said} of {nominal:g}")
         return self
 
     def bounds(self, key: str, nominal: float) -> tuple[float, float]:
@@ -194,8 +224,11 @@ class Campaign(Section):
 
     @property
     def idle_nuisances(self) -> tuple[str, ...]:
-        """Nuisances that have nothing to act on, such as the clearance of an ideal pin."""
-        return tuple(key for key in self.nuisance if key != "speed" and not nominal_values(self.mechanism, key))
+        """Nuisances that are left out: those that have nothing to act on, and a speed that the records themselves tell."""
+        recorded = {"time", "crank_angle"} <= self.channels.keys()
+        return tuple(
+            key for key in self.nuisance if (recorded if key == "speed" else not nominal_values(self.mechanism, key))
+        )
 
 
 def _check_sensor(name: str, channel: Channel) -> None:

@@ -1,33 +1,53 @@
 """Nuisances of a campaign: quantities of the mechanism that are known within bounds only."""
 
+import math
 from collections.abc import Mapping
 from decimal import Decimal, InvalidOperation
-from typing import Any
+from typing import Any, NamedTuple
 
+from jointgap.config.effects.structure import LEAST_CLEARANCE
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.quantities import refuse_comma, to_si
 from jointgap.errors import did_you_mean
 
 PINS = ("crank_pin", "piston_pin")
 
-SHARED = {"joint_friction": ("", 0.0, 0.6), "restitution": ("", 1e-3, 1.0)}
-"""Quantities that both pins share unless they are listed for each: unit and limits."""
 
-_LIMITS = {
-    "slider_mass": ("kg", 0.0, None),
-    "rod_mass": ("kg", 0.0, None),
-    "rod_inertia": ("kg*m^2", 0.0, None),
-    "crank_length": ("m", 0.0, None),
-    "rod_length": ("m", 0.0, None),
-    "crank_pin_clearance": ("m", 0.0, None),
-    "piston_pin_clearance": ("m", 0.0, None),
-    **SHARED,
-    **{f"{key}_{pin}": limits for key, limits in SHARED.items() for pin in PINS},
-    "speed": ("rad/s", 0.0, None),
+class _Range(NamedTuple):
+    """Unit of a nuisance, and what it can be in a simulation: the least, the most, and both in words."""
+
+    unit: str
+    least: float
+    most: float
+    words: str
+
+
+def _above_0(unit: str) -> _Range:
+    return _Range(unit, math.nextafter(0.0, 1.0), math.inf, f"more than 0 {unit}")
+
+
+_CLEARANCE = _Range("m", LEAST_CLEARANCE, math.inf, f"{LEAST_CLEARANCE:g} m or more")
+
+SHARED = {
+    "joint_friction": _Range("", 0.0, 0.6, "0 to 0.6"),
+    "restitution": _Range("", 1e-3, math.nextafter(1.0, 0.0), "0.001 to below 1"),
 }
-"""SI unit and the limits of what is possible."""
+"""Quantities that both pins share unless they are listed for each."""
 
-NUISANCES = {key: unit for key, (unit, _, _) in _LIMITS.items()}
+_RANGES = {
+    "slider_mass": _above_0("kg"),
+    "rod_mass": _above_0("kg"),
+    "rod_inertia": _above_0("kg*m^2"),
+    "crank_length": _above_0("m"),
+    "rod_length": _above_0("m"),
+    "crank_pin_clearance": _CLEARANCE,
+    "piston_pin_clearance": _CLEARANCE,
+    **SHARED,
+    **{f"{key}_{pin}": own for key, own in SHARED.items() for pin in PINS},
+    "speed": _above_0("rad/s"),
+}
+
+NUISANCES = {key: one.unit for key, one in _RANGES.items()}
 """SI unit of every quantity that may be listed under ``nuisance``; ``''`` for pure numbers."""
 
 
@@ -39,7 +59,7 @@ def share_or_bounds(key: str, value: Any) -> float | tuple[float, float]:
     ValueError
         Neither a percentage nor two numbers, bounds upside down, or values that are not possible.
     """
-    unit, least, most = _LIMITS[key]
+    unit = NUISANCES[key]
     if isinstance(value, str):
         share = _percent(value)
         if not 0 < share < 1:
@@ -53,10 +73,15 @@ def share_or_bounds(key: str, value: Any) -> float | tuple[float, float]:
         raise ValueError(f"{key} = {list(value)!r} {error}") from error
     if low >= high:
         raise ValueError(f"{key} = {list(value)!r} is upside down or empty; write the lower bound first")
-    if low < least or (most is not None and high > most):
-        reach = f"{least:g} to {most:g}" if most is not None else f"{least:g} or more"
-        raise ValueError(f"{key} = {list(value)!r} leaves what is possible, {reach}{f' {unit}' if unit else ''}")
+    check_possible(key, low, high, f"{key} = {list(value)!r}")
     return low, high
+
+
+def check_possible(key: str, low: float, high: float, said: str) -> None:
+    """ValueError, beginning with what is `said`, where one of the bounds [SI] of a nuisance cannot be simulated."""
+    _, least, most, words = _RANGES[key]
+    if low < least or high > most:
+        raise ValueError(f"{said} reaches from {low:g} to {high:g} and leaves what is possible, {words}; narrow it")
 
 
 def _percent(text: str) -> float:
@@ -79,8 +104,8 @@ def as_written(value: float | tuple[float, float]) -> str | list[float]:
 def check_keys(given: Mapping[str, Any]) -> None:
     """ValueError on unknown keys, and on a quantity given for both pins and for one."""
     for key in given:
-        if key not in _LIMITS:
-            raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(str(key), _LIMITS)}")
+        if key not in _RANGES:
+            raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(str(key), _RANGES)}")
     for shared in SHARED:
         own = [f"{shared}_{pin}" for pin in PINS if f"{shared}_{pin}" in given]
         if shared in given and own:

@@ -1,0 +1,34 @@
+"""Tables of the screening meet the model that they were made with, or say that they are of another."""
+
+from dataclasses import replace
+
+import pytest
+
+from jointgap.campaign import screen
+from jointgap.discrepancy.problem import Problem
+from jointgap.errors import InputError
+
+
+class _Without:
+    """A model from which one candidate is gone, as after a change of the mechanism file."""
+
+    def __init__(self, model, label):
+        self._model = model
+        self.candidates = tuple(one for one in model.candidates if one.label != label)
+
+    def __getattr__(self, name):
+        return getattr(self._model, name)
+
+
+def test_an_effect_that_the_model_no_longer_lacks_is_named_with_the_stage_to_run_again(chain):
+    tables = (*screen.to_frames(chain.screening.known), chain.screening.frame())
+    problem = Problem(_Without(chain.model, "viscous"), chain.noise)
+    with pytest.raises(InputError, match=r"signatures\.parquet: holds viscous of another model.*run `jointgap noise`"):
+        screen.from_frames(*tables, replace(chain.recalibrated, problem=problem))
+
+
+def test_an_effect_whose_sizes_are_of_other_runs_is_named_too(chain):
+    derivatives, shapes = screen.to_frames(chain.screening.known)
+    renamed = derivatives["name"].mask(derivatives["label"] == "coulomb", "force_N@other")
+    with pytest.raises(InputError, match="holds coulomb of another model"):
+        screen.from_frames(derivatives.assign(name=renamed), shapes, chain.screening.frame(), chain.recalibrated)

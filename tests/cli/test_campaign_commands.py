@@ -1,0 +1,77 @@
+"""Stages of a campaign from the command line: what cannot be meant is refused before anything is computed."""
+
+import re
+
+import pytest
+from click.testing import CliRunner
+
+from benchmarks.project import ROOT
+from jointgap.campaign import stages
+from jointgap.campaign.case import Case
+from jointgap.campaign.folder import PLACES
+from jointgap.cli import cli
+from jointgap.config.campaign.campaign import RESERVED_IDS
+from jointgap.errors import InputError
+
+DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
+
+
+def asked(*command) -> None:
+    CliRunner().invoke(cli, [str(one) for one in command], catch_exceptions=False)
+
+
+@pytest.mark.parametrize("stage", ["fit", "pair"])
+@pytest.mark.parametrize(("part", "parts"), [(5, 2), (2, 2), (1, 1)])
+def test_a_part_that_nobody_would_read_is_refused(tmp_path, monkeypatch, stage, part, parts):
+    monkeypatch.setattr(stages, stage, lambda case, **given: pytest.fail("computed in vain"))
+    with pytest.raises(InputError, match=f"--part {part}: .*give {parts - 1} at most, or more --parts"):
+        asked(stage, DEMONSTRATION, "--folder", tmp_path, "--part", part, "--parts", parts)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_part_there_is_can_be_fitted(tmp_path, monkeypatch):
+    fitted = []
+    monkeypatch.setattr(stages, "fit", lambda case, **given: fitted.append(given))
+    for part in (0, 1):
+        asked("fit", DEMONSTRATION, "--folder", tmp_path, "--part", part, "--parts", 2)
+    assert fitted == [{"part": 0, "parts": 2}, {"part": 1, "parts": 2}]
+
+
+def test_tables_beside_the_pictures_of_the_runs_have_names_that_no_run_may_have():
+    beside = {re.fullmatch(r"measure/(\w+)\.parquet", place) for place in PLACES.values()} - {None}
+    assert {found[1] for found in beside} | {"all"} == set(RESERVED_IDS)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """The demonstration in a folder of its own, with the data read."""
+    folder = tmp_path_factory.mktemp("measured")
+    text = DEMONSTRATION.read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
+    (folder / "plan.yaml").write_text(
+        text.replace("name: demonstration", f"name: demonstration\nfolder: '{DEMONSTRATION.parent}'")
+    )
+    stages.measure(Case(folder / "plan.yaml", folder / "results"), pictures=False)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("line", "more", "words"),
+    [
+        (
+            "  crank_torque:",
+            "  slider_velocity: {column: v, unit: m/s}\n",
+            "channels: slider_velocity is not among the data that were read of run 'slow'",
+        ),
+        (
+            "  - {id: fast,",
+            "  - {id: other, file: demonstration/other.csv, speed: 90 rpm, role: identify}\n",
+            "runs: 'other' is not among the data that were read",
+        ),
+    ],
+)
+def test_a_stage_after_a_change_of_the_file_says_which_key_and_to_measure_again(measured, line, more, words):
+    changed = measured / "changed.yaml"
+    changed.write_text((measured / "plan.yaml").read_text().replace(line, more + line))
+    with pytest.raises(InputError, match="run `jointgap measure` on it again") as caught:
+        asked("noise", changed, "--folder", measured / "results")
+    assert words in str(caught.value)
