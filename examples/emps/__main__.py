@@ -6,15 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from examples.emps.model import HELD_OUT, Emps
-from jointgap.discrepancy.calibrate import thresholds
-from jointgap.discrepancy.decide import Decision
+from jointgap.campaign.decide import Outcome, decide
+from jointgap.campaign.noise import noise as noise_of
+from jointgap.campaign.screen import screen
 from jointgap.discrepancy.explain import doubles, singles
 from jointgap.discrepancy.fit import Fit
-from jointgap.discrepancy.naming import refined, verdict
-from jointgap.discrepancy.noise import degrees_of_freedom, estimate_noise
-from jointgap.discrepancy.recalibrate import Recalibrated, other_numerics, recalibrate
-from jointgap.discrepancy.screen import signatures
+from jointgap.discrepancy.noise import degrees_of_freedom
+from jointgap.discrepancy.recalibrate import Recalibrated, recalibrate
 from jointgap.errors import InputError
+
+FALSE_ALARMS = 0.01
+"""Share of campaigns with nothing hidden in which something is found nevertheless."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +24,12 @@ class Named:
     """The verdict and the fits that it rests on."""
 
     base: Recalibrated
-    decision: Decision
-    chosen: Fit
+    decision: Outcome
+
+    @property
+    def chosen(self) -> Fit:
+        """The model with the effects named."""
+        return self.decision.chosen
 
     @property
     def names(self) -> list[str]:
@@ -32,20 +38,13 @@ class Named:
 
 
 def name(model: Emps) -> Named:
-    """All stages from the noise to the verdict."""
-    nominal = {p.name: p.nominal for p in model.nuisances}
-    missed = {s.key: s.value - model.simulate(s.run, nominal)[s.channel] for s in model.series}
-    noise = estimate_noise(model, missed)
+    """All stages from the noise to the verdict, as docs/own_model.md has them."""
+    noise = noise_of(model)
     base = recalibrate(model, noise)
-    known = signatures(base.problem, base.base, base.differences)
-    numerics = other_numerics(base.problem, base.base)
-    limits = thresholds(
-        base.problem, known, numerics, noise_dof=degrees_of_freedom(noise), rough=base.differences.rough_chi2
-    )
-    alone, _ = singles(base, known, limits)
-    together, _ = doubles(base, known, limits, alone)
-    decision = verdict(base, known, [*alone, *together], limits)
-    return Named(base, decision, refined(base, decision.chosen))
+    screened = screen(base, FALSE_ALARMS, degrees_of_freedom(noise))
+    alone, _ = singles(base, screened.known, screened.limits)
+    together, _ = doubles(base, screened.known, screened.limits, alone)
+    return Named(base, decide(base, screened.known, [*alone, *together], {}, screened.limits))
 
 
 def force_error(model: Emps, run: str, found: Fit) -> float:
@@ -67,14 +66,14 @@ def main() -> None:
     found = name(model)
     print(f"verdict: {found.decision.verdict} ({found.decision.because})")
     print(f"effects: {' + '.join(found.names) or 'none'}")
-    for one in found.decision.ranking[:5]:
-        print(f"  {one.fit.label}: delta BIC {one.delta_bic:.0f}, explained share {one.share:.3f}")
+    for one in found.decision.ranking.head(5).itertuples():
+        print(f"  {one.explanation}: delta BIC {one.delta_bic:.0f}, explained share {one.explained_share:.3f}")
     for p, value, sd in zip(
         found.chosen.parameters, found.chosen.values, np.sqrt(np.diag(found.chosen.covariance())), strict=True
     ):
         print(f"  {p.key} = {value:.4g} {p.unit}, 90 % interval {value - 1.645 * sd:.4g} to {value + 1.645 * sd:.4g}")
     for run in model.force:
-        before, after = force_error(model, run, found.base.base), force_error(model, run, found.chosen)
+        before, after = force_error(model, run, found.decision.base), force_error(model, run, found.chosen)
         aside = " (held out)" if run == HELD_OUT else ""
         print(f"run {run}{aside}: relative force error {before:.3f} before, {after:.3f} after")
 

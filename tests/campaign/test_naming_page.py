@@ -5,12 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
+from jointgap.campaign.preflight import in_words, preflight
 from jointgap.config.campaign import load_campaign
 from jointgap.figures.campaign import CATALOGUE
 from jointgap.measure import read_measurements
 
 PAGE = Path("docs/naming.md").read_text(encoding="utf-8")
+NUMBER = r"(?<![A-Za-z0-9_])\d+\.?\d*(?:e-?\d+)?"
 
 
 def test_its_campaign_file_and_its_columns_are_read(tmp_path):
@@ -32,6 +35,23 @@ def test_its_campaign_file_and_its_columns_are_read(tmp_path):
     measured = read_measurements(load_campaign(tmp_path / "campaign.yaml"))
     assert list(measured.runs) == ["slow", "mid", "fast"]
     assert np.isclose(measured.runs["slow"].channels["slider_acceleration"][0], 9.80665)
+
+
+def test_the_preflight_that_it_prints_is_what_comes_out(tmp_path):
+    mechanism = "config/mechanisms/ideal_joints.yaml"
+    assert f"`{mechanism}` as its mechanism" in PAGE
+    (tmp_path / "campaign.yaml").write_text(re.search(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[1])
+    (tmp_path / "mechanism.yaml").write_text(Path(mechanism).read_text())
+    found = preflight(load_campaign(tmp_path / "campaign.yaml"), 0.01)
+    printed = in_words(found["detectable"], found["confusability"], pd.DataFrame()).splitlines()
+    shown = re.search(r"```\n(Effects that these runs.*?)```", PAGE, re.DOTALL)[1].splitlines()
+    shown = [line for line in shown if line != "  ..." and not line.startswith("A further ")]
+    places = {re.sub(NUMBER, "#", line): place for place, line in enumerate(printed)}
+    found_at = [places[re.sub(NUMBER, "#", line)] for line in shown]
+    assert found_at == sorted(found_at)
+    for line, place in zip(shown, found_at, strict=True):
+        said, true = ([float(number) for number in re.findall(NUMBER, text)] for text in (line, printed[place]))
+        assert said == pytest.approx(true, rel=0.01), printed[place]
 
 
 def test_it_names_every_figure_and_every_verdict():

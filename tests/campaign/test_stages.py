@@ -50,6 +50,11 @@ def test_gaps_are_those_of_the_residuals_that_are_handed_on(chain):
     )
 
 
+def test_noise_is_found_where_no_run_is_held_out():
+    model = toy({"coulomb": {"force_N": TRUTH}}, held_out=(), stated=False)
+    assert noise.noise(model).keys() == {series.key for series in model.series}
+
+
 def test_without_an_effect_the_gap_after_is_the_gap_before(chain):
     found = confirm.confirm(chain.model, chain.noise, chain.recalibrated.base)
     gap = confirm.gap_of(found.gaps, "confirm")

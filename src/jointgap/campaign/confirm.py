@@ -123,15 +123,11 @@ class _Alone:
 
 
 def own_fitted(problem: Problem, found: Fit) -> dict[str, float]:
-    """Values of a fit, with those that a held-out run has for itself fitted to that run.
-
-    Raises
-    ------
-    SimulationError
-        The runs cannot be simulated.
-    """
+    """Values of a fit, with those that a held-out run has for itself fitted to that run; nominal where it cannot be simulated."""
     known = {p.key for p in found.parameters}
     own = [p for p in problem.parameters(found.explanation) if p.run is not None and p.key not in known]
+    if not own:
+        return found.mapping
     refitted = fit(problem, found.explanation, start=found.mapping, vary=own)
     return found.mapping | refitted.mapping
 

@@ -1,0 +1,68 @@
+"""The code of docs/own_model.md, run as it stands on made data."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+CODE = "\n".join(re.findall(r"```python\n(.*?)```", Path("docs/own_model.md").read_text(encoding="utf-8"), re.DOTALL))
+NOISE = 0.05  # N
+MASS = 10.3  # kg; the page's model says 10
+
+
+def made(folder: Path, force) -> None:
+    """The page's two CSV files: thirty cycles of each run, in which `force` of the speed acts on the slide."""
+    random = np.random.default_rng(1)
+    for run, period in {"slow": 4.0, "fast": 2.0}.items():
+        time = np.arange(3000) * period / 100.0
+        rate = 2.0 * np.pi / period
+        speed, acceleration = 0.1 * rate * np.cos(rate * time), -0.1 * rate**2 * np.sin(rate * time)
+        taken = MASS * acceleration - force(speed) + random.normal(0.0, NOISE, time.size)
+        pd.DataFrame({"t": time, "force": taken}).to_csv(folder / f"{run}.csv", index=False)
+
+
+@pytest.fixture
+def outcome(tmp_path, monkeypatch):
+    """What the page's names hold after its code has run where a force acts."""
+
+    def run(force) -> dict:
+        made(tmp_path, force)
+        monkeypatch.chdir(tmp_path)
+        names: dict = {}
+        exec(compile(CODE, "docs/own_model.md", "exec"), names)
+        return names
+
+    return run
+
+
+def gaps_held_out(names: dict) -> tuple[float, float]:
+    gaps = names["gaps"]
+    row = gaps[(gaps["role"] == "confirm") & (gaps["run"] == "all")].iloc[0]
+    return row["before"], row["after"]
+
+
+def test_friction_is_named_and_the_gap_of_the_held_out_run_falls_to_noise(outcome):
+    names = outcome(lambda speed: -2.0 * np.sign(speed))
+    found = names["found"]
+    assert found.verdict == "named", found.because
+    assert found.chosen.label == "slider_coulomb_friction"
+    assert found.chosen.mapping["slider_coulomb_friction.force_N"] == pytest.approx(2.0, rel=0.02)
+    before, after = gaps_held_out(names)
+    assert before > 5.0
+    assert after == pytest.approx(1.0, abs=0.1)
+
+
+def test_with_nothing_hidden_the_mass_alone_is_found(outcome):
+    found = outcome(lambda speed: 0.0)["found"]
+    assert found.verdict == "parameters_only", found.because
+    assert found.chosen.mapping["mass"] == pytest.approx(MASS, rel=0.01)
+
+
+def test_a_law_that_is_not_on_the_list_is_found_as_a_formula(outcome):
+    names = outcome(lambda speed: -400.0 * speed**3)
+    assert names["found"].verdict == "unexplained"
+    assert names["proposed"].accepted, names["proposed"].because
+    assert re.fullmatch(r"slider force = -\d+(\.\d+)?\*v\^3", names["proposed"].law.words)
+    assert names["proposed"].law.coefficients["c1"] == pytest.approx(-400.0, rel=0.05)
