@@ -68,3 +68,11 @@ def test_the_noise_that_was_assumed_is_printed(planned):
     lines = preflight.in_words(planned["detectable"], *frames).splitlines()
     assert lines[-2:] == ["Assumed noise, where the campaign states none:", f"  {FOUND.assumed[0]}"]
     assert "ssumed" not in preflight.in_words(planned["detectable"].assign(assumed=""), *frames)
+
+
+def test_a_further_run_takes_no_name_that_a_run_has():
+    campaign = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
+    named = campaign.model_copy(
+        update={"runs": (campaign.runs[0].model_copy(update={"id": "600_rpm"}), *campaign.runs[1:])}
+    )
+    assert [run.id for run in preflight.extended(named).runs] == ["600_rpm", "mid", "fast", "75_rpm", "further_600_rpm"]

@@ -102,10 +102,14 @@ def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str,
 
 def extended(campaign: Campaign) -> Campaign:
     """The campaign with a slower and a faster run and every channel that a rig can have."""
-    speeds = sorted(run.speed for run in campaign.runs)
+    speeds, taken = sorted(run.speed for run in campaign.runs), {run.id for run in campaign.runs}
+
+    def free(name: str) -> str:
+        return free(f"further_{name}") if name in taken else name
+
     runs = [
         campaign.runs[0].model_copy(
-            update={"id": f"{speed * 30 / math.pi:.0f}_rpm", "file": "-", "speed": speed, "role": "identify"}
+            update={"id": free(f"{speed * 30 / math.pi:.0f}_rpm"), "file": "-", "speed": speed, "role": "identify"}
         )
         for speed in (_SLOWER * speeds[0], _FASTER * speeds[-1])
     ]
