@@ -49,6 +49,9 @@ KEYS = "with the keys id, file, speed and role"
             "name = 'a b': use letters, digits, '_' and '-' only, for files or folders are called so",
         ),
         ({"name": 3.5}, "name = 3.5: must be text; write it in quotation marks"),
+        ({"name": True}, "name = True: must be text; write it in quotation marks"),
+        ({"name": None}, "name = None: must be text"),
+        ({"name": ["a"]}, "name = ['a']: must be text"),
         ({"name": ""}, "name = '': must have at least 1 character"),
         (
             {"channels": {"time": {"column": "t", "unit": "s", "reads_gravity": "no idea"}}},

@@ -99,6 +99,18 @@ def test_a_falling_angle_is_refused_unless_the_run_is_clockwise(tmp_path, withou
         rig(tmp_path, without=without, slow=table(SLOW).assign(theta=lambda t: -t.theta))
 
 
+@pytest.mark.parametrize("without", [(), ("time",)])
+def test_a_rising_angle_of_a_clockwise_run_is_refused_with_the_angles_of_the_file(tmp_path, without):
+    with pytest.raises(
+        InputError, match=r"the angle rises from .* but run 'slow' has 'direction: clockwise'; remove it"
+    ) as caught:
+        rig(tmp_path, run_with(direction="clockwise"), without=without)
+    first, last = table(SLOW).theta.iloc[[0, -1]]
+    words = str(caught.value)
+    assert f"from {first:.6g} to" in words
+    assert float(words.split(" to ")[1].split(" deg")[0]) > last  # running on over the turns
+
+
 def test_gaps_are_no_data(tmp_path):
     given = table(SLOW)
     given.loc[5:9, "M"] = np.nan

@@ -55,6 +55,19 @@ def test_bounds_at_which_the_crank_cannot_turn_are_refused_by_the_model(nuisance
     assert words in str(caught.value)
 
 
+def test_a_restitution_that_pins_share_is_that_of_those_whose_law_of_contact_has_one():
+    content = mechanism(PINS)
+    content["contacts"]["soft"] = {
+        "law": "penalty",
+        "stiffness": 1e8,
+        "penalty_damping": 1e3,
+        "penalty_depth": 1e-5,
+        "friction": 0.1,
+    }
+    content["joints"]["crank_pin"]["contact"] = "soft"
+    check_ends(campaign(content, nuisance={"restitution": "20 %"}))
+
+
 def test_a_film_thicker_than_the_least_clearance_is_refused():
     film = {"viscosity_Pa_s": 0.05, "length_m": 0.01, "least_film_m": 1e-5}
     content = mechanism(PINS, effects=[{"name": "lubricated_joint", "site": "crank_pin", "parameters": film}])

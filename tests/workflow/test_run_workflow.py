@@ -4,6 +4,8 @@ import os
 import subprocess
 from pathlib import Path
 
+import pytest
+
 SCRIPT = Path(__file__).parents[2] / "scripts" / "run-workflow"
 
 
@@ -31,6 +33,12 @@ def test_a_users_configuration_keeps_what_the_makefile_says(tmp_path):
         "fit_parts=4",
         'campaigns=["my rig.yaml"]',
     ]
+
+
+@pytest.mark.parametrize("written", [["--config=fit_parts=4"], ["-Cfit_parts=4"], ["-C", "fit_parts=4"]])
+def test_a_users_configuration_may_be_written_as_one_word(tmp_path, written):
+    said = asked_of_snakemake(tmp_path, *written, "--quiet", "--config", "campaigns=[1]")
+    assert said == ["--quiet", "--dry-run", "--config", "fit_parts=4", "campaigns=[1]"]
 
 
 def test_without_configuration_nothing_is_added(tmp_path):

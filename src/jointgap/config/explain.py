@@ -15,7 +15,7 @@ _ALSO = {"mechanism": "the path of a mechanism file, or ", "contact": "the name 
 
 # pydantic's types of errors whose own words speak of Python
 _PLAIN = {
-    "string_type": "must be text; write it in quotation marks",
+    "string_type": "must be text",
     "path_type": "must be a path, written as text",
     "bool_type": "must be true or false",
     "bool_parsing": "must be true or false",
@@ -79,6 +79,8 @@ def _message(item: dict, model: type[BaseModel]) -> str:
     else:
         own = _COUNTED.sub("", item["msg"].removeprefix("Value error, "))
         message = _PLAIN.get(kind) or _SUBJECT.sub("must ", own)
+        if kind == "string_type" and isinstance(item["input"], int | float):  # so is true
+            message += "; write it in quotation marks"
     optional = item["input"] is None and field is not None and not field.is_required()
     return f"{message}; or leave the key out" if optional else message
 

@@ -67,7 +67,7 @@ def checked_rotation(
         )
     if "time" not in values:
         angle = running_on(None, angle, run.speed)
-        _check_angle_alone(path, campaign, values["crank_angle"], angle, rows)
+        _check_angle_alone(path, campaign, run, values["crank_angle"], angle, rows)
         return absent, angle, angle - angle[0]
     whole = running_on(time, angle, run.speed)
     speed = _mean_speed(time, whole)
@@ -110,7 +110,9 @@ def _check_time_alone(path: Path, campaign: Campaign, run: CampaignRun, time: np
     )
 
 
-def _check_angle_alone(path: Path, campaign: Campaign, read: np.ndarray, angle: np.ndarray, rows: np.ndarray) -> None:
+def _check_angle_alone(
+    path: Path, campaign: Campaign, run: CampaignRun, read: np.ndarray, angle: np.ndarray, rows: np.ndarray
+) -> None:
     """Whether angles without times make sense as they are: `read` from the file, `angle` running on."""
     channel = campaign.channels["crank_angle"]
     where = f"{path}, column {channel.column}"
@@ -125,7 +127,7 @@ def _check_angle_alone(path: Path, campaign: Campaign, read: np.ndarray, angle: 
         )
     total = angle[-1] - angle[0]
     if total < -TURN * LEAST_TURNS / 2:
-        raise _falls(where, angle)
+        raise _turns_back(where, run, angle)
     _check_enough(path, campaign, total, angle.size)
 
 
@@ -138,7 +140,7 @@ def _check_speed(
         return
     where = f"{path}, column {campaign.channels['crank_angle'].column}"
     if -high * run.speed <= speed <= -low * run.speed:
-        raise _falls(where, running_on(time, angle, run.speed))
+        raise _turns_back(where, run, running_on(time, angle, run.speed))
     others = []
     for unit in UNITS["crank_angle"]:
         angles = channel_factor("crank_angle", unit) / campaign.factor("crank_angle") * angle
@@ -167,11 +169,17 @@ def _check_enough(path: Path, campaign: Campaign, total: float, samples: int) ->
         )
 
 
-def _falls(where: str, angle: np.ndarray) -> InputError:
-    known = angle[np.isfinite(angle)]
+def _turns_back(where: str, run: CampaignRun, angle: np.ndarray) -> InputError:
+    """The complaint of an `angle`, mirrored where the run is clockwise, that falls on the whole."""
+    known = np.degrees(angle[np.isfinite(angle)])
+    if run.direction == "clockwise":
+        return InputError(
+            f"{where}: the angle rises from {-known[0]:.6g} to {-known[-1]:.6g} deg, but run '{run.id}' has 'direction: clockwise'; "
+            "remove it, or change the sign of the angles"
+        )
     return InputError(
-        f"{where}: the angle falls from {math.degrees(known[0]):.6g} to {math.degrees(known[-1]):.6g} deg; if the crank turns "
-        "clockwise, give the run 'direction: clockwise', else change the sign of the angles"
+        f"{where}: the angle falls from {known[0]:.6g} to {known[-1]:.6g} deg; if the crank turns clockwise, give the run "
+        "'direction: clockwise', else change the sign of the angles"
     )
 
 

@@ -47,7 +47,7 @@ def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechani
         contact = {
             key: values.get(f"{name}_{pin}", values.get(name, getattr(joint.contact, key)))
             for name, key in (("joint_friction", "friction"), ("restitution", "restitution"))
-            if pin in PINS
+            if pin in PINS and getattr(joint.contact, key) is not None  # not every law of contact has a restitution
         }
         if "friction_speed" in values:
             contact["friction_speed"] = (
