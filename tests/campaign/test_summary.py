@@ -149,6 +149,14 @@ def test_what_was_named_does_not_meet_the_measurement_where_the_held_out_gap_sta
     )
 
 
+@pytest.mark.parametrize(("after", "told"), [(1.4, False), (2.9, True), (5.0, True)])
+def test_where_a_rest_is_left_the_answer_says_whether_held_out_data_are_met_no_better(after, told):
+    gap = {"identify": {"before": 9.0, "after": 1.3}, "confirm": {"before": 3.0, "after": after}}
+    said = summary.answer(NAMED | {"verdict": "named_with_remaining_misfit", "gap": gap})
+    assert ("on the data used for fitting, but not all" in said) == told
+    assert (f"does not meet the held-out data: the gap there is {after:.2f}" in said) == told
+
+
 def test_the_share_of_the_excess_that_is_gone_follows_from_the_gaps():
     text = summary.markdown(NAMED, {})
     assert "falls from 8.70 to 1.05: 99.9 % of what exceeds the noise is gone." in text
@@ -176,13 +184,20 @@ def test_a_held_out_run_that_cannot_be_simulated_is_told_with_the_reason():
     gaps = pd.DataFrame({"run": ["fast"], "role": "confirm", "channel": "all"})
     gaps = gaps.assign(before=8.7, before_low=8.0, before_high=9.0, after=np.nan, after_low=np.nan, after_high=np.nan)
     unknown = {"identify": {"before": 9.1, "after": 1.02}, "confirm": {"before": 8.7, "after": None}}
-    text = summary.markdown(NAMED | {"gap": unknown, "held_out": [lost]}, {"gaps": gaps})
+    verdict = NAMED | {"gap": unknown, "held_out": [lost]}
+    text = summary.markdown(verdict, {"gaps": gaps})
     told = (
         "it is 8.70 before anything is added. What was added cannot be simulated in run fast (it flies off), so it is not "
         "confirmed there."
     )
     assert told in text
     assert "| fast | 8.70 (8.00 to 9.00) | – |" in text
+    reason = "the data used for fitting within the noise. What was added cannot be simulated in run fast (it flies off), so it is not confirmed there."
+    assert summary.answer(verdict).endswith(reason)
+    other = {"run": "mid", "part": "last_third", "gap": {"before": 6.0, "after": 5.0}}
+    assert summary.answer(verdict | {"held_out": [lost, other]}).endswith(
+        f"{reason} It does not meet the held-out data: the gap in another run is 5.00, so more may be missing."
+    )
 
 
 def test_the_explanations_that_cannot_be_told_apart_are_listed_with_the_experiment_that_would():

@@ -13,6 +13,8 @@ from jointgap.discrepancy.decide import SLIGHT
 ENOUGH = ("no_disagreement", "parameters_only")
 """Verdicts by which the model meets the measurement with nothing added."""
 
+_MOST_LEFT = 0.5  # of what exceeds the noise on held-out data: of an effect that leaves more it is not said that it closes the gap
+
 _WEAK = 1.2  # a gap on held-out data of up to this is called noise: the seed of noise alone moves it by less
 
 _WORDS = {
@@ -66,8 +68,8 @@ def answer(verdict: Mapping[str, Any]) -> str:
         "parameters_only": f"No effect is missing that {data} could show: with other parameters within their stated ranges the model "
         f"meets {them} within the noise.{lost}",
         "named": f"{found} With this {taken} the model meets {fitted if lost else them} within the noise.{lost}",
-        "named_with_remaining_misfit": f"{found} This closes most of the gap, but not all: a small rest is left that none of the "
-        "effects tried explains.",
+        "named_with_remaining_misfit": f"{found} This closes most of the gap{f' on {fitted}' if lost else ''}, but not all: a small "
+        f"rest is left that none of the effects tried explains.{lost}",
         "ambiguous": f"Something is missing, but these data cannot tell what: {count} explanations fit equally well. None of them "
         "was added to the model.",
         "unexplained": "Something is missing, and it is none of the effects tried: the model and the measurement disagree by more "
@@ -90,12 +92,21 @@ def _found(effects: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
 
 def _held_out_lost(verdict: Mapping[str, Any]) -> str:
     """Says that the held-out data are not met; empty where they are, or where that is not known."""
-    gap = verdict["gap"]["confirm"]
-    left = gap["after" if verdict["effects"] else "before"]
+    added, gap = bool(verdict["effects"]), verdict["gap"]["confirm"]
+    before, left = gap["before"], gap["after"] if added else gap["before"]
+    told, where = "", "there"
+    if added and left is None:
+        told, where = f" {_not_simulated(verdict)}.", "in another run"
+        others = [one["gap"] for one in verdict["held_out"] if one["gap"]["after"] is not None]
+        before, left = max(
+            ((one["before"], one["after"]) for one in others), key=lambda pair: pair[1], default=(None, None)
+        )
     if left is None or left <= _WEAK:
-        return ""
-    more = "more" if verdict["effects"] else "something"
-    return f" It does not meet the held-out data: the gap there is {rounded(left)}, so {more} may be missing."
+        return told
+    if verdict["verdict"] == "named_with_remaining_misfit" and left**2 - 1.0 <= _MOST_LEFT * (before**2 - 1.0):
+        return told  # that a rest is left is said already
+    more = "more" if added else "something"
+    return f"{told} It does not meet the held-out data: the gap {where} is {rounded(left)}, so {more} may be missing."
 
 
 def held_out_in_words(verdict: Mapping[str, Any]) -> str:
