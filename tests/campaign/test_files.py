@@ -93,6 +93,19 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_is_computed(tmp
         CliRunner().invoke(cli, [command, str(ROOT / DEMONSTRATION), "--folder", str(tmp_path)], catch_exceptions=False)
 
 
+@pytest.mark.parametrize("command", ["analyse", "measure", "augment"])
+def test_a_campaign_whose_files_would_be_written_over_is_refused_and_they_stay(tmp_path, command):
+    text = (ROOT / DEMONSTRATION).read_text().replace("../mechanisms/ideal_joints.yaml", "mechanism.yaml")
+    (tmp_path / "mine.yaml").write_text(f"folder: '{ROOT / 'config/campaigns'}'\n{text}")
+    content = (ROOT / "config/mechanisms/ideal_joints.yaml").read_text()
+    (tmp_path / "mechanism.yaml").write_text(content)
+    with pytest.raises(InputError, match=r"mechanism\.yaml: is read by the campaign, .* give another --folder"):
+        CliRunner().invoke(
+            cli, [command, str(tmp_path / "mine.yaml"), "--folder", str(tmp_path)], catch_exceptions=False
+        )
+    assert (tmp_path / "mechanism.yaml").read_text() == content
+
+
 def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path):
     (tmp_path / "demonstration").mkdir()
     for name, rows in (("slow", 360), ("mid", 200)):

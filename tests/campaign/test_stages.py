@@ -253,10 +253,10 @@ def test_every_table_of_a_stage_has_one_place_and_a_description():
         "preflight",
         "noise",
         "recalibrate",
-        "locate",
         "screen",
         "fit/0",
         "decide",
+        "locate",
         "regress",
         "confirm",
     )

@@ -60,12 +60,12 @@ def measured(tmp_path_factory):
         (
             "  crank_torque:",
             "  slider_velocity: {column: v, unit: m/s}\n",
-            "channels: slider_velocity is not among the data that were read of run 'slow'",
+            'channels.slider_velocity.column = "v" is new',
         ),
         (
             "  - {id: fast,",
             "  - {id: other, file: demonstration/other.csv, speed: 90 rpm, role: identify}\n",
-            "runs: 'other' is not among the data that were read",
+            'runs.other.file = "demonstration/other.csv" is new',
         ),
     ],
 )

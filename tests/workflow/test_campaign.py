@@ -30,7 +30,7 @@ def planned(project, campaign) -> set[str]:
 
 
 def test_a_killed_campaign_goes_on_with_what_is_left(fresh_project, own):
-    for stage in ("measure", "preflight", "noise", "recalibrate", "locate", "screen", "fit/0"):
+    for stage in ("measure", "preflight", "noise", "recalibrate", "screen", "fit/0"):
         for table in tables_of(stage):
             place = fresh_project / "results/campaigns/own" / table
             place.parent.mkdir(parents=True, exist_ok=True)

@@ -61,7 +61,7 @@ rule campaign_recalibrate:
         plan=plan,
         tables=handed_on("measure"),
     output:
-        handed_on("noise", "recalibrate", "locate"),
+        handed_on("noise", "recalibrate"),
     log:
         campaign_place("logs/recalibrate.log"),
     benchmark:
@@ -75,9 +75,9 @@ rule campaign_recalibrate:
         code=code_digest("campaign"),
         folder=subpath(output[0], ancestor=2),
     message:
-        "campaign {wildcards.campaign}: find the noise, re-fit uncertain parameters, map the disagreement"
+        "campaign {wildcards.campaign}: find the noise, re-fit uncertain parameters"
     shell:
-        "jointgap noise {input.plan[0]:q} --folder {params.folder:q} --then recalibrate --then locate > {log:q} 2>&1"
+        "jointgap noise {input.plan[0]:q} --folder {params.folder:q} --then recalibrate > {log:q} 2>&1"
 
 
 rule campaign_screen:

@@ -8,7 +8,7 @@ rule campaign_decide:
         fits=parts_of("fit"),
         pairs=parts_of("pair"),
     output:
-        handed_on("decide", "regress", "confirm", "augment"),
+        handed_on("decide", "locate", "regress", "confirm", "augment"),
         mechanism=campaign_place(MECHANISM),
     log:
         campaign_place("logs/decide.log"),
@@ -24,10 +24,10 @@ rule campaign_decide:
         folder=subpath(output[0], ancestor=2),
         parts=fit_parts,
     message:
-        "campaign {wildcards.campaign}: weigh the fits, predict the held-out runs, write the augmented mechanism"
+        "campaign {wildcards.campaign}: weigh the fits, map the disagreement, predict the held-out runs, write the augmented mechanism"
     shell:
         "jointgap decide {input.plan[0]:q} --folder {params.folder:q} --parts {params.parts}"
-        " --then regress --then confirm --then augment > {log:q} 2>&1"
+        " --then locate --then regress --then confirm --then augment > {log:q} 2>&1"
 
 
 rule campaign_rechain:
@@ -63,8 +63,8 @@ rule campaign_conclude:
             "preflight",
             "noise",
             "recalibrate",
-            "locate",
             "decide",
+            "locate",
             "regress",
             "confirm",
             "augment",

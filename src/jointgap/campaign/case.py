@@ -5,6 +5,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jointgap.campaign.files import plan
 from jointgap.campaign.folder import OF_FITS, OF_NOISE, Folder
 from jointgap.config.campaign import Campaign, load_campaign
 from jointgap.errors import InputError
@@ -34,18 +35,23 @@ class Case:
     Raises
     ------
     InputError
-        The campaign file is not one.
+        The campaign file is not one, or a result would be written over a file that it reads.
     """
 
     def __init__(self, campaign: Path, folder: Path):
         self.campaign: Campaign = load_campaign(campaign)
         self.folder = Folder(folder)
+        self.folder.check_apart(
+            campaign, *plan(campaign), *(self.campaign.folder / run.file for run in self.campaign.runs)
+        )
 
     @cached_property
     def measurements(self) -> "Measurements":
         """What the stage measure read."""
+        from jointgap.campaign.stated import check_unchanged
         from jointgap.measure import from_frame
 
+        check_unchanged(self.campaign, self.folder.read("stated"))
         remarks = tuple(self.folder.read("remarks")["remark"])
         return from_frame(self.folder.read("measured"), self.campaign, remarks)
 

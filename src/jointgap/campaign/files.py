@@ -66,8 +66,6 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
             raise InputError(
                 f"campaigns: {found[campaign.name].campaign} and {file} are both called '{campaign.name}'; give each its own name"
             )
-        mechanism = read_yaml(file).get("mechanism")
-        plan = (str(file), *([str(file.parent / mechanism)] if isinstance(mechanism, str) else []))
         for run in campaign.runs:
             if not os.path.isfile(campaign.folder / run.file):
                 raise InputError(
@@ -75,8 +73,14 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
                 )
         data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
         shared = parts or (2 if campaign.mechanism.applied().loose else 1)
-        found[campaign.name] = CampaignFiles(str(file), plan, data, shared)
+        found[campaign.name] = CampaignFiles(str(file), plan(file), data, shared)
     return found
+
+
+def plan(file: Path) -> tuple[str, ...]:
+    """A campaign file and the mechanism file that it names, if it names one."""
+    mechanism = read_yaml(file).get("mechanism")
+    return (str(file), *([str(file.parent / mechanism)] if isinstance(mechanism, str) else []))
 
 
 def _file(path: str, folders: Sequence[Path]) -> Path:

@@ -5,6 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from jointgap import tables
+from jointgap.errors import InputError
 from jointgap.tables import Table, check_writable
 
 Frames = dict[str, pd.DataFrame]
@@ -14,6 +15,7 @@ PLACES = {
     "measured": "measure/measured.parquet",
     "remarks": "measure/remarks.parquet",
     "look": "measure/look.parquet",
+    "stated": "measure/stated.parquet",
     "detectable": "preflight/detectable.parquet",
     "confusability": "preflight/confusability.parquet",
     "advice": "preflight/advice.parquet",
@@ -96,6 +98,23 @@ class Folder:
         check_writable(
             *(self.path / place for stage in stages for place in (*tables_of(stage), *_FILES.get(stage, ())))
         )
+
+    def check_apart(self, *inputs: Path | str) -> None:
+        """Make sure that no result is written over what it is made from.
+
+        Raises
+        ------
+        InputError
+            One of the `inputs` has the place of a result.
+        """
+        places = (*PLACES.values(), MECHANISM, VERDICT, *SUMMARIES)
+        written = {(self.path / place).resolve() for place in places if "{" not in place}
+        for path in inputs:
+            if Path(path).resolve() in written:
+                raise InputError(
+                    f"{path}: is read by the campaign, and a result of it would be written there; copy the file elsewhere and name the "
+                    "copy, or give another --folder"
+                )
 
     def read(self, name: str, stage: str = "") -> pd.DataFrame:
         """The frame of a table; errors as `jointgap.tables.read`."""

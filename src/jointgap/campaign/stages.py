@@ -25,9 +25,11 @@ SEED = 0
 
 def measure(case: Case, pictures: bool = True) -> None:
     """Read what was measured and, with `pictures`, look at it."""
+    from jointgap.campaign.stated import stated
     from jointgap.measure import read_measurements, to_frame
 
     case.measurements = read_measurements(case.campaign)
+    case.folder.write("stated", stated(case.campaign))
     remarks = pd.DataFrame({"remark": pd.Series(case.measurements.remarks, dtype=object)})
     case.folder.write("remarks", remarks)
     case.folder.write("measured", to_frame(case.measurements))
@@ -73,17 +75,6 @@ def recalibrate(case: Case) -> None:
         case.folder.write(name, frame, "recalibrate")
     for which, fit in (("nominal", found.nominal), ("base", found.base)):
         case.folder.write_all(fits.to_frames([fit], whole=True), f"recalibrate/{which}")
-
-
-def locate(case: Case) -> None:
-    """Map where the recalibrated base disagrees with the measurement."""
-    from jointgap.discrepancy.locate import locate as located
-
-    found = located(case.recalibrated.problem, case.recalibrated.base.residual, FALSE_ALARM_RATE)
-    for name in ("bins", "windows"):
-        case.folder.write(f"map_{name}", map_as_read(getattr(found, name), clockwise(case.campaign)))
-    for name in ("tests", "orders", "scaling"):
-        case.folder.write(f"map_{name}", getattr(found, name))
 
 
 def screen(case: Case) -> None:
@@ -137,6 +128,17 @@ def decide(case: Case, parts: int = 1) -> None:
     _settled(case, outcome, "decide")
 
 
+def locate(case: Case) -> None:
+    """Map where the base that the verdict rests on disagrees with the measurement."""
+    from jointgap.discrepancy.locate import locate as located
+
+    found = located(case.settled.problem, case.settled.base.residual, FALSE_ALARM_RATE)
+    for name in ("bins", "windows"):
+        case.folder.write(f"map_{name}", map_as_read(getattr(found, name), clockwise(case.campaign)))
+    for name in ("tests", "orders", "scaling"):
+        case.folder.write(f"map_{name}", getattr(found, name))
+
+
 def regress(case: Case) -> None:
     """Look for a force law where no effect of the list explains what is missing."""
     from jointgap.campaign import regress as regressing
@@ -166,7 +168,8 @@ def confirm(case: Case) -> None:
 
     outcome = case.outcome("regress")
     named = outcome.chosen if outcome.chosen.explanation else None
-    found = confirming.confirm(case.model, case.whole_noise, outcome.base, named, SEED)
+    plain = outcome.base if named else outcome.chosen  # nominal values where these are enough
+    found = confirming.confirm(case.model, case.whole_noise, plain, named, SEED)
     case.folder.write("residuals", residuals_as_read(found.residuals, clockwise(case.campaign)))
     case.folder.write("gaps", found.gaps)
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointgap.config.campaign import Campaign, CampaignRun
-from jointgap.errors import InputError
-from jointgap.measure import Measurements, Recording
+from jointgap.measure import Measurements
 from jointgap.measure.recording import noise_of
 from jointgap.rig.chaos import chaotic_channels
 from jointgap.rig.clock import MOST_PLANNED, TURN, Clock, clock, planned_clock
@@ -39,12 +38,9 @@ def rig_model(
     Raises
     ------
     InputError
-        A recording that does not go with the drive; measurements that were read by another state of the campaign file; bounds of
-        nuisances at which the mechanism cannot be simulated.
+        A recording that does not go with the drive; bounds of nuisances at which the mechanism cannot be simulated.
     """
     check_ends(campaign)
-    if measurements is not None:
-        _check_read_by(campaign, measurements)
     plans, measured, noise, held_out, searched = {}, {}, {}, {}, set()
     for run in campaign.runs:
         if measurements is None:
@@ -72,36 +68,6 @@ def rig_model(
             searched.add(run.id)
             plans[run.id] = _with_first_angle(campaign, plans[run.id], told)
     return RigModel(campaign, plans, measured, noise, held_out, frozenset(searched))
-
-
-def _check_read_by(campaign: Campaign, measurements: Measurements) -> None:
-    """InputError where the campaign now asks for what the measurements do not hold."""
-    for run in campaign.runs:
-        recording = measurements.runs.get(run.id)
-        if recording is None:
-            raise _outdated(campaign, f"runs: '{run.id}' is not among the data that were read")
-        there = {*recording.channels, *(["time"] if recording.has_time else [])}
-        there |= {"crank_angle"} if recording.has_angle else set()
-        if missing := [channel for channel in campaign.channels if channel not in there]:
-            raise _outdated(campaign, f"channels: {missing[0]} is not among the data that were read of run '{run.id}'")
-        if run.role != (role := _role(recording)):
-            raise _outdated(
-                campaign, f"runs: '{run.id}' has the role {run.role}, but its data were read with the role {role}"
-            )
-
-
-def _role(recording: Recording) -> str:
-    """The role with which a run was read."""
-    if recording.held_out.all():
-        return "confirm"
-    return "split" if recording.held_out.any() else "identify"
-
-
-def _outdated(campaign: Campaign, what: str) -> InputError:
-    return InputError(
-        f"campaign {campaign.name}, {what}; the campaign file has changed since: run `jointgap measure` on it again, and the stages "
-        "after it"
-    )
 
 
 def _resolution(campaign: Campaign) -> float:

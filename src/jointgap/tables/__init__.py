@@ -21,6 +21,7 @@ from jointgap.tables.campaign import (
     OPTIMUM,
     REMARKS,
     RESIDUALS,
+    STATED,
     TIMES,
 )
 from jointgap.tables.columns import Column, Table
@@ -101,6 +102,7 @@ __all__ = [
     "SCREENED",
     "SIGNATURES",
     "SIGNATURE_SHAPES",
+    "STATED",
     "STUDY",
     "THRESHOLDS",
     "TIMES",

@@ -56,6 +56,15 @@ REMARKS = Table(
     (Column("remark", "", "in a sentence", "text"),),
 )
 
+STATED = Table(
+    "stated",
+    "What the campaign file stated when its data were read, in the order of the file",
+    (
+        Column("key", "", "key, with those above it", "text"),
+        Column("value", "", "value as JSON, SI", "text"),
+    ),
+)
+
 NOISE = Table(
     "noise",
     "Noise of every compared sample",

@@ -22,7 +22,7 @@ from jointgap.config.quantities import Angle, PositiveAngularSpeed
 from jointgap.config.section import Section
 from jointgap.errors import did_you_mean
 
-RESERVED_IDS = ("all", "look", "measured", "remarks")
+RESERVED_IDS = ("all", "look", "measured", "remarks", "stated")
 """No run may be called so: a sum over runs is, and the tables that stand beside the pictures of the runs are."""
 
 

@@ -1,0 +1,115 @@
+"""The base that the verdict rests on, where it is not the recalibrated one: every stage after decide goes on with it."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pandas as pd
+import pytest
+
+from benchmarks.project import ROOT
+from jointgap.campaign import confirm, decide, rechain, stages
+from jointgap.campaign.case import Case
+from jointgap.campaign.decide import Outcome
+from jointgap.campaign.folder import MECHANISM
+from jointgap.config.campaign import load_campaign
+from jointgap.discrepancy.locate import locate
+
+DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
+
+
+@pytest.fixture
+def better(chain):
+    """Another base than the recalibrated one, with residuals of its own."""
+    base = chain.recalibrated.base
+    values = base.values.copy()
+    values[[p.name for p in base.parameters].index("slider_mass")] *= 1.01
+    moved = {p.key: value for p, value in zip(base.parameters, values, strict=True)}
+    return replace(base, values=values, residual=chain.recalibrated.problem.residual(moved))
+
+
+@pytest.fixture
+def case(chain, better, tmp_path, monkeypatch):
+    """Makes a case on a folder in which deciding has found the better base; everything else is as the chain has it."""
+
+    def made() -> Case:
+        found = Case(DEMONSTRATION, tmp_path)
+        found.model, found.whole_noise = chain.model, chain.noise
+        found.recalibrated, found.screening = chain.recalibrated, chain.screening
+        return found
+
+    outcome = replace(chain.outcome, verdict="parameters_only", chosen=better, base=better, equivalent=[])
+    monkeypatch.setattr(decide, "decide", lambda *_: outcome)
+    monkeypatch.setattr(Case, "fits", lambda *_: ([], {}))
+    stages.decide(made())
+    return made
+
+
+def test_the_outcome_comes_back_from_files_with_the_better_base(case, better):
+    outcome = case().outcome("decide")
+    assert outcome.base.values == pytest.approx(better.values)
+    assert outcome.chosen is outcome.base
+
+
+def test_the_map_is_of_the_better_base(case, chain, better):
+    stages.locate(case())
+    expected = locate(chain.recalibrated.problem, better.residual, stages.FALSE_ALARM_RATE).bins
+    assert case().folder.read("map_bins")["mean"].tolist() == pytest.approx(expected["mean"].tolist())
+    other = locate(chain.recalibrated.problem, chain.recalibrated.base.residual, stages.FALSE_ALARM_RATE).bins
+    assert expected["mean"].tolist() != pytest.approx(other["mean"].tolist())
+
+
+def test_gaps_and_gains_are_counted_from_the_better_base(case, chain, better):
+    stages.regress(case())
+    stages.confirm(case())
+    gap = confirm.gap_of(case().folder.read("gaps"), "identify")
+    assert gap["before"] == pytest.approx(chain.recalibrated.problem.gap(better.residual))
+    assert gap["before"] != pytest.approx(chain.recalibrated.problem.gap(chain.recalibrated.base.residual))
+    assert case().outcome("regress").base.bic == pytest.approx(better.bic)
+
+
+def test_a_law_for_what_is_missing_is_sought_from_the_better_base(case, chain, better, monkeypatch):
+    unexplained = replace(chain.outcome, verdict="unexplained", chosen=better, base=better, equivalent=[])
+    monkeypatch.setattr(decide, "decide", lambda *_: unexplained)
+    stages.decide(case())
+    asked = []
+    monkeypatch.setattr("jointgap.campaign.regress.regress", lambda found, *_: asked.append(found) or unexplained)
+    later = case()
+    later.library = []
+    stages.regress(later)
+    assert asked[0].base.values == pytest.approx(better.values)
+
+
+def test_where_nominal_values_are_enough_gaps_are_those_of_the_nominal_model(case, chain, better, monkeypatch):
+    nominal = chain.recalibrated.nominal
+    enough = Outcome("no_disagreement", "", nominal, better, [], chain.outcome.ranking)
+    monkeypatch.setattr(Case, "outcome", lambda *_: enough)
+    stages.confirm(case())
+    gap = confirm.gap_of(case().folder.read("gaps"), "identify")
+    assert gap["before"] == pytest.approx(chain.recalibrated.problem.gap(nominal.residual))
+
+
+@pytest.mark.parametrize(("sensor", "called"), [(True, False), (False, True)])
+def test_the_lengths_are_optimised_again_only_where_something_was_added_to_the_motion(
+    tmp_path, monkeypatch, sensor, called
+):
+    text = DEMONSTRATION.read_text().replace(
+        "../mechanisms/ideal_joints.yaml", str(ROOT / "config/mechanisms/erkaya2009.yaml")
+    )
+    (tmp_path / "loose.yaml").write_text(f"folder: '{DEMONSTRATION.parent}'\n{text}")
+    (tmp_path / MECHANISM).write_text((ROOT / "config/mechanisms/erkaya2009.yaml").read_text())
+    chosen = SimpleNamespace(explanation=(SimpleNamespace(sensor=sensor),))
+    monkeypatch.setattr(Case, "outcome", lambda *_: SimpleNamespace(chosen=chosen))
+    campaign = load_campaign(tmp_path / "loose.yaml")
+    monkeypatch.setattr("jointgap.campaign.augment.mechanisms", lambda *_: (campaign.mechanism, campaign.mechanism))
+    asked, row = [], {"source": "networks", "crank_length": 0.15, "rod_length": 0.5, "reduction": 0.1}
+    row |= {"resimulated": None, "rms_before": 1e-3, "rms_after": 9e-4}
+
+    def optimised(models, speed):
+        asked.append(set(models))
+        return pd.DataFrame([{"model": model} | row for model in models])
+
+    monkeypatch.setattr(rechain, "rechain", optimised)
+    case = Case(tmp_path / "loose.yaml", tmp_path)
+    stages.rechain(case)
+    assert asked == ([{"base", "augmented"}] if called else [])
+    assert len(case.folder.read("campaign_optimum")) == (2 if called else 0)
