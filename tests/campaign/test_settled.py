@@ -11,8 +11,10 @@ from jointgap.campaign import confirm, decide, rechain, stages
 from jointgap.campaign.case import Case
 from jointgap.campaign.decide import Outcome
 from jointgap.campaign.folder import MECHANISM
+from jointgap.config import load_mechanism
 from jointgap.config.campaign import load_campaign
 from jointgap.discrepancy.locate import locate
+from jointgap.errors import SimulationError
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 
@@ -102,7 +104,7 @@ def test_the_lengths_are_optimised_again_only_where_something_was_added_to_the_m
     campaign = load_campaign(tmp_path / "loose.yaml")
     monkeypatch.setattr("jointgap.campaign.augment.mechanisms", lambda *_: (campaign.mechanism, campaign.mechanism))
     asked, row = [], {"source": "networks", "crank_length": 0.15, "rod_length": 0.5, "reduction": 0.1}
-    row |= {"resimulated": None, "rms_before": 1e-3, "rms_after": 9e-4}
+    row |= {"resimulated": None, "rms_before": 1e-3, "rms_after": 9e-4, "failed": None}
 
     def optimised(models, speed):
         asked.append(set(models))
@@ -113,3 +115,19 @@ def test_the_lengths_are_optimised_again_only_where_something_was_added_to_the_m
     stages.rechain(case)
     assert asked == ([{"base", "augmented"}] if called else [])
     assert len(case.folder.read("campaign_optimum")) == (2 if called else 0)
+
+
+def test_a_model_that_cannot_be_optimised_again_has_the_reason_and_the_other_its_lengths(monkeypatch):
+    plain = load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml")
+    heavy = plain.model_copy(update={"slider": plain.slider.model_copy(update={"mass": 9.0})})
+
+    def optima(mechanism, speed):
+        if mechanism.slider.mass == heavy.slider.mass:
+            raise SimulationError("the slider jams")
+        return [{"source": "network", "crank_length": 0.15}]
+
+    monkeypatch.setattr(rechain, "_optima", optima)
+    found = rechain.rechain({"base": plain, "augmented": heavy}, 30.0)
+    assert found["failed"].isna().tolist() == [True, False]
+    assert found["failed"].iloc[1] == "the slider jams"
+    assert found["crank_length"].iloc[0] == 0.15

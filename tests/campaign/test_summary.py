@@ -234,7 +234,7 @@ def test_without_a_window_no_effect_is_spoken_of_that_was_not_found():
 
 
 OPTIMUM = pd.DataFrame({"model": ["base", "augmented"], "source": "network", "reduction": [0.038, 0.05]}).assign(
-    crank_length=[0.150, 0.1515], rod_length=0.564
+    crank_length=[0.150, 0.1515], rod_length=0.564, failed=None
 )
 
 
@@ -249,6 +249,19 @@ def test_what_the_optimal_lengths_gain_is_said():
     text = summary.markdown(NAMED, {"optimum": OPTIMUM})
     assert "the RMS error of the transmission angle is smallest" in text
     assert "the error falls by 3.8 % before and by 5.0 % after." in text
+
+
+def test_a_model_that_could_not_be_optimised_again_is_told_with_the_reason():
+    lost = OPTIMUM.assign(failed=[None, "the slider jams"])
+    text = summary.markdown(NAMED, {"optimum": lost})
+    assert "- The model after the effects were added could not be optimised again (the slider jams)." in text
+    assert "Motion from" not in text
+
+
+def test_where_a_joint_became_loose_the_optimal_lengths_after_are_told():
+    text = summary.markdown(NAMED, {"optimum": OPTIMUM.tail(1)})
+    assert "Before, all joints were ideal" in text
+    assert "crank 151.50 mm and rod 564.00 mm" in text
 
 
 @pytest.mark.parametrize("verdict", [VERDICTS["unexplained"], NAMED | {"effects": [BIAS]}])

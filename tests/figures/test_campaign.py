@@ -99,7 +99,7 @@ def after(samples):
             rows.append(row)
     optimum = pd.DataFrame({"model": ["base", "augmented"], "source": ["networks", "networks"]})
     optimum = optimum.assign(crank_length=[0.15, 0.151], rod_length=[0.56, 0.57], reduction=[0.038, 0.05])
-    optimum = optimum.assign(resimulated=[0.037, np.nan], rms_before=1e-3, rms_after=9e-4)
+    optimum = optimum.assign(resimulated=[0.037, np.nan], rms_before=1e-3, rms_after=9e-4, failed=None)
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     force = pd.DataFrame({"crank_angle": angle, "slider_position": 0.15 * np.cos(angle), "crank_torque": 0.0})
     speeds = {"slow": 20.0, "check": 40.0}
@@ -221,6 +221,15 @@ def test_an_effect_that_is_no_force_has_none_to_show(tables):
     force = tables["force"].assign(slider_force=0.0)
     drawing = campaign.draw("missing_force", {"force": force}, VERDICT)
     assert [text.get_text() for text in drawing.figure.axes[0].texts] == [campaign.NOTHING["missing_force"]]
+
+
+def test_models_that_could_not_be_optimised_have_no_mark(tables):
+    optimum = tables["optimum"]
+    lost = optimum.assign(failed=[None, "it jams"], crank_length=[0.15, np.nan])
+    assert set(campaign.draw("optimum", tables | {"optimum": lost}, VERDICT).data["series"]) == {"before"}
+    none = campaign.draw("optimum", tables | {"optimum": optimum.assign(crank_length=np.nan)}, VERDICT)
+    (said,) = none.figure.axes[0].texts
+    assert "could not be optimised" in said.get_text()
 
 
 def test_a_figure_that_is_not_there_is_refused():

@@ -7,6 +7,7 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Box, Ensemble, Genetic, Mechanism, Optimise, Simulate, Surrogate
 from jointgap.dynamics import simulate
+from jointgap.errors import InputError, SimulationError
 from jointgap.mechanism import Fit
 from jointgap.optimise.stage import optimise
 from jointgap.rig.motion import tolerance_for
@@ -37,12 +38,7 @@ def rechain(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
     -------
     DataFrame
         Table `jointgap.tables.OPTIMUM`. Models whose joints are all ideal have no row: there the transmission angle follows from
-        the lengths alone, whatever acts on the slider.
-
-    Raises
-    ------
-    InputError, SimulationError
-        A model cannot be simulated at this speed.
+        the lengths alone, whatever acts on the slider. One that cannot be simulated at this speed has the reason.
     """
     rows = [row for name, mechanism in models.items() for row in _rows(name, mechanism.applied(), speed)]
     return pd.DataFrame(rows, columns=[column.name for column in tables.OPTIMUM.columns])
@@ -51,6 +47,14 @@ def rechain(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
 def _rows(name: str, mechanism: Mechanism, speed: float) -> list[dict]:
     if not mechanism.loose:
         return []
+    try:
+        return [{"model": name} | row for row in _optima(mechanism, speed)]
+    except (InputError, SimulationError) as error:
+        return [{"model": name, "failed": str(error)}]
+
+
+def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
+    """One row for each source of the motion in the joints."""
     tolerance = min(_TOLERANCE, tolerance_for(mechanism))
     options = Simulate(speed=speed, revolutions=_REVOLUTIONS, samples_per_revolution=_SAMPLES, tolerance=tolerance)
     trajectory = simulate(mechanism, options).samples
@@ -62,7 +66,6 @@ def _rows(name: str, mechanism: Mechanism, speed: float) -> list[dict]:
     settled = found.resimulated.query("stretch == 'settled' and measure == 'rms'").set_index("point")["reduction"]
     return [
         {
-            "model": name,
             "source": row["source"],
             "crank_length": row["crank_length"],
             "rod_length": row["rod_length"],

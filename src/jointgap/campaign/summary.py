@@ -28,6 +28,8 @@ from jointgap.campaign.words import (
 
 _MOST_WINDOWS = 5
 
+_WHEN = {"base": "before", "augmented": "after"}
+
 _LINKS = {"crank": "crank_length", "rod": "rod_length"}
 """Columns of table `jointgap.tables.OPTIMUM` by what they are of."""
 
@@ -190,17 +192,22 @@ def _optimum(effects: Sequence[Mapping[str, Any]], optimum: pd.DataFrame | None)
             "No: all joints are ideal, so the transmission angle follows from the lengths alone, whatever forces act."
         )
         return [heading, Text(words)]
-    if not {"base", "augmented"} <= set(optimum["model"]):
-        return []
     meaning = (
         "At the optimal lengths the RMS error of the transmission angle is smallest, with the motion in the joints as it is at the "
         "original lengths; how far it falls is counted from the error at those."
     )
     said = []
-    for source in optimum["source"].unique():
-        own = optimum[optimum["source"] == source].set_index("model")
+    for model, reason in optimum.dropna(subset=["failed"]).set_index("model")["failed"].items():
+        said.append(f"The model {_WHEN[model]} the effects were added could not be optimised again ({reason}).")
+    for source, own in optimum[optimum["failed"].isna()].groupby("source", sort=False):
+        own = own.set_index("model")
         if {"base", "augmented"} <= set(own.index):
             said.append(f"Motion from the {source.replace('_', ' ')}: {_optimal(own)}.")
+        elif not said:  # a joint became loose
+            lengths = joined(f"{words} {1e3 * own[key].iloc[0]:.2f} mm" for words, key in _LINKS.items())
+            said.append(
+                f"Before, all joints were ideal, and there was nothing to optimise; after, the optimal lengths are: {lengths}."
+            )
     return [heading, Text(meaning), Listing(tuple(said)), Picture("optimum")]
 
 

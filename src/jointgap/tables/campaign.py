@@ -269,13 +269,19 @@ OPTIMUM = Table(
     "Optimal link lengths of the model before and after the effects were added",
     (
         Column("model", "", "base or augmented", "text"),
-        Column("source", "", "where the search took the motion in the joints from", "text"),
-        Column("crank_length", "m", "L2 at the optimum"),
-        Column("rod_length", "m", "L3 at the optimum"),
-        Column("reduction", "1", "by which share the RMS error of the transmission angle fell, motion frozen"),
+        Column("source", "", "where the search took the motion in the joints from", "text", nullable=True),
+        Column("crank_length", "m", "L2 at the optimum", nullable=True),
+        Column("rod_length", "m", "L3 at the optimum", nullable=True),
+        Column(
+            "reduction",
+            "1",
+            "by which share the RMS error of the transmission angle fell, motion frozen",
+            nullable=True,
+        ),
         Column("resimulated", "1", "the same, simulated again over a settled revolution", nullable=True),
-        Column("rms_before", "rad", "RMS error of the transmission angle at the original lengths"),
-        Column("rms_after", "rad", "the same at the optimum"),
+        Column("rms_before", "rad", "RMS error of the transmission angle at the original lengths", nullable=True),
+        Column("rms_after", "rad", "the same at the optimum", nullable=True),
+        Column("failed", "", "why the model could not be optimised; else null", "text", nullable=True),
     ),
 )
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap.figures.campaign.parts import in_words
+from jointgap.figures.campaign.parts import in_words, nothing
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.sheet import Panel, Quantity, Sheet
 
@@ -16,7 +16,9 @@ _MEASURES = {"reduction": "motion frozen", "resimulated": "simulated again"}
 
 def optimum(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> Drawing:
     """Optimal link lengths and what they gain, of the model as it stood and with the effect added."""
-    optima = tables["optimum"]
+    optima = tables["optimum"].dropna(subset=["crank_length"])
+    if optima.empty:
+        return nothing("Optimum before and after", "the model could not be optimised again: see the summary")
     sheet = Sheet(3.3, 1, 2)
     lengths = sheet.panel(
         (0, 0), "optimal lengths", Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
