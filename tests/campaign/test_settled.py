@@ -104,7 +104,7 @@ def test_the_lengths_are_optimised_again_only_where_something_was_added_to_the_m
     campaign = load_campaign(tmp_path / "loose.yaml")
     monkeypatch.setattr("jointgap.campaign.augment.mechanisms", lambda *_: (campaign.mechanism, campaign.mechanism))
     asked, row = [], {"source": "networks", "crank_length": 0.15, "rod_length": 0.5, "reduction": 0.1}
-    row |= {"resimulated": None, "rms_before": 1e-3, "rms_after": 9e-4, "failed": None}
+    row |= {"resimulated": None, "rms_before": 1e-3, "rms_after": 9e-4, "failed": None, "at_edge": False}
 
     def optimised(models, speed):
         asked.append(set(models))
@@ -131,3 +131,16 @@ def test_a_model_that_cannot_be_optimised_again_has_the_reason_and_the_other_its
     assert found["failed"].isna().tolist() == [True, False]
     assert found["failed"].iloc[1] == "the slider jams"
     assert found["crank_length"].iloc[0] == 0.15
+
+
+@pytest.mark.slow
+def test_networks_and_simulation_lead_to_the_same_lengths_and_ends_of_the_search_are_told():
+    plain = load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml")
+    found = rechain.rechain({"base": plain}, 30.0).set_index("source")
+    network, simulated = found.loc["network"], found.loc["simulation"]
+    assert network["crank_length"] == pytest.approx(simulated["crank_length"], rel=1e-3)
+    assert network["rod_length"] == pytest.approx(simulated["rod_length"], rel=1e-3)
+    assert network["reduction"] == pytest.approx(network["resimulated"], abs=0.02)
+    moved = found[["crank_length", "rod_length"]].to_numpy() / [plain.crank.length, plain.rod.length] - 1.0
+    assert (abs(moved) <= 0.02 + 1e-9).all()
+    assert found["at_edge"].tolist() == (abs(moved) > 0.02 * (1.0 - 2e-3)).any(axis=1).tolist()

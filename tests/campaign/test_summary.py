@@ -196,7 +196,7 @@ def test_without_a_window_no_effect_is_spoken_of_that_was_not_found():
 
 
 OPTIMUM = pd.DataFrame({"model": ["base", "augmented"], "source": "network", "reduction": [0.038, 0.05]}).assign(
-    crank_length=[0.150, 0.1515], rod_length=0.564, failed=None
+    crank_length=[0.150, 0.1515], rod_length=0.564, failed=None, at_edge=[True, False]
 )
 
 
@@ -210,7 +210,9 @@ def test_a_move_of_the_optimum_is_told_in_millimetres_and_percent():
 def test_what_the_optimal_lengths_gain_is_said():
     text = summary.markdown(NAMED, {"optimum": OPTIMUM})
     assert "the RMS error of the transmission angle is smallest" in text
-    assert "the error falls by 3.8 % before and by 5.0 % after." in text
+    assert "the error falls by 3.8 % before and by 5.0 % after" in text
+    assert "; before, the optimum lies at the edge of the lengths that were searched." in text
+    assert "edge" not in summary.markdown(NAMED, {"optimum": OPTIMUM.assign(at_edge=False)})
 
 
 def test_a_model_that_could_not_be_optimised_again_is_told_with_the_reason():

@@ -220,7 +220,9 @@ def _optimal(own: pd.DataFrame) -> str:
         for words, one, other in pairs
     )
     falls = [percent(row["reduction"]) for row in (before, after)]
-    return f"optimal lengths move, {moves}; the error falls by {falls[0]} before and by {falls[1]} after"
+    edge = joined(_WHEN[model] for model in _WHEN if own.loc[model, "at_edge"])
+    beyond = f"; {edge}, the optimum lies at the edge of the lengths that were searched" if edge else ""
+    return f"optimal lengths move, {moves}; the error falls by {falls[0]} before and by {falls[1]} after{beyond}"
 
 
 def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:

@@ -273,6 +273,13 @@ OPTIMUM = Table(
         Column("crank_length", "m", "L2 at the optimum", nullable=True),
         Column("rod_length", "m", "L3 at the optimum", nullable=True),
         Column(
+            "at_edge",
+            "",
+            "whether the optimum lies at the edge of the lengths that were searched",
+            "bool",
+            nullable=True,
+        ),
+        Column(
             "reduction",
             "1",
             "by which share the RMS error of the transmission angle fell, motion frozen",
