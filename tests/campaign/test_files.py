@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -104,6 +105,19 @@ def test_a_campaign_whose_files_would_be_written_over_is_refused_and_they_stay(t
             cli, [command, str(tmp_path / "mine.yaml"), "--folder", str(tmp_path)], catch_exceptions=False
         )
     assert (tmp_path / "mechanism.yaml").read_text() == content
+
+
+def test_by_default_only_the_folder_of_results_is_kept_free_of_what_is_read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / DEMONSTRATION).read_text().replace("../mechanisms/ideal_joints.yaml", "mechanism.yaml")
+    text = f"folder: '{ROOT / 'config/campaigns'}'\n{text}"
+    for place in (tmp_path, tmp_path / "results/campaigns/demonstration"):
+        place.mkdir(parents=True, exist_ok=True)
+        (place / "mine.yaml").write_text(text)
+        (place / "mechanism.yaml").write_text((ROOT / "config/mechanisms/ideal_joints.yaml").read_text())
+    assert Case(tmp_path / "mine.yaml").folder.path == Path("results/campaigns/demonstration")
+    with pytest.raises(InputError, match="is read by the campaign"):
+        Case(tmp_path / "results/campaigns/demonstration/mine.yaml")
 
 
 def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path):

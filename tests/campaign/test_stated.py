@@ -38,6 +38,8 @@ def read(tmp_path):
         ("role: identify", "role: split", 'runs.slow.role is "split" now, it was "identify"'),
         ("role: identify", "role: identify, direction: clockwise", 'runs.slow.direction is "clockwise" now'),
         ("slider_mass: 5 %, ", "", "nuisance.slider_mass is gone, it was 0.05"),
+        ("noise: 0.1}", "noise: {slow: 0.1}}", "channels.crank_angle.noise is a mapping now, it was 0.1"),
+        ("nuisance: {slider_mass: 5 %, rod_mass: 5 %}", "", "nuisance.slider_mass is gone, it was 0.05"),
         ("/ideal_joints.yaml", "/erkaya2009.yaml", "mechanism."),
     ],
 )

@@ -119,6 +119,18 @@ def test_where_a_rest_is_left_the_answer_says_whether_held_out_data_are_met_no_b
     assert (f"does not meet the held-out data: the gap there is {after:.2f}" in said) == told
 
 
+def test_a_run_that_is_met_no_better_is_told_beside_one_that_is_and_one_that_cannot_be_simulated():
+    gaps = {"lost": (8.0, None), "stays": (6.0, 5.0), "falls": (50.0, 6.0)}
+    held_out = [
+        {"run": run, "part": "whole", "gap": {"before": before, "after": after}}
+        for run, (before, after) in gaps.items()
+    ]
+    held_out[0]["not_simulated"] = "it flies off"
+    gap = {"identify": {"before": 9.0, "after": 1.3}, "confirm": {"before": 8.0, "after": None}}
+    verdict = NAMED | {"verdict": "named_with_remaining_misfit", "gap": gap, "held_out": held_out}
+    assert "the gap in another run is 5.00" in summary.answer(verdict)
+
+
 def test_the_share_of_the_excess_that_is_gone_follows_from_the_gaps():
     text = summary.markdown(NAMED, {})
     assert "falls from 8.70 to 1.05: 99.9 % of what exceeds the noise is gone." in text
@@ -225,7 +237,9 @@ def test_a_model_that_could_not_be_optimised_again_is_told_with_the_reason():
 def test_where_a_joint_became_loose_the_optimal_lengths_after_are_told():
     text = summary.markdown(NAMED, {"optimum": OPTIMUM.tail(1)})
     assert "Before, all joints were ideal" in text
-    assert "crank 151.50 mm and rod 564.00 mm" in text
+    assert "crank 151.50 mm and rod 564.00 mm." in text
+    text = summary.markdown(NAMED, {"optimum": OPTIMUM.tail(1).assign(at_edge=True)})
+    assert "rod 564.00 mm; after, the optimum lies at the edge" in text
 
 
 @pytest.mark.parametrize("verdict", [VERDICTS["unexplained"], NAMED | {"effects": [BIAS]}])

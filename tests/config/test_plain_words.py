@@ -1,5 +1,7 @@
 """What is wrong with a campaign is said in words that need no Python, and nothing is said that is not so."""
 
+from datetime import date
+
 import pytest
 
 from jointgap.config import read_yaml
@@ -50,6 +52,10 @@ KEYS = "with the keys id, file, speed and role"
         ),
         ({"name": 3.5}, "name = 3.5: must be text; write it in quotation marks"),
         ({"name": True}, "name = True: must be text; write it in quotation marks"),
+        (
+            {"name": date(2026, 5, 1)},
+            "name = datetime.date(2026, 5, 1): must be text; write it in quotation marks",
+        ),
         ({"name": None}, "name = None: must be text"),
         ({"name": ["a"]}, "name = ['a']: must be text"),
         ({"name": ""}, "name = '': must have at least 1 character"),

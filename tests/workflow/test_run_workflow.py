@@ -41,6 +41,11 @@ def test_a_users_configuration_may_be_written_as_one_word(tmp_path, written):
     assert said == ["--quiet", "--dry-run", "--config", "fit_parts=4", "campaigns=[1]"]
 
 
+def test_what_follows_a_configuration_in_one_word_is_a_target(tmp_path):
+    said = asked_of_snakemake(tmp_path, "--config=fit_parts=4", "results/x.png")
+    assert said == ["results/x.png", "--dry-run", "--config", "fit_parts=4"]
+
+
 def test_without_configuration_nothing_is_added(tmp_path):
     assert asked_of_snakemake(tmp_path, "--cores", "2") == ["--cores", "2", "--dry-run"]
 

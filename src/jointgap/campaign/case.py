@@ -29,8 +29,8 @@ class Case:
     ----------
     campaign : Path
         A campaign file.
-    folder : Path
-        ``results/campaigns/{campaign}``.
+    folder : Path, optional
+        ``results/campaigns/{campaign}`` by default.
 
     Raises
     ------
@@ -38,9 +38,9 @@ class Case:
         The campaign file is not one, or a result would be written over a file that it reads.
     """
 
-    def __init__(self, campaign: Path, folder: Path):
+    def __init__(self, campaign: Path, folder: Path | None = None):
         self.campaign: Campaign = load_campaign(campaign)
-        self.folder = Folder(folder)
+        self.folder = Folder(folder or Path("results/campaigns") / self.campaign.name)
         self.folder.check_apart(
             campaign, *plan(campaign), *(self.campaign.folder / run.file for run in self.campaign.runs)
         )

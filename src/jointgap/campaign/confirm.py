@@ -83,7 +83,7 @@ def confirm(
     model : Model
     noise : mapping of (run, channel) to Noise
     base : Fit
-        The recalibrated base model.
+        With no effect added: the base that the verdict rests on, or the nominal model where that is enough.
     named : Fit, optional
         With the effects of the verdict; the base where there are none.
     seed : int

@@ -15,7 +15,6 @@ from jointgap.rig.motion import tolerance_for
 NETWORK = "network"
 
 _REACH = 0.02  # of the lengths, to either side
-_AT_END = 1e-3  # of the width of the box
 _RATIO = 0.02  # that the largest ratio of the box exceeds the mechanism's own by
 _SURROGATE = Surrogate(iterations=300, seeds=(0,))
 _REVOLUTIONS, _SAMPLES = 3, 3600
@@ -61,8 +60,7 @@ def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
     trajectory = simulate(mechanism, options).samples
     numbers = [tables.JOINT_NUMBERS[joint] for joint in mechanism.loose]
     fits = {output: _trained(trajectory, output) for number in numbers for output in (f"r{number}", f"gamma{number}")}
-    search = _search(mechanism)
-    found = optimise(mechanism, options, search, _SURROGATE.training_points, trajectory, {NETWORK: fits})
+    found = optimise(mechanism, options, _search(mechanism), _SURROGATE.training_points, trajectory, {NETWORK: fits})
     optima = found.optima.query("method == 'local'")
     optima = optima[optima["point"] == optima["source"] + "_near_local"]
     settled = found.resimulated.query("stretch == 'settled' and measure == 'rms'").set_index("point")["reduction"]
@@ -71,7 +69,7 @@ def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
             "source": row["source"],
             "crank_length": row["crank_length"],
             "rod_length": row["rod_length"],
-            "at_edge": _at_edge(row, search.boxes["near"]),
+            "at_edge": row["active_bounds"] != "none",
             "reduction": row["rms_reduction"],
             "resimulated": settled[row["point"]],
             "rms_before": row["rms"] / (1.0 - row["rms_reduction"]),
@@ -79,14 +77,6 @@ def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
         }
         for row in optima.to_dict("records")
     ]
-
-
-def _at_edge(lengths: Mapping[str, float], box: Box) -> bool:
-    """Whether one of the lengths is an end of what was searched: the optimum proper lies beyond."""
-    ends = {"crank_length": box.crank_length, "rod_length": box.rod_length}
-    return any(
-        min(lengths[key] - low, high - lengths[key]) < _AT_END * (high - low) for key, (low, high) in ends.items()
-    )
 
 
 def _trained(trajectory: pd.DataFrame, output: str) -> Fit:

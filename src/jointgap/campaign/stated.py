@@ -41,6 +41,8 @@ def check_unchanged(campaign: Campaign, read_as: pd.DataFrame) -> None:
         what = "its keys stand in another order"
     elif changed not in then:
         what = f"{changed} = {now[changed]} is new"
+    elif any(key.startswith(f"{changed}.") for key in now):
+        what = f"{changed} is a mapping now, it was {then[changed]}"
     elif changed not in now:
         what = f"{changed} is gone, it was {then[changed]}"
     else:
@@ -59,7 +61,7 @@ def _rows(campaign: Campaign) -> list[tuple[str, str]]:
 
 
 def _leaves(content: Any, place: str) -> Iterator[tuple[str, str]]:
-    if isinstance(content, dict) and content:
+    if isinstance(content, dict):
         for key, value in content.items():
             yield from _leaves(value, f"{place}.{key}" if place else str(key))
     else:

@@ -204,9 +204,10 @@ def _optimum(effects: Sequence[Mapping[str, Any]], optimum: pd.DataFrame | None)
         if {"base", "augmented"} <= set(own.index):
             said.append(f"Motion from the {source.replace('_', ' ')}: {_optimal(own)}.")
         elif not said:  # a joint became loose
+            own = own.head(1)
             lengths = joined(f"{words} {1e3 * own[key].iloc[0]:.2f} mm" for words, key in _LINKS.items())
             said.append(
-                f"Before, all joints were ideal, and there was nothing to optimise; after, the optimal lengths are: {lengths}."
+                f"Before, all joints were ideal, and there was nothing to optimise; after, the optimal lengths are {lengths}{_edge(own)}."
             )
     return [heading, Text(meaning), Listing(tuple(said)), Picture("optimum")]
 
@@ -220,9 +221,13 @@ def _optimal(own: pd.DataFrame) -> str:
         for words, one, other in pairs
     )
     falls = [percent(row["reduction"]) for row in (before, after)]
-    edge = joined(_WHEN[model] for model in _WHEN if own.loc[model, "at_edge"])
-    beyond = f"; {edge}, the optimum lies at the edge of the lengths that were searched" if edge else ""
-    return f"optimal lengths move, {moves}; the error falls by {falls[0]} before and by {falls[1]} after{beyond}"
+    return f"optimal lengths move, {moves}; the error falls by {falls[0]} before and by {falls[1]} after{_edge(own)}"
+
+
+def _edge(own: pd.DataFrame) -> str:
+    """Tells of which model in `own` the optimum proper may lie beyond what was searched."""
+    found = joined(_WHEN[model] for model in _WHEN if model in own.index and own.loc[model, "at_edge"])
+    return f"; {found}, the optimum lies at the edge of the lengths that were searched" if found else ""
 
 
 def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:

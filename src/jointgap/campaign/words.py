@@ -93,20 +93,24 @@ def _found(effects: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
 def _held_out_lost(verdict: Mapping[str, Any]) -> str:
     """Says that the held-out data are not met; empty where they are, or where that is not known."""
     added, gap = bool(verdict["effects"]), verdict["gap"]["confirm"]
-    before, left = gap["before"], gap["after"] if added else gap["before"]
-    told, where = "", "there"
-    if added and left is None:
+    told, where, gaps = "", "there", [gap]
+    if added and gap["after"] is None:
         told, where = f" {_not_simulated(verdict)}.", "in another run"
-        others = [one["gap"] for one in verdict["held_out"] if one["gap"]["after"] is not None]
-        before, left = max(
-            ((one["before"], one["after"]) for one in others), key=lambda pair: pair[1], default=(None, None)
-        )
-    if left is None or left <= _WEAK:
+        gaps = [one["gap"] for one in verdict["held_out"] if one["gap"]["after"] is not None]
+    unmet = [one["after" if added else "before"] for one in gaps if _is_unmet(verdict, one)]
+    if not unmet:
         return told
-    if verdict["verdict"] == "named_with_remaining_misfit" and left**2 - 1.0 <= _MOST_LEFT * (before**2 - 1.0):
-        return told  # that a rest is left is said already
     more = "more" if added else "something"
-    return f"{told} It does not meet the held-out data: the gap {where} is {rounded(left)}, so {more} may be missing."
+    return f"{told} It does not meet the held-out data: the gap {where} is {rounded(max(unmet))}, so {more} may be missing."
+
+
+def _is_unmet(verdict: Mapping[str, Any], gap: Mapping[str, float | None]) -> bool:
+    """Whether a gap on held-out data is more than noise, and more than the verdict owns up to."""
+    left = gap["after" if verdict["effects"] else "before"]
+    if left is None or left <= _WEAK:
+        return False
+    owned_up = verdict["verdict"] == "named_with_remaining_misfit"
+    return not owned_up or left**2 - 1.0 > _MOST_LEFT * (gap["before"] ** 2 - 1.0)
 
 
 def held_out_in_words(verdict: Mapping[str, Any]) -> str:

@@ -19,10 +19,7 @@ def _case(campaign: Path, folder: Path | None):
     """The campaign with its results folder."""
     from jointgap.campaign.case import Case
 
-    case = Case(campaign, folder or Path())
-    if folder is None:
-        case.folder.path = Path("results/campaigns") / case.campaign.name
-    return case
+    return Case(campaign, folder)
 
 
 _parts = click.option(

@@ -79,7 +79,7 @@ def _message(item: dict, model: type[BaseModel]) -> str:
     else:
         own = _COUNTED.sub("", item["msg"].removeprefix("Value error, "))
         message = _PLAIN.get(kind) or _SUBJECT.sub("must ", own)
-        if kind == "string_type" and isinstance(item["input"], int | float):  # so is true
+        if kind == "string_type" and not isinstance(item["input"], list | dict | None):  # a number, true, a date
             message += "; write it in quotation marks"
     optional = item["input"] is None and field is not None and not field.is_required()
     return f"{message}; or leave the key out" if optional else message

@@ -214,7 +214,7 @@ RESIDUALS = Table(
         Column("crank_angle", "rad", "crank angle, running on", nullable=True),
         _HELD_OUT,
         Column("measured", "SI", "as measured"),
-        Column("base", "SI", "predicted by the recalibrated base"),
+        Column("base", "SI", "predicted with no effect added, re-fitted unless nominal is enough"),
         Column(
             "augmented",
             "SI",
@@ -248,7 +248,7 @@ GAPS = Table(
         Column("role", "", "identify or confirm", "text"),
         Column("channel", "", "channel, or 'all'", "text"),
         Column("samples", "1", "residuals counted", "int"),
-        Column("before", "1", "root mean square of the whitened residual of the base"),
+        Column("before", "1", "root mean square of the whitened residual with no effect added"),
         Column(
             "after", "1", "the same with the effects of the verdict; null where they cannot be simulated", nullable=True
         ),
