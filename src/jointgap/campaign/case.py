@@ -41,9 +41,7 @@ class Case:
     def __init__(self, campaign: Path, folder: Path | None = None):
         self.campaign: Campaign = load_campaign(campaign)
         self.folder = Folder(folder or Path("results/campaigns") / self.campaign.name)
-        self.folder.check_apart(
-            campaign, *plan(campaign), *(self.campaign.folder / run.file for run in self.campaign.runs)
-        )
+        self.folder.check_apart(*plan(campaign), *(self.campaign.folder / run.file for run in self.campaign.runs))
 
     @cached_property
     def measurements(self) -> "Measurements":
