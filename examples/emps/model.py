@@ -32,7 +32,7 @@ FILES = {"reference": "DATA_EMPS.mat", "pulses": "DATA_EMPS_PULSES.mat"}
 HELD_OUT = "pulses"
 SAMPLE_TIME = 1e-3  # s
 AVERAGED = 52  # samples that become one
-CYCLE = 120  # of those, after which the reference repeats itself
+CYCLE = 6240 // AVERAGED  # of those, after which the reference repeats itself (6.24 s)
 _SUB_STEPS = 4
 
 
