@@ -9,9 +9,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from jointgap.dynamics import LAWS, delivered_restitution
-from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.simulate import run_march
-from jointgap.dynamics.start import start_state
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.figures.style import COLOURS, LOOK
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism, options
 from tests.dynamics.ledger import bending, bodies, crank_losses, joint_powers, slider_effects

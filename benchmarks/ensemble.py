@@ -25,7 +25,8 @@ def ensemble(runs: int) -> dict[str, float]:
     """Seconds and peak memory [MiB] of `runs` revolutions from slightly different starts."""
     from benchmarks.simulate import SPEED, case
     from jointgap.config import Simulate
-    from jointgap.ensemble import Run, write_ensemble
+    from jointgap.dynamics.parallel_runs import Run
+    from jointgap.sweep.write_ensemble import write_ensemble
 
     mechanism = case()
     options = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=360, tolerance=1e-9)
@@ -41,9 +42,9 @@ def revolutions(number: int) -> dict[str, float]:
     """Processor seconds of one run over `number` revolutions without output."""
     from benchmarks.simulate import SPEED, case
     from jointgap.config import Simulate
-    from jointgap.dynamics.assemble import parameters
-    from jointgap.dynamics.simulate import run_march
-    from jointgap.dynamics.start import start_state
+    from jointgap.dynamics.model.compile_parameters import parameters
+    from jointgap.dynamics.simulation import run_march
+    from jointgap.dynamics.solver.initial_state import start_state
 
     p = parameters(case(), Simulate(speed=SPEED))
     taken = []

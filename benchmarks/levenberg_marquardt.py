@@ -67,8 +67,8 @@ def rows() -> list[dict]:
     from scipy.optimize import least_squares
 
     from jointgap.surrogate.levenberg_marquardt import Settings, minimise
-    from jointgap.surrogate.model import NetworkModel
     from jointgap.surrogate.network import Layout, nguyen_widrow
+    from jointgap.surrogate.network_batch import NetworkModel
 
     torch.set_num_threads(1)
     inputs, targets = signal()

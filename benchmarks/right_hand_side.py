@@ -10,9 +10,9 @@ import math
 import numba
 import numpy as np
 
-from jointgap.dynamics.integrator import instant
-from jointgap.dynamics.parameters import Parameters
-from jointgap.dynamics.simulate import VELOCITY_TIME
+from jointgap.dynamics.model.parameters import Parameters
+from jointgap.dynamics.simulation import VELOCITY_TIME
+from jointgap.dynamics.solver.runge_kutta import instant
 
 _NO_FURTHER = (0.0,) * 11
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from examples.emps.model import HELD_OUT, Emps
-from jointgap.campaign.decide import Outcome, decide
-from jointgap.campaign.noise import noise as noise_of
-from jointgap.campaign.screen import screen
-from jointgap.discrepancy.explain import doubles, singles
-from jointgap.discrepancy.fit import Fit
-from jointgap.discrepancy.noise import degrees_of_freedom
-from jointgap.discrepancy.recalibrate import Recalibrated, recalibrate
+from jointgap.campaign.noise_tables import noise as noise_of
+from jointgap.campaign.outcome import Outcome, decide
+from jointgap.campaign.screening_tables import screen
 from jointgap.errors import InputError
+from jointgap.identification.baseline import Recalibrated, recalibrate
+from jointgap.identification.fit import Fit
+from jointgap.identification.hypothesis_fits import doubles, singles
+from jointgap.identification.noise_model import degrees_of_freedom
 
 FALSE_ALARMS = 0.01
 """Share of campaigns with nothing hidden in which something is found nevertheless."""

@@ -24,8 +24,8 @@ from scipy.io import loadmat
 from scipy.signal import lfilter
 
 from examples.emps.effects import CANDIDATES
-from jointgap.discrepancy.protocol import Candidate, Effects, Parameter, Series
 from jointgap.errors import InputError
+from jointgap.identification.protocol import Candidate, Effects, Parameter, Series
 
 ADDRESS = "nonlinearbenchmark.org"
 FILES = {"reference": "DATA_EMPS.mat", "pulses": "DATA_EMPS_PULSES.mat"}
@@ -37,7 +37,7 @@ _SUB_STEPS = 4
 
 
 class Emps:
-    """A `jointgap.discrepancy.protocol.Model`.
+    """A `jointgap.identification.protocol.Model`.
 
     Parameters
     ----------

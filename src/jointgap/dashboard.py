@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jointgap.errors import InputError
-from jointgap.track.store import address_for, artifacts_beside
-from jointgap.track.view import addresses
+from jointgap.track.compare_links import addresses
+from jointgap.track.mlflow_store import address_for, artifacts_beside
 
 HOST = "127.0.0.1"
 PATIENCE = 90.0  # seconds for the interface to answer; it takes about five

@@ -8,7 +8,7 @@ Grammar, loosest first; there is no multiplication without its sign, so that eve
     power   = atom (("^" | "**") sign)?               from the right: 2^3^2 = 2^9, and -v^2 = -(v^2)
     atom    = number | name | function "(" sum ")" | "(" sum ")" | "|" sum "|"
 
-A program runs on a stack (`jointgap.dynamics.formula` is the machine): each row of `Program.codes` is an operation and an
+A program runs on a stack (`jointgap.dynamics.model.formula_evaluator` is the machine): each row of `Program.codes` is an operation and an
 index, read where the operation is NUMBER or VARIABLE.
 """
 

@@ -22,8 +22,8 @@ from scipy.integrate import cumulative_simpson
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.mechanism import ClearanceMotion, Fit, LinkageMotion, Motion, linkage_motion
-from jointgap.tables.kinematics import QUANTITIES
-from jointgap.tables.simulate import JOINT_NUMBERS
+from jointgap.tables.kinematics_tables import QUANTITIES
+from jointgap.tables.simulate_tables import JOINT_NUMBERS
 
 UNITS = {name: unit for name, unit, _ in QUANTITIES}
 PAST = np.radians(60.0)  # where the paper's transient is over by any account

@@ -11,10 +11,10 @@ from jointgap import tables
 from jointgap.config import Mechanism, Scenario
 from jointgap.errors import InputError
 from jointgap.mechanism import Fit
-from jointgap.surrogate.clearance import ClearanceNetwork
+from jointgap.surrogate.clearance_network import ClearanceNetwork
+from jointgap.surrogate.crank_speed import CrankSpeed
 from jointgap.surrogate.evaluate import values_and_slopes
 from jointgap.surrogate.network import Network
-from jointgap.surrogate.speed import CrankSpeed
 from jointgap.tables import JOINT_NUMBERS, Table
 
 PLACES = {

@@ -4,14 +4,16 @@ from dataclasses import dataclass
 
 import pytest
 
-from jointgap.campaign import decide, noise, screen
-from jointgap.campaign.decide import Outcome
-from jointgap.discrepancy import explain
-from jointgap.discrepancy.fit import Fit
-from jointgap.discrepancy.noise import FoundNoise, degrees_of_freedom, numerics_noise
-from jointgap.discrepancy.protocol import Model
-from jointgap.discrepancy.recalibrate import Recalibrated, recalibrate
-from tests.discrepancy.toy import toy
+from jointgap.campaign import noise_tables as noise
+from jointgap.campaign import outcome as decide
+from jointgap.campaign import screening_tables as screen
+from jointgap.campaign.outcome import Outcome
+from jointgap.identification import hypothesis_fits as explain
+from jointgap.identification.baseline import Recalibrated, recalibrate
+from jointgap.identification.fit import Fit
+from jointgap.identification.noise_model import FoundNoise, degrees_of_freedom, numerics_noise
+from jointgap.identification.protocol import Model
+from tests.identification.toy import toy
 
 TRUTH = 3.0  # N
 

@@ -8,10 +8,10 @@ import pytest
 import yaml
 
 from benchmarks.project import ROOT
-from jointgap.campaign import axes
-from jointgap.campaign.force import missing_force
+from jointgap.campaign import clockwise as axes
+from jointgap.campaign.missing_force import missing_force
 from jointgap.config import Mechanism, load_mechanism
-from jointgap.discrepancy.protocol import Parameter
+from jointgap.identification.protocol import Parameter
 
 
 def spans(*pairs):

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from jointgap.campaign import decide, screen, verdict
-from jointgap.discrepancy.decide import Decision
-from jointgap.discrepancy.fit import fit as regular_fit
-from jointgap.discrepancy.recalibrate import recalibrate
+from jointgap.campaign import outcome as decide
+from jointgap.campaign import screening_tables as screen
+from jointgap.campaign import verdict
+from jointgap.identification.baseline import recalibrate
+from jointgap.identification.decision import Decision
+from jointgap.identification.fit import fit as regular_fit
 from tests.campaign.conftest import TRUTH
-from tests.discrepancy.toy import stated_noise, toy
+from tests.identification.toy import stated_noise, toy
 
 
 def test_the_other_one_of_two_effects_is_fitted_alone_where_it_never_was():

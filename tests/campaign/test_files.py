@@ -11,13 +11,13 @@ from jsonschema import validate
 
 from benchmarks.project import ROOT
 from jointgap.campaign import preflight, stages
-from jointgap.campaign.case import Case
-from jointgap.campaign.files import campaigns
+from jointgap.campaign.campaign_files import campaigns
+from jointgap.campaign.state import Case
 from jointgap.cli import cli
 from jointgap.config import load_mechanism
-from jointgap.config.campaign import load_campaign
+from jointgap.config.load_campaign import load_campaign
 from jointgap.errors import InputError
-from jointgap.rig import rig_model
+from jointgap.slider_crank import rig_model
 from jointgap.tables import describe
 
 DEMONSTRATION = "config/campaigns/demonstration.yaml"

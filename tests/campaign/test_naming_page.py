@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from jointgap.campaign.preflight import in_words, preflight
-from jointgap.config.campaign import load_campaign
-from jointgap.figures.campaign import CATALOGUE
-from jointgap.measure import read_measurements
+from jointgap.config.load_campaign import load_campaign
+from jointgap.figures.campaign_catalogue import CATALOGUE
+from jointgap.recordings import read_measurements
 
 PAGE = Path("docs/naming.md").read_text(encoding="utf-8")
 NUMBER = r"(?<![A-Za-z0-9_])\d+\.?\d*(?:e-?\d+)?"

@@ -7,8 +7,8 @@ import pytest
 from benchmarks.project import ROOT
 from jointgap import tables
 from jointgap.campaign import preflight
-from jointgap.config.campaign import load_campaign
-from jointgap.discrepancy.preflight import Preflight
+from jointgap.config.load_campaign import load_campaign
+from jointgap.identification.advice import Preflight
 
 FOUND = Preflight(
     effects=pd.DataFrame(

@@ -11,10 +11,10 @@ from benchmarks.project import ROOT
 from jointgap import tables
 from jointgap.campaign import stages
 from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, Folder
-from jointgap.campaign.records import records
-from jointgap.campaign.whole import analyse
+from jointgap.campaign.mlflow_runs import records
+from jointgap.campaign.pipeline import analyse
 from jointgap.errors import InputError, SimulationError
-from jointgap.figures.campaign import CATALOGUE
+from jointgap.figures.campaign_catalogue import CATALOGUE
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from jointgap.campaign import screen
-from jointgap.discrepancy.problem import Problem
+from jointgap.campaign import screening_tables as screen
 from jointgap.errors import InputError
+from jointgap.identification.problem import Problem
 
 
 class _Without:

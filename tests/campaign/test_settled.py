@@ -7,14 +7,16 @@ import pandas as pd
 import pytest
 
 from benchmarks.project import ROOT
-from jointgap.campaign import confirm, decide, rechain, stages
-from jointgap.campaign.case import Case
-from jointgap.campaign.decide import Outcome
+from jointgap.campaign import confirm, stages
+from jointgap.campaign import outcome as decide
+from jointgap.campaign import reoptimise as rechain
 from jointgap.campaign.folder import MECHANISM
+from jointgap.campaign.outcome import Outcome
+from jointgap.campaign.state import Case
 from jointgap.config import load_mechanism
-from jointgap.config.campaign import load_campaign
-from jointgap.discrepancy.locate import locate
+from jointgap.config.load_campaign import load_campaign
 from jointgap.errors import SimulationError
+from jointgap.identification.disagreement import locate
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 
@@ -74,7 +76,7 @@ def test_a_law_for_what_is_missing_is_sought_from_the_better_base(case, chain, b
     monkeypatch.setattr(decide, "decide", lambda *_: unexplained)
     stages.decide(case())
     asked = []
-    monkeypatch.setattr("jointgap.campaign.regress.regress", lambda found, *_: asked.append(found) or unexplained)
+    monkeypatch.setattr("jointgap.campaign.law_outcome.regress", lambda found, *_: asked.append(found) or unexplained)
     later = case()
     later.library = []
     stages.regress(later)

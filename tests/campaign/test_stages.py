@@ -10,16 +10,20 @@ from jsonschema import validate
 
 from benchmarks.project import ROOT
 from jointgap import tables
-from jointgap.campaign import confirm, fits, noise, preflight, screen, verdict
+from jointgap.campaign import confirm, preflight, verdict
+from jointgap.campaign import fit_tables as fits
+from jointgap.campaign import noise_tables as noise
+from jointgap.campaign import screening_tables as screen
 from jointgap.campaign.folder import OF_FITS, Folder, tables_of
-from jointgap.discrepancy import explain, naming
-from jointgap.discrepancy.fit import FAILED
-from jointgap.discrepancy.fit import fit as regular_fit
-from jointgap.discrepancy.problem import Problem
-from jointgap.discrepancy.protocol import Parameter
 from jointgap.errors import InputError, SimulationError
+from jointgap.identification import hypothesis_fits as explain
+from jointgap.identification import model_selection as naming
+from jointgap.identification.fit import FAILED
+from jointgap.identification.fit import fit as regular_fit
+from jointgap.identification.problem import Problem
+from jointgap.identification.protocol import Parameter
 from tests.campaign.conftest import TRUTH
-from tests.discrepancy.toy import SPEEDS, candidate_of, stated_noise, toy
+from tests.identification.toy import SPEEDS, candidate_of, stated_noise, toy
 
 
 def test_the_hidden_effect_is_named_with_its_size_within_its_interval(chain):

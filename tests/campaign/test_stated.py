@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.project import ROOT
 from jointgap.campaign import stages
-from jointgap.campaign.case import Case
+from jointgap.campaign.state import Case
 from jointgap.errors import InputError
 
 ACCELERATION = "  slider_acceleration: {column: acc_g, unit: g_n}\n"

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.campaign import summary
+from jointgap.campaign import verdict_page as summary
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from jointgap.campaign.words import effect_in_words, joined, parameter_rows, place_of, unit_of, with_error
-from jointgap.config.effects import EFFECTS
+from jointgap.campaign.phrasing import effect_in_words, joined, parameter_rows, place_of, unit_of, with_error
+from jointgap.effects import EFFECTS
 
 
 @pytest.mark.parametrize("name", EFFECTS)

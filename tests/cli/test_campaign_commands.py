@@ -7,10 +7,10 @@ from click.testing import CliRunner
 
 from benchmarks.project import ROOT
 from jointgap.campaign import stages
-from jointgap.campaign.case import Case
 from jointgap.campaign.folder import PLACES
+from jointgap.campaign.state import Case
 from jointgap.cli import cli
-from jointgap.config.campaign.campaign import RESERVED_IDS
+from jointgap.config.campaign_file import RESERVED_IDS
 from jointgap.errors import InputError
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"

@@ -10,8 +10,9 @@ import pytest
 import yaml
 
 from jointgap.config import read_yaml
-from jointgap.config.campaign import CHANNELS, campaign_json_schema, load_campaign
+from jointgap.config.channels import CHANNELS
 from jointgap.config.load import merge
+from jointgap.config.load_campaign import campaign_json_schema, load_campaign
 from jointgap.errors import InputError
 from tests.config.mechanisms import PAPER, paper
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from jointgap.dynamics.formula import evaluate
+from jointgap.dynamics.model.formula_evaluator import evaluate
 from jointgap.errors import InputError
 from jointgap.formula import NOTHING, VARIABLES, compile_formula
 

@@ -5,8 +5,7 @@ from datetime import date
 import pytest
 
 from jointgap.config import read_yaml
-from jointgap.config.campaign import Campaign
-from jointgap.config.campaign.campaign import RESERVED_IDS
+from jointgap.config.campaign_file import RESERVED_IDS, Campaign
 from jointgap.config.load import validate
 from jointgap.errors import InputError
 from tests.config.mechanisms import PAPER

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from jointgap.dynamics.remarks import remarks
+from jointgap.dynamics.model.mechanism_warnings import remarks
 from tests.config.mechanisms import effect, mechanism, with_contact
 
 PENALTY = {"law": "penalty", "restitution": None, "penalty_depth": "1 um"}

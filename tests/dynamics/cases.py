@@ -5,10 +5,10 @@ import math
 import numpy as np
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.parameters import Parameters
-from jointgap.dynamics.simulate import March, run_march
-from jointgap.dynamics.start import start_state
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.parameters import Parameters
+from jointgap.dynamics.simulation import March, run_march
+from jointgap.dynamics.solver.initial_state import start_state
 
 SPEED = 20 * math.pi
 CRANK, ROD, CENTRE = 0.15, 0.564, 0.282

@@ -1,6 +1,6 @@
 """One loose joint for the tests of its laws."""
 
-from jointgap.dynamics.parameters import JointParameters
+from jointgap.dynamics.model.parameters import JointParameters
 
 
 def joint(**changed) -> JointParameters:

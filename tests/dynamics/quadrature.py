@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 
 from jointgap.config import Mechanism
-from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.episodes import EVENT
-from jointgap.dynamics.parameters import JOINTS, Parameters
-from jointgap.dynamics.simulate import March, run_march
-from jointgap.dynamics.start import start_state
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.parameters import JOINTS, Parameters
+from jointgap.dynamics.simulation import March, run_march
+from jointgap.dynamics.solver.contact_episodes import EVENT
+from jointgap.dynamics.solver.initial_state import start_state
 from tests.dynamics.cases import options
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)

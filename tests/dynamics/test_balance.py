@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from jointgap.dynamics.friction import FRICTION_LAWS
+from jointgap.dynamics.model.friction import FRICTION_LAWS
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, SPEED, effect, mechanism
 from tests.dynamics.ledger import (
     NUMBERS,

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics import simulate
-from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.episodes import EVENT
-from jointgap.dynamics.equations import FURTHER
-from jointgap.dynamics.parameters import JOINTS
-from jointgap.dynamics.simulate import run_march
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.equations import FURTHER
+from jointgap.dynamics.model.parameters import JOINTS
+from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.solver.contact_episodes import EVENT
 from tests.dynamics.cases import ALL, LUGRE, PINS, mechanism, options, with_numbers
 from tests.dynamics.quadrature import motion
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.equations import FURTHER
-from jointgap.dynamics.events import NOWHERE, first_crossing
-from jointgap.dynamics.simulate import run_march
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.equations import FURTHER
+from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.solver.events import NOWHERE, first_crossing
 from tests.dynamics.cases import mechanism, options, with_numbers
 
 GRAVITY, SPEED = 9.81, 0.14

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics import simulate
-from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.simulate import run_march
-from jointgap.dynamics.start import start_state
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError, SimulationError
 from tests.dynamics.cases import ALL, CRANK, MOTOR, PINS, ROD, effect, mechanism, options, with_numbers
 
@@ -83,7 +83,7 @@ def test_a_rod_that_does_not_reach_the_slide_is_refused():
 
 
 def test_compiled_code_is_kept_where_neither_home_nor_sources_may_be_written(tmp_path):
-    code = "from jointgap.dynamics.compiled import *; print(cache_folder(beside=Path('/proc/none')))"
+    code = "from jointgap.dynamics.compilation import *; print(cache_folder(beside=Path('/proc/none')))"
     environment = {"PATH": os.environ["PATH"], "HOME": "/proc", "TMPDIR": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.startswith(str(tmp_path))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jointgap.dynamics.friction import FRICTION_LAWS, bristle_rate, friction_coefficient
+from jointgap.dynamics.model.friction import FRICTION_LAWS, bristle_rate, friction_coefficient
 from tests.dynamics.laws import JointParameters, joint
 
 MU, STATIC, SPEED, DEAD_BAND, STRIBECK = 0.2, 0.35, 1e-2, 2e-3, 5e-2

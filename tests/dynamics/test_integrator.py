@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.integrator import AFTER, BEFORE, COLUMNS, LINEAR, elapsed, instant, step, stretch
-from jointgap.dynamics.joints import CONTACT, FLIGHT
-from jointgap.dynamics.simulate import run_march
-from jointgap.dynamics.start import start_state
-from jointgap.dynamics.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
+from jointgap.dynamics.model.joint_forces import CONTACT, FLIGHT
+from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, COLUMNS, LINEAR, elapsed, instant, step, stretch
+from jointgap.dynamics.solver.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
 from tests.dynamics.cases import SPEED, marched, mechanism
 
 

@@ -2,9 +2,9 @@
 
 from typing import get_args
 
-from jointgap.config.contact import FrictionLaw, Law
+from jointgap.config.contact_config import FrictionLaw, Law
 from jointgap.dynamics import LAWS
-from jointgap.dynamics.friction import FRICTION_LAWS
+from jointgap.dynamics.model.friction import FRICTION_LAWS
 
 
 def test_the_configuration_names_the_laws_that_the_simulation_knows():

@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 
 from jointgap.dynamics import simulate
-from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.measured import running_on, smooth_angle
-from jointgap.dynamics.simulate import run_march
-from jointgap.dynamics.start import start_state
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.measured_drive import running_on, smooth_angle
+from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError
 from tests.dynamics.cases import SPEED, mechanism, options
 from tests.dynamics.closed import Closed

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.simulate import run_march
-from jointgap.dynamics.start import start_state
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.solver.initial_state import start_state
 from tests.dynamics.cases import PINS, ROD, SPEED, effect, marched, mechanism, options
 from tests.dynamics.closed import Closed
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics import simulate
-from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.simulate import run_march
-from jointgap.dynamics.start import start_state
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import SimulationError
 from tests.dynamics.cases import CRANK, PINS, ROD, SPEED, effect, mechanism, options
 from tests.dynamics.closed import Closed

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from jointgap.config.effects import EFFECTS
-from jointgap.config.effects.describe import example
 from jointgap.dynamics import simulate
-from jointgap.dynamics.march import march
-from jointgap.dynamics.observe import observe
+from jointgap.dynamics.solver.integrate import march
+from jointgap.dynamics.solver.sampling import observe
+from jointgap.effects import EFFECTS
+from jointgap.effects.describe import example
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism, options
 
 NOTHING = [

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.simulate import run_march
-from jointgap.dynamics.start import start_state
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.solver.initial_state import start_state
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, marched, mechanism, options, with_numbers
 
 RUB = {"friction": 0.1, "offset": 0.03, "gravity": True}

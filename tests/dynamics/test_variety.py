@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.assemble import parameters
-from jointgap.dynamics.contact import LAWS
-from jointgap.dynamics.friction import FRICTION_LAWS
-from jointgap.dynamics.parameters import JOINTS
-from jointgap.dynamics.simulate import crank_angles, run_march
-from jointgap.dynamics.start import start_state
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.friction import FRICTION_LAWS
+from jointgap.dynamics.model.normal_contact import LAWS
+from jointgap.dynamics.model.parameters import JOINTS
+from jointgap.dynamics.simulation import crank_angles, run_march
+from jointgap.dynamics.solver.initial_state import start_state
 from tests.dynamics.cases import ALL, PINS, effect, mechanism, options
 
 

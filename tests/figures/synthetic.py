@@ -5,7 +5,7 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config import Scenario, load_mechanism
-from jointgap.figures.samples import predictions
+from jointgap.figures.figure_data import predictions
 from jointgap.kinematics import kinematics
 from jointgap.mechanism import ClearanceMotion, Motion, linkage_motion
 

@@ -9,7 +9,8 @@ import pytest
 
 from jointgap import tables as files
 from jointgap.errors import InputError
-from jointgap.figures import campaign, style
+from jointgap.figures import campaign_catalogue as campaign
+from jointgap.figures import style
 
 CAPTIONS = Path("workflow/report")
 RUNS = {"slow": False, "fast": False, "check": True}  # held out

@@ -13,10 +13,11 @@ from PIL import Image
 
 from jointgap import tables as files
 from jointgap.errors import InputError
-from jointgap.figures import stage, style
-from jointgap.figures.campaign import CATALOGUE as CAMPAIGN_FIGURES
+from jointgap.figures import draw_figures as stage
+from jointgap.figures import style
+from jointgap.figures.campaign_catalogue import CATALOGUE as CAMPAIGN_FIGURES
 from jointgap.figures.catalogue import CATALOGUE
-from jointgap.figures.stage import SPECS, draw
+from jointgap.figures.draw_figures import SPECS, draw
 
 CAPTIONS = Path("workflow/report")
 SPECIFIED = {table.name: table for table in vars(files).values() if isinstance(table, files.Table)}
@@ -230,4 +231,4 @@ def loaded_by(module):
 
 def test_the_catalogue_loads_no_matplotlib_and_the_stage_no_torch():
     assert "matplotlib" not in loaded_by("jointgap.figures.catalogue")
-    assert not {"torch", "numba", "mlflow", "matplotlib.pyplot"} & loaded_by("jointgap.figures.stage")
+    assert not {"torch", "numba", "mlflow", "matplotlib.pyplot"} & loaded_by("jointgap.figures.draw_figures")

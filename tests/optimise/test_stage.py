@@ -10,8 +10,8 @@ from jointgap import tables
 from jointgap.config import Ensemble, Genetic, Optimise, Simulate
 from jointgap.dynamics import simulate
 from jointgap.mechanism import ideal_cycle
-from jointgap.optimise.stage import objectives, optimise
-from jointgap.tables import optimise as specifications
+from jointgap.optimise.optimise_stage import objectives, optimise
+from jointgap.tables import optimise_tables as specifications
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
 OPTIMISE = Optimise(genetic=Genetic(generations=5), ensemble=Ensemble(members=3, settled_revolution=2))
@@ -109,5 +109,5 @@ def test_the_whole_stage_is_the_same_twice(mechanism, trajectory, found):
 
 
 def test_torch_and_mlflow_are_not_needed():
-    code = "import sys, jointgap.kinematics, jointgap.optimise.stage; sys.exit(bool({'torch', 'mlflow'} & set(sys.modules)))"
+    code = "import sys, jointgap.kinematics, jointgap.optimise.optimise_stage; sys.exit(bool({'torch', 'mlflow'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

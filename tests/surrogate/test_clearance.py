@@ -7,12 +7,12 @@ import pytest
 from jointgap import tables
 from jointgap.config import Surrogate
 from jointgap.errors import InputError
-from jointgap.paper import TRAINING_MSE
-from jointgap.surrogate.bumps import Layer
-from jointgap.surrogate.clearance import ClearanceNetwork
-from jointgap.surrogate.samples import Samples
-from jointgap.surrogate.speed import CrankSpeed
+from jointgap.paper.printed import TRAINING_MSE
+from jointgap.surrogate.clearance_network import ClearanceNetwork
+from jointgap.surrogate.crank_speed import CrankSpeed
+from jointgap.surrogate.tanh_basis import Layer
 from jointgap.surrogate.train_clearance import train_clearance
+from jointgap.surrogate.training_samples import Samples
 
 SPEED = 30.0
 PINS = ("crank_pin", "piston_pin")

@@ -6,8 +6,8 @@ import torch
 from scipy.optimize import least_squares
 
 from jointgap.surrogate.levenberg_marquardt import Settings, Status, minimise
-from jointgap.surrogate.model import NetworkModel
 from jointgap.surrogate.network import Layout, nguyen_widrow
+from jointgap.surrogate.network_batch import NetworkModel
 
 LAYOUT = Layout((6, 5))
 INPUTS = np.linspace(0.0, 1.0, 60)

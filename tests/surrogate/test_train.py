@@ -7,9 +7,9 @@ import pytest
 from jointgap import tables
 from jointgap.config import Surrogate
 from jointgap.errors import InputError
-from jointgap.paper import TRAINING_MSE
-from jointgap.surrogate.errors import Grid, Points, Trained, error_rows
+from jointgap.paper.printed import TRAINING_MSE
 from jointgap.surrogate.evaluate import values
+from jointgap.surrogate.fit_errors import Grid, Points, Trained, error_rows
 from jointgap.surrogate.network import Network
 from jointgap.surrogate.train import train
 
@@ -132,5 +132,5 @@ def test_later_stages_evaluate_fits_without_loading_torch():
     import subprocess
     import sys
 
-    code = "import sys, jointgap.surrogate.evaluate, jointgap.surrogate.clearance; sys.exit('torch' in sys.modules)"
+    code = "import sys, jointgap.surrogate.evaluate, jointgap.surrogate.clearance_network; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

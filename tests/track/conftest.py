@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from jointgap.track.mlflow_store import create_store, default_address
 from jointgap.track.publish import publish
-from jointgap.track.store import create_store, default_address
 from tests.track import synthetic
 
 

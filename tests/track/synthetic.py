@@ -9,9 +9,9 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Scenario, load_mechanism
 from jointgap.tables import OUTPUTS, Table
-from jointgap.tables.compare import COMPARISON
-from jointgap.tables.kinematics import KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
-from jointgap.tables.optimise import OPTIMA, PATHS, POPULATION, RESIMULATED, WORTH
+from jointgap.tables.compare_tables import COMPARISON
+from jointgap.tables.kinematics_tables import KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
+from jointgap.tables.optimise_tables import OPTIMA, PATHS, POPULATION, RESIMULATED, WORTH
 
 HIDDEN = (3, 2)
 SEEDS = (7, 8)

@@ -7,12 +7,12 @@ import pytest
 from click.testing import CliRunner
 
 from jointgap import tables
-from jointgap.blind.records import records
-from jointgap.blind.summary import rates
-from jointgap.blind.trials import TRIALS
 from jointgap.cli import cli
 from jointgap.errors import InputError
-from jointgap.track.view import addresses
+from jointgap.track.compare_links import addresses
+from jointgap.trials.trial_runs import records
+from jointgap.trials.trials_report import rates
+from jointgap.trials.trials_table import TRIALS
 
 
 def made_up(right: int, count: int = 4) -> pd.DataFrame:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from jointgap import tables
-from jointgap.surrogate.clearance import ClearanceNetwork
+from jointgap.surrogate.clearance_network import ClearanceNetwork
 from jointgap.tables import OUTPUTS
-from jointgap.track import weights
-from jointgap.track.record import Curve
+from jointgap.track import network_files as weights
+from jointgap.track.run_record import Curve
 from tests.track.conftest import client_of
 from tests.track.synthetic import ITERATIONS, fit
 

@@ -9,8 +9,8 @@ import time
 import pytest
 
 from jointgap.errors import InputError
+from jointgap.track.mlflow_store import address_for, create_store
 from jointgap.track.publish import publish
-from jointgap.track.store import address_for, create_store
 from tests.track import synthetic
 from tests.track.conftest import client_of
 
@@ -25,7 +25,7 @@ publish(name, scenario(), simulated(results / name), [], [], None, results)
 
 DIE = """
 import os, signal
-from jointgap.track.store import Store
+from jointgap.track.mlflow_store import Store
 log, runs = Store._log_files, []
 def die_at_the_third(self, run_id, files):
     runs.append(run_id)

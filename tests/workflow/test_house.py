@@ -13,21 +13,6 @@ from benchmarks.project import ROOT, run
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
-def written_files():
-    """All that people write here: no results, no packages, nothing generated."""
-    places = ("src", "tests", "benchmarks", "workflow", "scripts", ".ci", ".github")
-    files = [path for place in places for path in (ROOT / place).rglob("*") if path.is_file()]
-    files += [ROOT / name for name in ("Snakefile", "Makefile", "pyproject.toml")]
-    generated = ("__pycache__", ".egg-info", "workflow/schemas")
-    return [path for path in files if not any(part in path.as_posix() for part in generated)]
-
-
-def test_no_file_has_more_than_300_lines():
-    text = [path for path in written_files() if path.suffix not in {".png", ".npz", ".parquet"}]
-    too_long = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in text}
-    assert not {name: lines for name, lines in too_long.items() if lines > 300}
-
-
 @pytest.mark.parametrize(
     "command",
     [

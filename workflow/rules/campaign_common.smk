@@ -1,7 +1,7 @@
 # What the rules of campaigns share: where the tables of each stage lie, and the files of each campaign.
 
 from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, tables_of as campaign_tables_of
-from jointgap.figures.campaign import CATALOGUE as CAMPAIGN_FIGURES
+from jointgap.figures.campaign_catalogue import CATALOGUE as CAMPAIGN_FIGURES
 
 
 def campaign_place(path):

@@ -4,14 +4,14 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
-from jointgap.campaign.files import campaigns
-from jointgap.compare.family import family
+from jointgap.campaign.campaign_files import campaigns
+from jointgap.paper.looseness_variants import family
 from jointgap.config import options_for, resolve
 from jointgap.errors import InputError
 from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FIGURES
 from jointgap.provenance import code_digest
 from jointgap.results import PLACES, parts, tables_of
-from jointgap.study import FIGURES as STUDY_FIGURES
+from jointgap.sweep.study_catalogue import FIGURES as STUDY_FIGURES
 from jointgap.tables import JOINT_NUMBERS, outputs
 
 FOLDERS = (Path(), Path(workflow.current_basedir).parent.parent)

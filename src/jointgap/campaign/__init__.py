@@ -8,7 +8,7 @@ from typing import Any
 
 
 def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
-    """As `jointgap.campaign.whole.analyse`, which is imported when it is called."""
-    from jointgap.campaign.whole import analyse as run
+    """As `jointgap.campaign.pipeline.analyse`, which is imported when it is called."""
+    from jointgap.campaign.pipeline import analyse as run
 
     return run(campaign, folder)

@@ -4,13 +4,13 @@ import pandas as pd
 import yaml
 
 from jointgap import tables
-from jointgap.campaign.axes import clockwise
-from jointgap.campaign.decide import Outcome
-from jointgap.campaign.fits import effect_parameters, nuisances
-from jointgap.campaign.force import missing_force
+from jointgap.campaign.clockwise import clockwise
+from jointgap.campaign.fit_tables import effect_parameters, nuisances
+from jointgap.campaign.missing_force import missing_force
+from jointgap.campaign.outcome import Outcome
 from jointgap.config import Mechanism
-from jointgap.config.campaign import Campaign
-from jointgap.rig import rig_file
+from jointgap.config.campaign_file import Campaign
+from jointgap.slider_crank import rig_file
 
 _WIDTH = 110
 

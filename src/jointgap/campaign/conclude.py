@@ -2,14 +2,15 @@
 
 from typing import Any
 
-from jointgap.campaign import summary, verdict
-from jointgap.campaign.axes import clockwise
-from jointgap.campaign.case import Case
+from jointgap.campaign import verdict
+from jointgap.campaign import verdict_page as summary
+from jointgap.campaign.clockwise import clockwise
 from jointgap.campaign.confirm import gap_of, held_out
 from jointgap.campaign.folder import SUMMARIES, VERDICT
 from jointgap.campaign.preflight import groups, separated_by, undetectable
 from jointgap.campaign.stages import FALSE_ALARM_RATE, preflight
-from jointgap.discrepancy.fit import Fit
+from jointgap.campaign.state import Case
+from jointgap.identification.fit import Fit
 from jointgap.tables import write_text
 
 _PICTURED = {
@@ -54,7 +55,7 @@ def conclude(case: Case) -> dict[str, Any]:
 def show(case: Case) -> None:
     """Draw the figures and write the one-page summary of a verdict that is there."""
     from jointgap.figures import style
-    from jointgap.figures.campaign import CATALOGUE, draw
+    from jointgap.figures.campaign_catalogue import CATALOGUE, draw
 
     folder = case.folder
     found = verdict.read(folder.path / VERDICT)

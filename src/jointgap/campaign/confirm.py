@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap.discrepancy.fit import Fit, fit
-from jointgap.discrepancy.problem import Explanation, Problem
-from jointgap.discrepancy.protocol import Model
-from jointgap.discrepancy.whiten import Noise
 from jointgap.errors import InputError, SimulationError
+from jointgap.identification.fit import Fit, fit
+from jointgap.identification.problem import Explanation, Problem
+from jointgap.identification.protocol import Model
+from jointgap.identification.whitening import Noise
 
 _BLOCKS = 20
 """Stretches into which a series is cut for the bootstrap: neighbours in one miss the measurement alike."""

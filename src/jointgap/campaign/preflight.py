@@ -1,7 +1,7 @@
 """Stage preflight: what a campaign can show and tell apart, from its plan, and what would help most.
 
 Nothing that was measured is looked at but how much there is of it: of runs whose files are there, as many samples and (where the
-motion is chaotic) revolutions count as these hold. Others are planned with `jointgap.rig.clock.PLANNED_REVOLUTIONS`.
+motion is chaotic) revolutions count as these hold. Others are planned with `jointgap.slider_crank.sample_grid.PLANNED_REVOLUTIONS`.
 """
 
 import math
@@ -12,14 +12,15 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.words import size_in_words, unit_of
-from jointgap.config.campaign import CHANNELS, Campaign, Channel
-from jointgap.discrepancy.preflight import Preflight, advise
-from jointgap.discrepancy.preflight import preflight as planned
-from jointgap.discrepancy.protocol import Model
-from jointgap.measure import Recording, read_measurements
-from jointgap.rig import rig_model
-from jointgap.rig.clock import TURN
+from jointgap.campaign.phrasing import size_in_words, unit_of
+from jointgap.config.campaign_file import Campaign
+from jointgap.config.channels import CHANNELS, Channel
+from jointgap.identification.advice import Preflight, advise
+from jointgap.identification.advice import preflight as planned
+from jointgap.identification.protocol import Model
+from jointgap.recordings import Recording, read_measurements
+from jointgap.slider_crank import rig_model
+from jointgap.slider_crank.sample_grid import TURN
 
 _FASTER, _SLOWER = 1.5, 0.5
 """Further speeds that are tried, as shares of the fastest and of the slowest."""
@@ -74,7 +75,7 @@ def recorded(campaign: Campaign) -> dict[str, Recording]:
     Raises
     ------
     InputError
-        As `jointgap.measure.read_measurements`.
+        As `jointgap.recordings.read_measurements`.
     """
     there = tuple(run for run in campaign.runs if os.path.isfile(campaign.folder / run.file))
     return dict(read_measurements(campaign.model_copy(update={"runs": there})).runs)

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from jointgap.campaign.axes import clockwise, map_as_read, residuals_as_read
-from jointgap.campaign.case import Case
+from jointgap.campaign.clockwise import clockwise, map_as_read, residuals_as_read
 from jointgap.campaign.folder import MECHANISM, OF_OUTCOME
+from jointgap.campaign.state import Case
 from jointgap.config import load_mechanism
 from jointgap.tables import OPTIMUM, write_text
 
 if TYPE_CHECKING:
-    from jointgap.campaign.decide import Outcome
+    from jointgap.campaign.outcome import Outcome
 
 FALSE_ALARM_RATE = 0.01
 """Share of campaigns with nothing hidden in which something is found nevertheless."""
@@ -25,8 +25,8 @@ SEED = 0
 
 def measure(case: Case, pictures: bool = True) -> None:
     """Read what was measured and, with `pictures`, look at it."""
-    from jointgap.campaign.stated import stated
-    from jointgap.measure import read_measurements, to_frame
+    from jointgap.campaign.config_snapshot import stated
+    from jointgap.recordings import read_measurements, to_frame
 
     case.measurements = read_measurements(case.campaign)
     case.folder.write("stated", stated(case.campaign))
@@ -35,7 +35,7 @@ def measure(case: Case, pictures: bool = True) -> None:
     case.folder.write("measured", to_frame(case.measurements))
     if pictures:
         from jointgap.figures import style
-        from jointgap.measure.look import look
+        from jointgap.recordings.inspection import look
 
         numbers, drawings = look(case.campaign, case.measurements)
         case.folder.write("look", numbers)
@@ -54,7 +54,7 @@ def preflight(case: Case, advice: bool = True) -> None:
 
 def noise(case: Case) -> None:
     """Find the noise of every series."""
-    from jointgap.campaign import noise as scattering
+    from jointgap.campaign import noise_tables as scattering
 
     case.noise = scattering.noise(case.model)
     for name, frame in zip(("noise", "noise_memory"), scattering.to_frames(case.noise), strict=True):
@@ -63,10 +63,10 @@ def noise(case: Case) -> None:
 
 def recalibrate(case: Case) -> None:
     """Fit the nuisances within their ranges, and count in what other numerics would predict."""
-    from jointgap.campaign import fits
-    from jointgap.campaign import noise as scattering
-    from jointgap.discrepancy.noise import numerics_noise
-    from jointgap.discrepancy.recalibrate import recalibrate as recalibrated
+    from jointgap.campaign import fit_tables as fits
+    from jointgap.campaign import noise_tables as scattering
+    from jointgap.identification.baseline import recalibrate as recalibrated
+    from jointgap.identification.noise_model import numerics_noise
 
     found = case.recalibrated = recalibrated(case.model, case.noise)
     whole = numerics_noise(case.model, found.base.mapping, case.noise)  # of held-out runs too
@@ -79,8 +79,8 @@ def recalibrate(case: Case) -> None:
 
 def screen(case: Case) -> None:
     """Simulate every candidate at a small size, and choose what is worth a fit."""
-    from jointgap.campaign import screen as screening
-    from jointgap.discrepancy.noise import degrees_of_freedom
+    from jointgap.campaign import screening_tables as screening
+    from jointgap.identification.noise_model import degrees_of_freedom
 
     dof = degrees_of_freedom(case.noise)
     found = case.screening = screening.screen(case.recalibrated, FALSE_ALARM_RATE, dof, SEED)
@@ -93,8 +93,8 @@ def screen(case: Case) -> None:
 
 def fit(case: Case, part: int = 0, parts: int = 1) -> None:
     """Fit one part of the chosen single effects by forward simulation."""
-    from jointgap.campaign import fits
-    from jointgap.discrepancy import explain
+    from jointgap.campaign import fit_tables as fits
+    from jointgap.identification import hypothesis_fits as explain
 
     screened = case.screening
     found, seconds = explain.singles(case.recalibrated, screened.known, screened.limits, part, parts)
@@ -106,8 +106,8 @@ def pair(case: Case, part: int = 0, parts: int = 1) -> None:
 
     Where none of these is enough the first part takes a second look at them all.
     """
-    from jointgap.campaign import fits
-    from jointgap.discrepancy import explain
+    from jointgap.campaign import fit_tables as fits
+    from jointgap.identification import hypothesis_fits as explain
 
     screened, (alone, _) = case.screening, case.fits("fit", parts)
     found, seconds = explain.doubles(case.recalibrated, screened.known, screened.limits, alone, part, parts)
@@ -116,8 +116,8 @@ def pair(case: Case, part: int = 0, parts: int = 1) -> None:
 
 def decide(case: Case, parts: int = 1) -> None:
     """Choose among the fits of all parts."""
-    from jointgap.campaign import decide as deciding
-    from jointgap.campaign import fits
+    from jointgap.campaign import fit_tables as fits
+    from jointgap.campaign import outcome as deciding
 
     (singles, seconds), (doubles, more) = (case.fits(stage, parts) for stage in ("fit", "pair"))
     screened = case.screening
@@ -130,7 +130,7 @@ def decide(case: Case, parts: int = 1) -> None:
 
 def locate(case: Case) -> None:
     """Map where the base that the verdict rests on disagrees with the measurement."""
-    from jointgap.discrepancy.locate import locate as located
+    from jointgap.identification.disagreement import locate as located
 
     found = located(case.settled.problem, case.settled.base.residual, FALSE_ALARM_RATE)
     for name in ("bins", "windows"):
@@ -141,7 +141,7 @@ def locate(case: Case) -> None:
 
 def regress(case: Case) -> None:
     """Look for a force law where no effect of the list explains what is missing."""
-    from jointgap.campaign import regress as regressing
+    from jointgap.campaign import law_outcome as regressing
 
     if case.folder.read("decision", "decide")["verdict"].iloc[0] != regressing.UNEXPLAINED:
         case.folder.write_all(case.folder.read_all(OF_OUTCOME, "decide"), "regress")
@@ -151,7 +151,7 @@ def regress(case: Case) -> None:
 
 
 def _settled(case: Case, outcome: "Outcome", stage: str) -> None:
-    from jointgap.campaign import fits
+    from jointgap.campaign import fit_tables as fits
 
     named = outcome.verdict.startswith("named")
     parameters = fits.parameter_frame([outcome.chosen, *outcome.equivalent], clockwise(case.campaign))
@@ -196,8 +196,8 @@ def rechain(case: Case) -> None:
         case.folder.write("campaign_optimum", pd.DataFrame(columns=[column.name for column in OPTIMUM.columns]))
         return
     from jointgap.campaign.augment import mechanisms
-    from jointgap.campaign.rechain import rechain as chained
-    from jointgap.rig.changes import mirrored
+    from jointgap.campaign.reoptimise import rechain as chained
+    from jointgap.slider_crank.modified_mechanism import mirrored
 
     models = dict(zip(("base", "augmented"), mechanisms(case.campaign, outcome), strict=True))
     fastest = max((run for run in case.campaign.runs if run.role != "confirm"), key=lambda run: run.speed)

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.decide import Outcome
-from jointgap.campaign.fits import effect_parameters, nuisances, stated
-from jointgap.discrepancy.fit import Fit
-from jointgap.discrepancy.problem import label_of
-from jointgap.discrepancy.regress import effect_of, law_of
+from jointgap.campaign.fit_tables import effect_parameters, nuisances, stated
+from jointgap.campaign.outcome import Outcome
 from jointgap.errors import InputError
+from jointgap.identification.fit import Fit
+from jointgap.identification.force_law import effect_of, law_of
+from jointgap.identification.problem import label_of
 
 SCHEMA_VERSION = 1
 

@@ -5,7 +5,13 @@ import sys
 
 import click
 
-from jointgap.cli import blind, campaign, effects, ensemble, stages, study, tools
+from jointgap.cli import campaign_commands as campaign
+from jointgap.cli import effect_commands as effects
+from jointgap.cli import ensemble_commands as ensemble
+from jointgap.cli import stage_commands as stages
+from jointgap.cli import study_commands as study
+from jointgap.cli import tool_commands as tools
+from jointgap.cli import trial_commands as blind
 from jointgap.cli.group import cli
 
 __all__ = ["blind", "campaign", "cli", "effects", "ensemble", "main", "stages", "study", "tools"]

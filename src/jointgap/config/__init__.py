@@ -1,14 +1,14 @@
 """Typed, frozen, validated configuration; SI inside."""
 
-from jointgap.config.checks import check_drive, check_tolerance
-from jointgap.config.contact import Contact
-from jointgap.config.drive import ConstantDrive, MeasuredDrive, MotorDrive
-from jointgap.config.effects import CRANK_SIGN_SPEED, EFFECTS, SLIDER_SIGN_SPEED, Effect
-from jointgap.config.joints import Joint, Joints, hertz_stiffness
+from jointgap.config.consistency import check_drive, check_tolerance
+from jointgap.config.contact_config import Contact
+from jointgap.config.drive_config import ConstantDrive, MeasuredDrive, MotorDrive
+from jointgap.config.joint_config import Joint, Joints, hertz_stiffness
 from jointgap.config.load import json_schema, load_mechanism, options_for, parse_options, read_yaml, resolve, validate
-from jointgap.config.mechanism import Link, Mechanism, Slider
+from jointgap.config.mechanism_config import Link, Mechanism, Slider
 from jointgap.config.scenario import Box, Ensemble, Figures, Genetic, Optimise, Scenario, Simulate, Surrogate
-from jointgap.config.study import Runs, Study
+from jointgap.config.sweep_config import Runs, Study
+from jointgap.effects import CRANK_SIGN_SPEED, EFFECTS, SLIDER_SIGN_SPEED, Effect
 
 __all__ = [
     "CRANK_SIGN_SPEED",

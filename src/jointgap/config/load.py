@@ -9,8 +9,8 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from jointgap.config.explain import complaints
-from jointgap.config.mechanism import Mechanism
+from jointgap.config.config_errors import complaints
+from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.scenario import SECTIONS, Scenario
 from jointgap.errors import InputError, did_you_mean
 

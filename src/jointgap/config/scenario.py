@@ -5,9 +5,9 @@ from typing import Annotated, Any
 
 from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
 
-from jointgap.config.checks import check_drive, check_tolerance
-from jointgap.config.drive import ConstantDrive, Drive
-from jointgap.config.mechanism import Mechanism
+from jointgap.config.consistency import check_drive, check_tolerance
+from jointgap.config.drive_config import ConstantDrive, Drive
+from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.quantities import (
     Angle,
     OpenFraction,
@@ -17,7 +17,7 @@ from jointgap.config.quantities import (
     quantity,
 )
 from jointgap.config.section import Section
-from jointgap.config.study import Runs, Study
+from jointgap.config.sweep_config import Runs, Study
 
 Interval = tuple[PositiveLength, PositiveLength]
 MOST_SAMPLES = 20_000_000

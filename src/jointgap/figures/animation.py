@@ -11,9 +11,9 @@ from matplotlib.colors import LogNorm
 from matplotlib.patches import Circle, Rectangle
 
 from jointgap.config import Scenario
-from jointgap.figures.contact import BODIES, SMALLEST_FORCE, eccentricity
+from jointgap.figures.contact_figures import BODIES, SMALLEST_FORCE, eccentricity
 from jointgap.figures.drawing import Drawing
-from jointgap.figures.samples import degrees, in_words, loose_joints, revolution
+from jointgap.figures.figure_data import degrees, in_words, loose_joints, revolution
 from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet
 from jointgap.figures.style import INK
 from jointgap.tables import JOINT_NUMBERS

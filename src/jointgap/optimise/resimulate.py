@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
-from jointgap.dynamics.ensemble import simulate_ensemble
+from jointgap.dynamics.parallel_runs import simulate_ensemble
 from jointgap.mechanism import transmission_angle
 from jointgap.optimise.objective import MEASURES, Measures, evaluation_samples, measure
 

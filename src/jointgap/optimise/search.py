@@ -12,7 +12,7 @@ from jointgap.optimise.genetic import GeneticResult, evaluations_until, evolve
 from jointgap.optimise.local import LocalResult
 from jointgap.optimise.objective import MEASURES, Objective
 from jointgap.optimise.region import Region
-from jointgap.paper import OPTIMA, departures
+from jointgap.paper.printed import OPTIMA, departures
 
 
 @dataclass(frozen=True)

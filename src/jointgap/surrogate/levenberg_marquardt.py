@@ -18,8 +18,8 @@ from enum import Enum
 import numpy as np
 import torch
 
-from jointgap.surrogate.damped import Dual, Primal, smaller_form
-from jointgap.surrogate.model import Evaluation, Model
+from jointgap.surrogate.network_batch import Evaluation, Model
+from jointgap.surrogate.normal_equations import Dual, Primal, smaller_form
 
 
 class Status(Enum):

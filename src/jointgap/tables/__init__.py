@@ -3,7 +3,7 @@
 One module per stage names its tables: ``tables.write(tables.TRAJECTORY, frame, path)``.
 """
 
-from jointgap.tables.campaign import (
+from jointgap.tables.campaign_tables import (
     ADVICE,
     CONFUSABILITY,
     DETECTABLE,
@@ -25,11 +25,11 @@ from jointgap.tables.campaign import (
     TIMES,
 )
 from jointgap.tables.columns import Column, Table
-from jointgap.tables.compare import COMPARISON, OVERVIEW
-from jointgap.tables.ensemble import ENSEMBLE_EVENTS, ENSEMBLE_SAMPLES, GROWTH, ensemble_runs
-from jointgap.tables.figures import PLOTTED
-from jointgap.tables.kinematics import KINEMATICS, KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
-from jointgap.tables.naming import (
+from jointgap.tables.compare_tables import COMPARISON, OVERVIEW
+from jointgap.tables.ensemble_tables import ENSEMBLE_EVENTS, ENSEMBLE_SAMPLES, GROWTH, ensemble_runs
+from jointgap.tables.figures_tables import PLOTTED
+from jointgap.tables.kinematics_tables import KINEMATICS, KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
+from jointgap.tables.naming_tables import (
     DECISION,
     FIT_CURVATURE,
     FIT_PARAMETERS,
@@ -42,12 +42,12 @@ from jointgap.tables.naming import (
     SIGNATURES,
     THRESHOLDS,
 )
-from jointgap.tables.optimise import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
-from jointgap.tables.simulate import EVENTS, JOINT_NUMBERS, OUTPUTS, TRAJECTORY, number_of, outputs
-from jointgap.tables.statistics import ECCENTRICITY, IMPACT_DISTRIBUTION, JOINT_REVOLUTIONS, POINCARE_SECTION
+from jointgap.tables.optimise_tables import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
+from jointgap.tables.simulate_tables import EVENTS, JOINT_NUMBERS, OUTPUTS, TRAJECTORY, number_of, outputs
+from jointgap.tables.statistics_tables import ECCENTRICITY, IMPACT_DISTRIBUTION, JOINT_REVOLUTIONS, POINCARE_SECTION
 from jointgap.tables.store import check_writable, describe, read, to_arrow, write, write_text, write_whole
-from jointgap.tables.study import STUDY
-from jointgap.tables.surrogate import CLEARANCE_FIT, FIT, FIT_ERRORS, FIT_HISTORY
+from jointgap.tables.study_tables import STUDY
+from jointgap.tables.surrogate_tables import CLEARANCE_FIT, FIT, FIT_ERRORS, FIT_HISTORY
 
 __all__ = [
     "ADVICE",

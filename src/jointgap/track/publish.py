@@ -12,9 +12,9 @@ from pathlib import Path
 from jointgap import __version__
 from jointgap.config import Scenario
 from jointgap.track.commit import commit
-from jointgap.track.content import records
-from jointgap.track.record import Record
-from jointgap.track.store import Store, StoredRun, address_for, locked
+from jointgap.track.mlflow_store import Store, StoredRun, address_for, locked
+from jointgap.track.run_record import Record
+from jointgap.track.scenario_runs import records
 
 SCENARIO, STAGE, OUTPUT, DIGEST = (f"jointgap.{key}" for key in ("scenario", "stage", "output", "digest"))
 PARENT = "mlflow.parentRunId"

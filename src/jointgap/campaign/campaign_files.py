@@ -1,0 +1,95 @@
+"""Which campaigns a configuration asks for, and which files each of them is made of. Imports nothing heavy."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jointgap.config import read_yaml
+from jointgap.config.load_campaign import load_campaign
+from jointgap.errors import InputError
+
+
+@dataclass(frozen=True)
+class CampaignFiles:
+    """Files of one campaign.
+
+    Attributes
+    ----------
+    campaign : str
+        The campaign file.
+    plan : tuple of str
+        It and the mechanism that it names.
+    data : tuple of str
+        One of each run.
+    parts : int
+        Jobs that share the fits.
+    """
+
+    campaign: str
+    plan: tuple[str, ...]
+    data: tuple[str, ...]
+    parts: int
+
+
+def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[str, CampaignFiles]:
+    """The campaigns of a configuration, by name.
+
+    Parameters
+    ----------
+    paths : list of str
+        Value of the key ``campaigns``.
+    folders : sequence of Path
+        Where the files are looked for, first found wins.
+    parts : int, optional
+        Value of the key ``fit_parts``. Two by default where joints are loose; one where all are ideal, as fits without contact are
+        over sooner than a process starts.
+
+    Raises
+    ------
+    InputError
+        Not a list of paths, no such file, not a campaign, a run's file that is not there, or two of one name; or not a number of
+        parts.
+    """
+    if parts is not None and (not isinstance(parts, int) or isinstance(parts, bool) or parts < 1):
+        raise InputError(
+            f"fit_parts = {parts!r} must be a whole number of jobs, 1 or more; leave it out for the default"
+        )
+    if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
+        raise InputError(f"campaigns = {paths!r} must be a list of campaign files, e.g. [config/campaigns/mine.yaml]")
+    found: dict[str, CampaignFiles] = {}
+    for path in paths:
+        file = _file(path, folders)
+        campaign = load_campaign(file)
+        if campaign.name in found:
+            raise InputError(
+                f"campaigns: {found[campaign.name].campaign} and {file} are both called '{campaign.name}'; give each its own name"
+            )
+        for run in campaign.runs:
+            if not os.path.isfile(campaign.folder / run.file):
+                raise InputError(
+                    f"{file}: run {run.id}: no file '{run.file}' in {campaign.folder}; correct `file` of the run, or `folder`"
+                )
+        data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
+        shared = parts or (2 if campaign.mechanism.applied().loose else 1)
+        found[campaign.name] = CampaignFiles(str(file), plan(file), data, shared)
+    return found
+
+
+def plan(file: Path) -> tuple[str, ...]:
+    """A campaign file and the mechanism file that it names, if it names one."""
+    mechanism = read_yaml(file).get("mechanism")
+    return (str(file), *([str(file.parent / mechanism)] if isinstance(mechanism, str) else []))
+
+
+def _file(path: str, folders: Sequence[Path]) -> Path:
+    for folder in folders:
+        if os.path.isfile(folder / path):  # a Path's own is_file fails on a name that is too long
+            return folder / path
+        if os.path.isdir(folder / path):
+            raise InputError(f"campaigns: '{path}' is a folder; name the campaign file in it")
+    looked = (
+        "" if os.path.isabs(path) else f" in {' or '.join(dict.fromkeys(str(folder.resolve()) for folder in folders))}"
+    )
+    raise InputError(f"campaigns: no file '{path}'{looked}; correct the path (CAMPAIGN=... of `make campaign`)")

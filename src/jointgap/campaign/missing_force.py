@@ -1,0 +1,78 @@
+"""The force that the effects of a verdict add, along the motion of each run."""
+
+from collections.abc import Collection, Mapping
+
+import pandas as pd
+
+from jointgap.config import Mechanism, Simulate
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.effect_laws import crank_losses, slider_force
+from jointgap.dynamics.simulation import simulate
+from jointgap.slider_crank.channel_kinematics import tolerance_for
+from jointgap.slider_crank.modified_mechanism import mirrored
+from jointgap.slider_crank.sample_grid import TURN
+
+_SAMPLES = 360  # of the one revolution that is shown
+_SETTLES = 2  # revolutions
+
+
+def missing_force(
+    base: Mechanism, augmented: Mechanism, speeds: Mapping[str, float], clockwise: Collection[str] = ()
+) -> pd.DataFrame:
+    """Force on the slider and torque on the crank of the augmented model less those of the base, at the same motion.
+
+    Effects that act otherwise (masses, lengths, clearances, sensors) leave both at zero.
+
+    Parameters
+    ----------
+    base, augmented : Mechanism
+        The model before and after.
+    speeds : mapping of str to float
+        Crank speed by run [rad/s].
+    clockwise : collection of str
+        Runs whose crank turns clockwise.
+
+    Returns
+    -------
+    DataFrame
+        Table `jointgap.tables.MISSING_FORCE`, one settled revolution of the augmented model for each run.
+
+    Raises
+    ------
+    InputError, SimulationError
+        As `jointgap.dynamics.simulation`.
+    """
+    parts = []
+    for run, speed in speeds.items():
+        if run not in clockwise:
+            parts.append(_along(run, base, augmented, speed))
+            continue
+        behind = _along(run, mirrored(base.applied()), mirrored(augmented.applied()), speed).iloc[::-1]
+        turned = {"crank_angle": TURN - behind["crank_angle"], "crank_torque": -behind["crank_torque"]}
+        parts.append(behind.assign(**turned))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _along(run: str, base: Mechanism, augmented: Mechanism, speed: float) -> pd.DataFrame:
+    options = Simulate(
+        speed=speed,
+        revolutions=_SETTLES + 1,
+        samples_per_revolution=_SAMPLES,
+        tolerance=tolerance_for(augmented.applied()),
+    )
+    samples = simulate(augmented, options).samples.tail(_SAMPLES + 1)
+    places = samples[["slider_position", "slider_velocity", "crank_speed", "crank_angle", "time"]].to_numpy()
+    guide = samples["guide_force"].to_numpy()
+    after, before = parameters(augmented, options), parameters(base, options)
+    pushes = [slider_force(after, n, *at) - slider_force(before, n, *at) for n, at in zip(guide, places, strict=True)]
+    turns = [crank_losses(after, *at) - crank_losses(before, *at) for at in places]
+    return pd.DataFrame(
+        {
+            "run": run,
+            "crank_angle": samples["crank_angle"].to_numpy() - TURN * _SETTLES,
+            "slider_position": places[:, 0],
+            "slider_velocity": places[:, 1],
+            "slider_force": pushes,
+            "crank_torque": turns,
+        }
+    )

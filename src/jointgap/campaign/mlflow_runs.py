@@ -1,0 +1,74 @@
+"""What MLflow is told of a campaign: a run with its verdict and gaps, and under it one for each explanation that was fitted."""
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from jointgap.campaign.fit_tables import JOINED
+from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, Folder
+from jointgap.campaign.verdict import read
+from jointgap.track.run_record import Dataset, Record
+
+DESCRIPTION = "What is missing in the model of a rig"
+
+_MEASURES = ("chi2", "bic", "delta_bic", "explained_share", "parameters", "simulations", "seconds")
+_COSTS = ("simulations", "seconds")
+
+
+def records(folder: Path) -> list[Record]:
+    """The campaign's run, then its nested ones.
+
+    Parameters
+    ----------
+    folder : Path
+        The campaign's folder of results.
+
+    Raises
+    ------
+    InputError
+        The campaign has no verdict yet, or a table cannot be read.
+    """
+    places, verdict = Folder(folder), read(folder / VERDICT)
+    metrics = {f"gap/{role}_{when}": value for role, gap in verdict["gap"].items() for when, value in gap.items()}
+    metrics |= {"windows": len(verdict["where"]), "equivalent": len(verdict["equivalent"])}
+    ranking = places.read("ranking", "regress")
+    labels = {label for explanation in ranking["explanation"] for label in explanation.split(JOINED)}
+    for effect in verdict["effects"]:
+        own = _metric(effect, labels)
+        metrics[f"{own}_delta_bic"] = effect["delta_bic"]
+        for name, one in effect["parameters"].items():
+            if not isinstance(one["value"], str):
+                metrics[f"{own}_{name}"] = one["value"]
+    named = " + ".join(f"{effect['name']}:{effect['site']}" for effect in verdict["effects"])
+    pictures = sorted(path for path in (folder / "figures").glob("*") if path.suffix in (".svg", ".png"))
+    files = {name: folder / name for name in (VERDICT, MECHANISM, *SUMMARIES) if (folder / name).is_file()}
+    whole = Record(
+        "campaign",
+        metrics={name: value for name, value in metrics.items() if value is not None},
+        datasets=tuple(
+            Dataset(name, places.place(name, stage), "result")
+            for name, stage in (("ranking", "regress"), ("gaps", ""), ("residuals", ""))
+        ),
+        files=files | {f"figures/{path.name}": path for path in pictures},
+        notes={"verdict": verdict["verdict"], "effects": named, "because": verdict["because"]},
+    )
+    return [whole, *(_fit(row) for row in ranking.to_dict("records"))]
+
+
+def _metric(effect: Mapping[str, Any], labels: Collection[str]) -> str:
+    """What metrics of an effect begin with: its label among `labels`, its site behind an underscore, as not all stores take a colon."""
+    name, site = effect["name"], effect["site"]
+    return f"effect/{name}_{site}" if f"{name}:{site}" in labels else f"effect/{name}"
+
+
+def _fit(row: dict) -> Record:
+    numbers = {name: row[name] for name in _MEASURES if pd.notna(row[name])}
+    return Record(
+        "campaign",
+        row["explanation"],
+        metrics={name: value for name, value in numbers.items() if name not in _COSTS},
+        costs={name: float(value) for name, value in numbers.items() if name in _COSTS},
+        notes={name: row[name] or "" for name in ("kind", "status", "place", "remark")},
+    )

@@ -1,0 +1,100 @@
+"""Stage rechain: does what was missing move the optimum? The chain's own stages for the model before and after."""
+
+from collections.abc import Mapping
+
+import pandas as pd
+
+from jointgap import tables
+from jointgap.config import Box, Ensemble, Genetic, Mechanism, Optimise, Simulate, Surrogate
+from jointgap.dynamics import simulate
+from jointgap.errors import InputError, SimulationError
+from jointgap.mechanism import Fit
+from jointgap.optimise.optimise_stage import optimise
+from jointgap.slider_crank.channel_kinematics import tolerance_for
+
+NETWORK = "network"
+
+_REACH = 0.02  # of the lengths, to either side
+_RATIO = 0.02  # that the largest ratio of the box exceeds the mechanism's own by
+_SURROGATE = Surrogate(iterations=300, seeds=(0,))
+_REVOLUTIONS, _SAMPLES = 3, 3600
+_TOLERANCE = 1e-10  # m, or less where clearances are small
+
+
+def rechain(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
+    """Simulate, train and optimise each model anew.
+
+    The budget is small: networks of 300 iterations, for the clearance vectors alone, which is what the optimisation takes of them; a
+    box of 2 % around the lengths.
+
+    Parameters
+    ----------
+    models : mapping of str to Mechanism
+        By name, ``base`` and ``augmented``.
+    speed : float
+        Of the crank [rad/s].
+
+    Returns
+    -------
+    DataFrame
+        Table `jointgap.tables.OPTIMUM`. Models whose joints are all ideal have no row: there the transmission angle follows from
+        the lengths alone, whatever acts on the slider. One that cannot be simulated at this speed has the reason.
+    """
+    rows = [row for name, mechanism in models.items() for row in _rows(name, mechanism.applied(), speed)]
+    return pd.DataFrame(rows, columns=[column.name for column in tables.OPTIMUM.columns])
+
+
+def _rows(name: str, mechanism: Mechanism, speed: float) -> list[dict]:
+    if not mechanism.loose:
+        return []
+    try:
+        return [{"model": name} | row for row in _optima(mechanism, speed)]
+    except (InputError, SimulationError) as error:
+        return [{"model": name, "failed": str(error)}]
+
+
+def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
+    """One row for each source of the motion in the joints."""
+    tolerance = min(_TOLERANCE, tolerance_for(mechanism))
+    options = Simulate(speed=speed, revolutions=_REVOLUTIONS, samples_per_revolution=_SAMPLES, tolerance=tolerance)
+    trajectory = simulate(mechanism, options).samples
+    numbers = [tables.JOINT_NUMBERS[joint] for joint in mechanism.loose]
+    fits = {output: _trained(trajectory, output) for number in numbers for output in (f"r{number}", f"gamma{number}")}
+    found = optimise(mechanism, options, _search(mechanism), _SURROGATE.training_points, trajectory, {NETWORK: fits})
+    optima = found.optima.query("method == 'local'")
+    optima = optima[optima["point"] == optima["source"] + "_near_local"]
+    settled = found.resimulated.query("stretch == 'settled' and measure == 'rms'").set_index("point")["reduction"]
+    return [
+        {
+            "source": row["source"],
+            "crank_length": row["crank_length"],
+            "rod_length": row["rod_length"],
+            "at_edge": row["active_bounds"] != "none",
+            "reduction": row["rms_reduction"],
+            "resimulated": settled[row["point"]],
+            "rms_before": row["rms"] / (1.0 - row["rms_reduction"]),
+            "rms_after": row["rms"],
+        }
+        for row in optima.to_dict("records")
+    ]
+
+
+def _trained(trajectory: pd.DataFrame, output: str) -> Fit:
+    from jointgap.surrogate.evaluate import values_and_slopes
+    from jointgap.surrogate.train import train  # PyTorch takes seconds to start
+
+    network = train(trajectory, output, _SURROGATE).default
+    return lambda angle: values_and_slopes(network, angle)
+
+
+def _search(mechanism: Mechanism) -> Optimise:
+    crank, rod = mechanism.crank.length, mechanism.rod.length
+    near = Box(
+        crank_length=(crank * (1 - _REACH), crank * (1 + _REACH)), rod_length=(rod * (1 - _REACH), rod * (1 + _REACH))
+    )
+    return Optimise(
+        boxes={"near": near},
+        ratio_limit=(1 + _RATIO) * crank / rod,
+        genetic=Genetic(population=8, generations=10),
+        ensemble=Ensemble(members=3, settled_revolution=_REVOLUTIONS),
+    )

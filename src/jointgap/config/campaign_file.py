@@ -1,0 +1,247 @@
+"""The campaign file: a mechanism, the runs measured on its rig, and how their columns map to channels."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, field_serializer, field_validator, model_validator
+
+from jointgap.config.channels import CHANNELS, Channel, Name, channel_factor
+from jointgap.config.drive_config import MotorDrive
+from jointgap.config.mechanism_config import Mechanism
+from jointgap.config.nuisance_bounds import (
+    PINS,
+    SHARED,
+    as_written,
+    check_keys,
+    check_possible,
+    nominal_values,
+    share_or_bounds,
+)
+from jointgap.config.quantities import Angle, PositiveAngularSpeed
+from jointgap.config.section import Section
+from jointgap.errors import did_you_mean
+
+RESERVED_IDS = ("all", "look", "measured", "remarks", "stated")
+"""No run may be called so: a sum over runs is, and the tables that stand beside the pictures of the runs are."""
+
+
+def _is_a_word(name: str) -> str:
+    if re.fullmatch(r"[A-Za-z0-9_-]+", name) is None:
+        raise ValueError("use letters, digits, '_' and '-' only, for files or folders are called so")
+    return name
+
+
+Word = Annotated[Name, AfterValidator(_is_a_word)]
+"""A name that files or folders get."""
+
+
+class CampaignRun(Section):
+    """One file of samples, measured at one speed."""
+
+    id: Word = Field(description="name of the run: letters, digits, '_' and '-'")
+    file: str = Field(min_length=1, description="table of samples, CSV or Parquet, from the campaign file's folder")
+    speed: PositiveAngularSpeed = Field(description="nominal speed of the crank")
+    role: Literal["identify", "confirm", "split"] = Field(
+        description="identify: for fitting and choosing; confirm: takes no part in either; split: its last third does not"
+    )
+    start: Literal["settled", "at_rest", "dead_centre", "unknown"] = Field(
+        "settled", description="how the motion began before the first sample"
+    )
+    first_angle: Angle | None = Field(
+        None, description="crank angle at the first sample, where no channel has it; null: found with the nuisances"
+    )
+    direction: Literal["counter_clockwise", "clockwise"] = Field(
+        "counter_clockwise", description="how the crank turns; a clockwise crank's falling angle is mirrored"
+    )
+
+    @field_validator("id")
+    @classmethod
+    def _is_free(cls, name: str) -> str:
+        if name in RESERVED_IDS:
+            raise ValueError("would be taken for another result of that name; choose another id")
+        return name
+
+
+class Csv(Section):
+    """How text files of samples are written."""
+
+    separator: Annotated[str, Field(min_length=1, max_length=1)] | None = Field(
+        None, description="character between columns; null: detected"
+    )
+    decimal: Literal[".", ","] | None = Field(None, description="decimal mark; null: detected")
+
+    @model_validator(mode="after")
+    def _marks_differ(self):
+        if self.separator is not None and (self.separator == self.decimal or self.separator in '"#\n\r.0123456789'):
+            raise ValueError(f"separator {self.separator!r} cannot part columns; write one such as ';' or '\\t'")
+        return self
+
+
+class Campaign(Section):
+    """Everything that the naming of effects is told of a rig but the samples."""
+
+    name: Word = Field(description="name of the campaign, and of its folder of results")
+    mechanism: Mechanism = Field(description="the mechanism as it is simulated so far")
+    drive: Literal["constant_speed", "measured_angle", "motor"] = Field(
+        "constant_speed", description="what turns the crank: a constant speed, the measured angle, or a motor"
+    )
+    motor: MotorDrive | None = Field(None, description="torque-speed line of the motor")
+    runs: Annotated[tuple[CampaignRun, ...], Field(min_length=1)] = Field(description="the runs, a file each")
+    channels: dict[str, Channel] = Field(description="what was measured, by the channel's name")
+    nuisance: dict[str, float | tuple[float, float]] = Field(
+        {}, description="what is known within bounds only: a percentage of nominal, or [low, high]"
+    )
+    csv: Csv = Field(Csv(), description="how text files are written")
+    folder: Path = Field(Path(), description="folder of the runs' files, from the campaign file's own")
+
+    @field_validator("motor", mode="before")
+    @classmethod
+    def _is_a_motor(cls, value: Any) -> Any:
+        if value is not None and not isinstance(value, dict | MotorDrive):
+            raise ValueError("must be a mapping with the keys stall_torque and no_load_speed")
+        return {"kind": "motor"} | value if isinstance(value, dict) else value
+
+    @field_validator("channels", mode="before")
+    @classmethod
+    def _are_known(cls, given: Any) -> Any:
+        if not isinstance(given, dict) or not given:
+            raise ValueError("must map channels to their columns, e.g. 'crank_angle: {column: theta, unit: deg}'")
+        for name in given:
+            if name not in CHANNELS:
+                raise ValueError(f"unknown channel '{name}'; {did_you_mean(str(name), CHANNELS)}")
+        return given
+
+    @field_validator("channels")
+    @classmethod
+    def _fit_their_columns(cls, channels: dict[str, Channel]) -> dict[str, Channel]:
+        wrong, columns = [], {}
+        for name, channel in channels.items():
+            try:
+                channel_factor(name, channel.unit)
+                _check_sensor(name, channel)
+            except ValueError as error:
+                wrong.append(str(error))
+            if channel.column in columns:
+                wrong.append(
+                    f"{columns[channel.column]} and {name} both read column '{channel.column}'; give two columns"
+                )
+            columns.setdefault(channel.column, name)
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        return channels
+
+    @field_validator("nuisance", mode="before")
+    @classmethod
+    def _are_shares_or_bounds(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            raise ValueError("must map quantities to bounds, e.g. 'slider_mass: 5 %'")
+        check_keys(given)
+        return {key: share_or_bounds(key, value) for key, value in given.items()}
+
+    @field_serializer("nuisance")
+    def _bounds_as_written(self, nuisance: dict) -> dict:
+        return {key: as_written(value) for key, value in nuisance.items()}
+
+    @model_validator(mode="after")
+    def _runs_can_be_told_apart(self):
+        for index, run in enumerate(self.runs):
+            for other in self.runs[:index]:
+                if other.id == run.id:
+                    raise ValueError(f"runs: two have the id '{run.id}'; give each its own")
+                if other.file == run.file:
+                    raise ValueError(
+                        f"runs: '{other.id}' and '{run.id}' both read {run.file}; give two files, or one run with role split"
+                    )
+        roles = {run.role for run in self.runs}
+        for needed, mend in (("identify", "fitting"), ("confirm", "confirming what is found")):
+            if not roles & {needed, "split"}:
+                raise ValueError(f"runs: none is for {mend}; give one the role {needed} (or split, for both)")
+        return self
+
+    @model_validator(mode="after")
+    def _drive_has_what_it_needs(self):
+        has = self.channels.keys()
+        if (self.drive == "motor") != (self.motor is not None):
+            raise ValueError(
+                "drive motor needs the key 'motor'; add 'motor: {stall_torque: 12 N*m, no_load_speed: 700 rpm}'"
+                if self.motor is None
+                else f"motor is given, but drive is {self.drive}; set 'drive: motor' or remove it"
+            )
+        if not has & {"time", "crank_angle"}:
+            raise ValueError("channels: neither time nor crank_angle is given; add one of them")
+        needed = {"constant_speed": set(), "measured_angle": {"time", "crank_angle"}, "motor": {"time"}}[self.drive]
+        if missing := sorted(needed - has):
+            raise ValueError(f"channels: drive {self.drive} needs the channel {' and '.join(missing)}; add it")
+        inputs = {"time"} if self.drive != "measured_angle" and "time" in has else {"time", "crank_angle"}
+        if not has - inputs:
+            raise ValueError("channels: there is nothing to compare; add a channel such as crank_torque")
+        for run in self.runs:
+            if run.first_angle is not None and "crank_angle" in has:
+                raise ValueError(f"runs: '{run.id}' has a first_angle, which the channel crank_angle gives; remove it")
+        return self
+
+    @model_validator(mode="after")
+    def _noise_is_of_runs(self):
+        ids = [run.id for run in self.runs]
+        for name, channel in self.channels.items():
+            for run in channel.noise if isinstance(channel.noise, dict) else ():
+                if run not in ids:
+                    raise ValueError(f"channels.{name}.noise: there is no run '{run}'; {did_you_mean(run, ids)}")
+        return self
+
+    @model_validator(mode="after")
+    def _nominal_is_within_bounds(self):
+        for key in self.nuisance:
+            nominals = tuple(run.speed for run in self.runs) if key == "speed" else nominal_values(self.mechanism, key)
+            if key in SHARED and len(set(nominals)) > 1:
+                raise ValueError(
+                    f"nuisance: {key} of both pins would be one number, but is {nominals[0]:g} in {PINS[0]} and {nominals[1]:g} in "
+                    f"{PINS[1]}; list {key}_{PINS[0]} and {key}_{PINS[1]}"
+                )
+            for nominal in nominals:
+                low, high = self.bounds(key, nominal)
+                if low == high:
+                    raise ValueError(
+                        f"nuisance: {key} is {nominal:g}, of which a percentage is no range; give [low, high]"
+                    )
+                if not low <= nominal <= high:
+                    raise ValueError(
+                        f"nuisance: {key} is {nominal:g}, outside of [{low:g}, {high:g}]; widen them or correct the value"
+                    )
+                said = as_written(self.nuisance[key])
+                check_possible(key, low, high, f"nuisance: {key} = {said} of {nominal:g}")
+        return self
+
+    def bounds(self, key: str, nominal: float) -> tuple[float, float]:
+        """Lowest and highest value of the nuisance `key` [SI] around its `nominal` value [SI]."""
+        given = self.nuisance[key]
+        return given if isinstance(given, tuple) else (nominal * (1 - given), nominal * (1 + given))
+
+    def factor(self, channel: str) -> float:
+        """How many SI units one unit of the channel's column is."""
+        return channel_factor(channel, self.channels[channel].unit)
+
+    @property
+    def idle_nuisances(self) -> tuple[str, ...]:
+        """Nuisances that are left out: those that have nothing to act on, and a speed that the records themselves tell."""
+        recorded = {"time", "crank_angle"} <= self.channels.keys()
+        return tuple(
+            key for key in self.nuisance if (recorded if key == "speed" else not nominal_values(self.mechanism, key))
+        )
+
+
+def _check_sensor(name: str, channel: Channel) -> None:
+    """ValueError where a key is given that means nothing for the channel `name`."""
+    given = {key for key in Channel.model_fields if getattr(channel, key) != Channel.model_fields[key].default}
+    if name == "time":
+        spare, why = given - {"column", "unit"}, "time is taken as exact"
+    else:
+        spare = set() if name in ("crank_angle", "rod_angle") else given & {"resolution"}
+        why = "only crank_angle and rod_angle are read in steps"
+    if not spare and "reads_gravity" in given and "acceleration" not in name:
+        spare, why = {"reads_gravity"}, "only accelerations can have gravity in them"
+    if not spare and "filter" in given and channel.bandwidth is None:
+        spare, why = {"filter"}, "it needs the bandwidth that is filtered to"
+    if spare:
+        raise ValueError(f"{name}.{min(spare)} has no meaning, for {why}; remove it")

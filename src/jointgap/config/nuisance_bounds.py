@@ -1,0 +1,132 @@
+"""Nuisances of a campaign: quantities of the mechanism that are known within bounds only."""
+
+import math
+from collections.abc import Mapping
+from decimal import Decimal, InvalidOperation
+from typing import Any, NamedTuple
+
+from jointgap.config.mechanism_config import Mechanism
+from jointgap.config.quantities import refuse_comma, to_si
+from jointgap.effects.joint_and_rod_effects import LEAST_CLEARANCE
+from jointgap.errors import did_you_mean
+
+PINS = ("crank_pin", "piston_pin")
+
+
+class _Range(NamedTuple):
+    """Unit of a nuisance, and what it can be in a simulation: the least, the most, and both in words."""
+
+    unit: str
+    least: float
+    most: float
+    words: str
+
+
+def _above_0(unit: str) -> _Range:
+    return _Range(unit, math.nextafter(0.0, 1.0), math.inf, f"more than 0 {unit}")
+
+
+_CLEARANCE = _Range("m", LEAST_CLEARANCE, math.inf, f"{LEAST_CLEARANCE:g} m or more")
+
+SHARED = {
+    "joint_friction": _Range("", 0.0, 0.6, "0 to 0.6"),
+    "restitution": _Range("", 1e-3, math.nextafter(1.0, 0.0), "0.001 to below 1"),
+}
+"""Quantities that both pins share unless they are listed for each."""
+
+_RANGES = {
+    "slider_mass": _above_0("kg"),
+    "rod_mass": _above_0("kg"),
+    "rod_inertia": _above_0("kg*m^2"),
+    "crank_length": _above_0("m"),
+    "rod_length": _above_0("m"),
+    "crank_pin_clearance": _CLEARANCE,
+    "piston_pin_clearance": _CLEARANCE,
+    **SHARED,
+    **{f"{key}_{pin}": own for key, own in SHARED.items() for pin in PINS},
+    "speed": _above_0("rad/s"),
+}
+
+NUISANCES = {key: one.unit for key, one in _RANGES.items()}
+"""SI unit of every quantity that may be listed under ``nuisance``; ``''`` for pure numbers."""
+
+
+def share_or_bounds(key: str, value: Any) -> float | tuple[float, float]:
+    """What a campaign says of a nuisance: a share of its nominal value, or its lowest and highest value [SI].
+
+    Raises
+    ------
+    ValueError
+        Neither a percentage nor two numbers, bounds upside down, or values that are not possible.
+    """
+    unit = NUISANCES[key]
+    if isinstance(value, str):
+        share = _percent(value)
+        if not 0 < share < 1:
+            raise ValueError(f"{key} = '{value}' must be more than 0 % and less than 100 %")
+        return share
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise ValueError(f"{key} = {value!r} must be a percentage such as '5 %' or bounds such as [low, high]")
+    try:
+        low, high = (to_si(bound, unit) for bound in value)
+    except ValueError as error:
+        raise ValueError(f"{key} = {list(value)!r} {error}") from error
+    if low >= high:
+        raise ValueError(f"{key} = {list(value)!r} is upside down or empty; write the lower bound first")
+    check_possible(key, low, high, f"{key} = {list(value)!r}")
+    return low, high
+
+
+def check_possible(key: str, low: float, high: float, said: str) -> None:
+    """ValueError, beginning with what is `said`, where one of the bounds [SI] of a nuisance cannot be simulated."""
+    _, least, most, words = _RANGES[key]
+    if low < least or high > most:
+        raise ValueError(f"{said} reaches from {low:g} to {high:g} and leaves what is possible, {words}; narrow it")
+
+
+def _percent(text: str) -> float:
+    refuse_comma(text)
+    number = text.strip()
+    for sign in ("%", "percent"):
+        if number.endswith(sign):
+            try:
+                return float(Decimal(number.removesuffix(sign).strip().removeprefix("+-")) / 100)
+            except InvalidOperation:
+                break
+    raise ValueError(f"'{text}' is not a percentage; write one such as '5 %', or bounds such as [low, high]")
+
+
+def as_written(value: float | tuple[float, float]) -> str | list[float]:
+    """What `share_or_bounds` reads as `value`, to the last digit."""
+    return list(value) if isinstance(value, tuple) else f"{Decimal(repr(value)) * 100} %"
+
+
+def check_keys(given: Mapping[str, Any]) -> None:
+    """ValueError on unknown keys, and on a quantity given for both pins and for one."""
+    for key in given:
+        if key not in _RANGES:
+            raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(str(key), _RANGES)}")
+    for shared in SHARED:
+        own = [f"{shared}_{pin}" for pin in PINS if f"{shared}_{pin}" in given]
+        if shared in given and own:
+            raise ValueError(f"{shared} of both pins and {own[0]} are listed; give one of them")
+
+
+def nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
+    """What the mechanism says of a nuisance but the speed, one value or one per pin; () where it has nothing to act on."""
+    plain = {
+        "slider_mass": mechanism.slider.mass,
+        "rod_mass": mechanism.rod.mass,
+        "rod_inertia": mechanism.rod.inertia,
+        "crank_length": mechanism.crank.length,
+        "rod_length": mechanism.rod.length,
+    }
+    if key in plain:
+        return (plain[key],)
+    pins = [pin for pin in PINS if pin in key] or PINS
+    if key.endswith("clearance"):
+        return tuple(mechanism.clearance(pin) for pin in pins if pin in mechanism.loose)
+    contacts = [mechanism.joint(pin).contact for pin in pins if pin in mechanism.loose]
+    if key.startswith("joint_friction"):
+        return tuple(contact.friction for contact in contacts)
+    return tuple(contact.restitution for contact in contacts if contact.restitution is not None)

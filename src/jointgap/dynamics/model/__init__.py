@@ -1,0 +1,1 @@
+"""The equations of motion: bodies, joints, contact, friction, film, drive, effects."""

@@ -1,0 +1,132 @@
+"""Accelerations of the bodies under given forces: the rod, rigid or bending, the crank, the slider."""
+
+import math
+
+from jointgap.dynamics.compilation import compiled, inlined
+from jointgap.dynamics.model.parameters import MOTOR
+
+_SHARE = 2.0 / math.pi  # mean of the bending mode sin(pi s / L), of which the mean square is 1/2
+
+
+@compiled
+def rod_accelerations(bodies, rod_cos, rod_sin, speed, bend, bend_rate, fx, fy, moment):
+    """Accelerations of the rod.
+
+    A flexible rod is a uniform beam, pinned at both ends, in its first mode w = q sin(pi s / L), a floating frame through
+    the ends: with the speed v of the frame, kinetic energy 1/2 int rho [(v_t - W w)^2 + (v_n + w')^2] ds, stiffness and
+    damping of a mode of the given frequency. Its equations are Lagrange's, all terms kept.
+
+    Parameters
+    ----------
+    bodies : BodyParameters
+    rod_cos, rod_sin, speed : float
+        Direction and angular velocity [rad/s].
+    bend, bend_rate : float
+        Deflection q at midspan [m] and its rate.
+    fx, fy, moment : float
+        Forces [N] at the rod, their moment about its mass centre [N m].
+
+    Returns
+    -------
+    tuple of 4 floats
+        Mass centre x, y [m/s^2], angle [rad/s^2], deflection [m/s^2].
+    """
+    if bodies.rod_pulsation == 0.0:
+        ax = fx * bodies.rod_inverse_mass + bodies.gravity_x
+        ay = fy * bodies.rod_inverse_mass + bodies.gravity_y
+        return ax, ay, moment * bodies.rod_inverse_inertia, 0.0
+    m, k, pulsation = bodies.rod_mass, _SHARE, bodies.rod_pulsation
+    beyond = 0.5 * bodies.rod_length - bodies.rod_centre  # from the mass centre to midspan
+    along, across = rod_cos * fx + rod_sin * fy, rod_cos * fy - rod_sin * fx
+    free = -2.0 * bodies.rod_damping_ratio * pulsation * bend_rate - (pulsation**2 - speed**2) * bend
+    # With bend'' = free - 2 k (a_n + alpha beyond) put in: three equations, of which the first two give a_t and a_n.
+    right_t = along + 2.0 * k * m * speed * bend_rate
+    right_n = across + k * m * (speed**2 * bend - free)
+    right = moment - m * speed * bend * bend_rate - k * m * beyond * free
+    tangential, normal = k * bend, 2.0 * k * k * beyond / (1.0 - 2.0 * k * k)
+    inertia = bodies.rod_inertia + m * (0.5 * bend**2 - 2.0 * k * k * beyond**2)
+    inertia -= m * (tangential**2 + 2.0 * k * k * beyond * normal)
+    alpha = (right + tangential * right_t + normal * right_n) / inertia
+    at = right_t / m + tangential * alpha
+    an = right_n / (m * (1.0 - 2.0 * k * k)) + normal * alpha
+    ax = rod_cos * at - rod_sin * an + bodies.gravity_x
+    ay = rod_sin * at + rod_cos * an + bodies.gravity_y
+    return ax, ay, alpha, free - 2.0 * k * (an + alpha * beyond)
+
+
+@compiled
+def crank_accelerations(p, crank, torque, pivot, pin):
+    """Accelerations of the crank.
+
+    Parameters
+    ----------
+    p : Parameters
+    crank : Crank
+    torque : float
+        Of drive and losses on the crank [N m]; not looked at where the crank angle is prescribed.
+    pivot, pin : tuples
+        Force of the frame on the crank in the pivot, of the crank on the rod in the pin: see `joint_force`.
+
+    Returns
+    -------
+    tuple of 3 floats
+        Its end at the pivot x, y [m/s^2], angle [rad/s^2].
+    """
+    b, alpha = p.bodies, crank.acceleration
+    inertia = b.crank_inertia + p.drive.rotor_inertia
+    hx = b.crank_moment_x * crank.cosine - b.crank_moment_y * crank.sine
+    hy = b.crank_moment_x * crank.sine + b.crank_moment_y * crank.cosine
+    # m a + alpha z x h - w^2 h = force,  J alpha + h x a = moment about the pivot end
+    fx = pivot[2] - pin[2] + b.crank_mass * b.gravity_x + crank.speed**2 * hx
+    fy = pivot[3] - pin[3] + b.crank_mass * b.gravity_y + crank.speed**2 * hy
+    moment = torque + pivot[4] + pin[5] + hx * b.gravity_y - hy * b.gravity_x
+    moment -= b.crank_length * (crank.cosine * pin[3] - crank.sine * pin[2])
+    if not p.crank_pivot.loose:
+        return 0.0, 0.0, moment / inertia if p.drive.kind == MOTOR else alpha
+    if p.drive.kind == MOTOR:
+        moment -= (hx * fy - hy * fx) / b.crank_mass
+        alpha = moment / (inertia - (hx * hx + hy * hy) / b.crank_mass)
+    return (fx + alpha * hy) / b.crank_mass, (fy - alpha * hx) / b.crank_mass, alpha
+
+
+@inlined
+def bodies_under(p, crank, here, x, torque, force, pin, piston, pivot):
+    """Accelerations of everything under given forces.
+
+    Parameters
+    ----------
+    p, crank, here : Parameters, Crank, Pose
+    x : tuple
+        Further states.
+    torque, force : float
+        On the crank [N m], where it is free; on the slider along +x beyond its joint [N].
+    pin, piston, pivot : tuples
+        Forces in the joints: see `joint_force`.
+
+    Returns
+    -------
+    tuple of 8 floats
+        Second rates of the clearance vectors of crank pin (x, y), piston pin (x, y) and crank pivot (x, y) [m/s^2], of
+        the crank angle [rad/s^2] and of the rod's deflection [m/s^2].
+    """
+    b, c, s, speed = p.bodies, here.rod_cos, here.rod_sin, here.rod_speed
+    near, far, radius = b.rod_centre, b.rod_length - b.rod_centre, b.crank_length
+    pivot_x = pivot_y = 0.0
+    alpha2 = crank.acceleration
+    if p.switches.free_crank:
+        pivot_x, pivot_y, alpha2 = crank_accelerations(p, crank, torque, pivot, pin)
+    moment = pin[4] + piston[4] - near * (c * pin[3] - s * pin[2]) + far * (c * piston[3] - s * piston[2])
+    ax, ay, alpha, bend = rod_accelerations(b, c, s, speed, x[3], x[7], pin[2] + piston[2], pin[3] + piston[3], moment)
+    slider = b.gravity_x + (force - piston[2]) * b.slider_inverse_mass
+    swing, pull = alpha * s + speed * speed * c, alpha * c - speed * speed * s
+    turn, square = alpha2 * crank.sine, crank.speed * crank.speed
+    return (
+        ax + near * swing + radius * (turn + square * crank.cosine) - pivot_x,
+        ay - near * pull - radius * (alpha2 * crank.cosine - square * crank.sine) - pivot_y,
+        ax - far * swing - slider,
+        ay + far * pull,
+        pivot_x,
+        pivot_y,
+        alpha2,
+        bend,
+    )

@@ -1,0 +1,58 @@
+"""Forces on the slider and torques on the crank beyond joints and weight: the effects by their laws.
+
+Laws, parameters and references: `jointgap.effects`. v, x: slider's speed and position; w: crank's speed.
+"""
+
+import math
+
+from jointgap.dynamics.compilation import compiled
+from jointgap.dynamics.model.formula_evaluator import evaluate
+
+
+@compiled
+def formula_value(program, v, x, crank_speed, crank_angle, time):
+    """Value of a formula whose program is a record."""
+    return evaluate(program.codes[: program.length], program.numbers, v, x, crank_speed, crank_angle, time)
+
+
+@compiled
+def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
+    """Force [N] along +x on the slider.
+
+    Parameters
+    ----------
+    p : Parameters
+    guide_force : float
+        Normal force of the guide [N].
+    x, v : float
+        Position [m] and speed [m/s] of the slider.
+    crank_speed, crank_angle, time : float
+        [rad/s], [rad], [s].
+    """
+    e = p.effects
+    sign = math.tanh(v / e.slider_sign_speed)
+    force = e.constant - (e.coulomb + e.load_friction * abs(guide_force)) * sign - e.viscous * v - e.drag * v * abs(v)
+    force -= e.spring_stiffness * (x - e.spring_rest)
+    if e.gas_force != 0.0:
+        force -= e.gas_force * (e.gas_length / (e.gas_length + e.gas_outermost - x)) ** e.gas_exponent
+    if e.harmonic != 0.0:
+        force += e.harmonic * math.cos(e.harmonic_pulsation * time + e.harmonic_phase)
+    if p.slider_formula.length > 0:
+        force += formula_value(p.slider_formula, v, x, crank_speed, crank_angle, time)
+    return force
+
+
+@compiled
+def crank_losses(p, x, v, crank_speed, crank_angle, time):
+    """Torque [N m] on the crank by friction in its pivot and by a formula; arguments as in `slider_force`."""
+    e = p.effects
+    torque = -e.crank_coulomb * math.tanh(crank_speed / e.crank_sign_speed) - e.crank_viscous * crank_speed
+    if p.crank_formula.length > 0:
+        torque += formula_value(p.crank_formula, v, x, crank_speed, crank_angle, time)
+    return torque
+
+
+@compiled
+def motor_torque(drive, speed):
+    """Torque [N m] of a motor with a straight line from its stall torque to its no-load speed."""
+    return drive.stall_torque * (1.0 - speed / drive.no_load_speed)

@@ -1,0 +1,113 @@
+"""Equations of motion of the slider-crank, whichever of its joints are loose.
+
+State: the clearance vectors of crank pin and piston pin and their rates, eight numbers; zero for good where the joint is
+ideal. Everything else follows from them and from the crank angle. The clearance vectors themselves, not the positions of
+the bodies: a clearance is a thousandth of a length, and so is the rounding.
+
+Further states, all constant unless the mechanism has them: clearance vector of the crank pivot, crank angle of a motor,
+deflection of a flexible rod; the rates of these four; a bristle for each joint with LuGre friction.
+
+In each joint the clearance vector runs from the partner's centre (crank, slider, frame) to the body's (rod, rod, crank);
+its length is r, the normal points along it, the tangent is the normal turned by +90 degrees.
+"""
+
+import math
+from typing import NamedTuple
+
+from jointgap.dynamics.compilation import inlined
+from jointgap.dynamics.model.bodies import bodies_under
+from jointgap.dynamics.model.effect_laws import crank_losses, motor_torque, slider_force
+from jointgap.dynamics.model.joint_forces import NOTHING, bristle_motion, joint_force
+from jointgap.dynamics.model.reactions import constrained
+
+STATES, FURTHER = 8, 11
+"""How many states there are, and how many further ones."""
+
+
+class Crank(NamedTuple):
+    """Motion of the crank: cosine and sine of its angle, speed [rad/s], acceleration [rad/s^2] where prescribed."""
+
+    cosine: float
+    sine: float
+    speed: float
+    acceleration: float
+
+
+class Pose(NamedTuple):
+    """Rod and slider at an instant: direction and angular velocity of the rod, position and velocity of the slider."""
+
+    rod_cos: float
+    rod_sin: float
+    rod_speed: float
+    slider: float
+    slider_speed: float
+
+
+@inlined
+def pose(bodies, crank, y, x):
+    """Where rod and slider are, from the clearance vectors."""
+    length = bodies.rod_length
+    end_y = bodies.crank_length * crank.sine + y[1] + x[1]
+    end_vy = bodies.crank_length * crank.speed * crank.cosine + y[5] + x[5]
+    s = (bodies.slider_offset + y[3] - end_y) / length
+    c = math.sqrt(1.0 - s * s)
+    speed = (y[7] - end_vy) / (length * c)
+    end_x = bodies.crank_length * crank.cosine + y[0] + x[0]
+    end_vx = y[4] + x[4] - bodies.crank_length * crank.speed * crank.sine
+    return Pose(c, s, speed, end_x + length * c - y[2], end_vx - length * speed * s - y[6])
+
+
+@inlined
+def accelerations(p, time, crank_angle, crank, y, x, modes, drags):
+    """All accelerations at a state, and the forces behind them.
+
+    Parameters
+    ----------
+    p : Parameters
+    time, crank_angle : float
+        [s], [rad].
+    crank : Crank
+    y, x : tuples of 8 and 11 floats
+        State and further states.
+    modes, drags : tuples of 3
+        Modes of crank pin, piston pin and crank pivot, chi / d'_0 [s/m] of their contacts.
+
+    Returns
+    -------
+    tuple
+        Accelerations as `bodies_under` has them; forces in crank pin, piston pin, crank pivot; torque of motor and losses
+        on the crank [N m], force on the slider [N]; rates of the bristles (3).
+    """
+    here = pose(p.bodies, crank, y, x)
+    pin = joint_force(p.crank_pin, modes[0], drags[0], y[0], y[1], y[4], y[5], here.rod_speed, crank.speed, x[8])
+    piston = joint_force(p.piston_pin, modes[1], drags[1], y[2], y[3], y[6], y[7], here.rod_speed, 0.0, x[9])
+    pivot = NOTHING
+    torque = force = 0.0
+    bristles = (0.0, 0.0, 0.0)
+    if p.switches.further:
+        if p.crank_pivot.loose:
+            pivot = joint_force(p.crank_pivot, modes[2], drags[2], x[0], x[1], x[4], x[5], crank.speed, 0.0, x[10])
+        if p.switches.bristles:
+            w, turn = here.rod_speed, crank.speed
+            bristles = (
+                bristle_motion(p.crank_pin, modes[0], y[0], y[1], y[4], y[5], w, turn, x[8]),
+                bristle_motion(p.piston_pin, modes[1], y[2], y[3], y[6], y[7], w, 0.0, x[9]),
+                bristle_motion(p.crank_pivot, modes[2], x[0], x[1], x[4], x[5], turn, 0.0, x[10]),
+            )
+    if p.switches.free_crank:
+        torque = motor_torque(p.drive, crank.speed)
+        torque += crank_losses(p, here.slider, here.slider_speed, crank.speed, crank_angle, time)
+    if p.effects.on_slider:
+        guide = piston[3] - p.bodies.slider_mass * p.bodies.gravity_y
+        force = slider_force(p, guide, here.slider, here.slider_speed, crank.speed, crank_angle, time)
+    if p.switches.constrained:
+        return constrained(p, time, crank_angle, crank, here, x, torque, pin, piston, pivot, bristles)
+    return (
+        bodies_under(p, crank, here, x, torque, force, pin, piston, pivot),
+        pin,
+        piston,
+        pivot,
+        torque,
+        force,
+        bristles,
+    )

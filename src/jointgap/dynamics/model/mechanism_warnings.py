@@ -1,0 +1,71 @@
+"""What a user should know of a mechanism before trusting its simulation."""
+
+from collections.abc import Iterator
+
+from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
+from jointgap.dynamics.model.normal_contact import LAWS, delivered_restitution, penalty_restitution
+
+UNTOLD = 0.005
+"""Deviation of the delivered from the asked restitution that is too small to tell: no measured one is known better."""
+
+PENALTY_SPEEDS = (0.1, 1.0)
+"""Approach speeds [m/s] at which the penalty form's restitution is told: hits in a settled and in a starting mechanism."""
+
+
+def remarks(mechanism: Mechanism) -> list[str]:
+    """Where contacts of loose joints do otherwise than one may think; a sentence for each, empty where all is well.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With its effects.
+
+    Returns
+    -------
+    list of str
+    """
+    applied = mechanism.applied()
+    return [
+        f"{name}: {sentence}"
+        for name in applied.loose
+        for sentence in _of_contact(applied.joint(name), applied.rod.mass)
+    ]
+
+
+def _of_contact(joint: Joint, rod_mass: float) -> Iterator[str]:
+    contact = joint.contact
+    yield from _of_friction(contact)
+    if contact.law == "penalty":
+        yield _of_penalty(joint, contact, rod_mass)
+        return
+    delivered = delivered_restitution(LAWS[contact.law](contact.restitution))
+    if abs(delivered - contact.restitution) > UNTOLD:
+        yield (
+            f"{contact.law} delivers a restitution of {delivered:.4g} where {contact.restitution:.4g} is asked for; "
+            "exact_restitution delivers what is asked"
+        )
+
+
+def _of_friction(contact: Contact) -> Iterator[str]:
+    """The condition for passive bristles stands in `jointgap.dynamics.model.friction.lugre`."""
+    given = contact.friction_parameters()
+    excess = given["static_friction"] - contact.friction
+    if contact.friction_law != "lugre" or contact.friction == 0 or excess == 0:
+        return
+    most = given["viscous_friction"] * contact.friction / excess
+    if given["bristle_damping"] > most:
+        yield (
+            "lugre with static_friction above friction can drive a motion for moments instead of braking it; a bristle_damping "
+            f"of {most:.3g} s/m or less rules that out, or more viscous_friction"
+        )
+
+
+def _of_penalty(joint: Joint, contact: Contact, rod_mass: float) -> str:
+    stiffness = hertz_stiffness(joint) if contact.stiffness is None else contact.stiffness
+    mass = rod_mass / 2  # what a hit at one of its ends feels of the rod, near enough; the partner is taken as driven
+    found = (
+        penalty_restitution(stiffness, contact.exponent, contact.penalty_damping, contact.penalty_depth, mass, speed)
+        for speed in PENALTY_SPEEDS
+    )
+    told = " and ".join(f"{value:.3g} at {speed:g} m/s" for value, speed in zip(found, PENALTY_SPEEDS, strict=True))
+    return f"the penalty form's restitution depends on mass and speed: about {told}"

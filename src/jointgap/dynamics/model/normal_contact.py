@@ -1,0 +1,253 @@
+"""Normal contact of a journal in its bearing: stiffness, dissipation, force.
+
+The force of the restitution laws is F = K d^n (1 + chi d'/d'_0) with the penetration d, its rate d' and the approach
+speed d'_0 at the start of the contact; it never pulls. A law says which chi belongs to a coefficient of restitution e.
+What a body then really rebounds with follows from the closed form of the impact, whatever K, n and the masses are:
+
+    chi (1 + e) = ln((1 + chi) / (1 - chi e))
+
+The penalty form of commercial multibody codes is F = K d^n + c(d) d', where the damping coefficient c(d) rises over the
+depth d_max from zero to c_max as a cubic step. What it rebounds with depends on mass and speed too.
+"""
+
+import math
+from collections.abc import Callable
+
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from jointgap.dynamics.compilation import compiled
+
+PULL_FAR_OFF = 1e3
+"""Parting speed [m/s] before a contact pulls, from which on it is not followed any further: no mechanism is that fast."""
+
+
+def hunt_crossley(restitution: float) -> float:
+    """chi of Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445."""
+    return 3 * (1 - restitution) / 2
+
+
+def lankarani_nikravesh(restitution: float) -> float:
+    """chi of Lankarani and Nikravesh, J. Mech. Des. 112 (1990) 369-376."""
+    return 3 * (1 - restitution**2) / 4
+
+
+def lee_wang(restitution: float) -> float:
+    """chi of Lee and Wang, J. Mech. Transm. Autom. Des. 105 (1983) 534-543."""
+    return 3 * (1 - restitution) / 4
+
+
+def herbert_mcwhannell(restitution: float) -> float:
+    """chi of Herbert and McWhannell, J. Eng. Ind. 99 (1977) 792-798."""
+    return 6 * (1 - restitution) / ((2 * restitution - 1) ** 2 + 3)
+
+
+def gonthier(restitution: float) -> float:
+    """chi of Gonthier et al., Multibody Syst. Dyn. 11 (2004) 209-233, in its approximate closed form."""
+    return (1 - restitution**2) / restitution
+
+
+def zhiying_qishao(restitution: float) -> float:
+    """chi of Qin and Lu (Zhiying and Qishao), J. Dyn. Control 4 (2006) 294-298."""
+    return 3 / 4 * (1 - restitution**2) * math.exp(2 * (1 - restitution))
+
+
+def flores(restitution: float) -> float:
+    """chi of Flores, Machado, Silva and Martins, Multibody Syst. Dyn. 25 (2011) 357-375."""
+    return 8 * (1 - restitution) / (5 * restitution)
+
+
+def hu_guo(restitution: float) -> float:
+    """chi of Hu and Guo, Int. J. Mech. Sci. 103 (2015) 107-113."""
+    return 3 * (1 - restitution) / (2 * restitution)
+
+
+def carvalho_martins(restitution: float) -> float:
+    """chi of Carvalho and Martins, Mech. Mach. Theory 137 (2019) 359-371."""
+    return 1.5 * (1 - restitution) * (11 - restitution) / (1 + 9 * restitution)
+
+
+def exact_restitution(restitution: float) -> float:
+    """chi that delivers the restitution asked for: the root of the closed form between 0 and 1/e."""
+    highest = math.nextafter(1 / restitution, 0)
+    # Lankarani and Nikravesh always deliver more than is asked for, so that the root lies above their chi.
+    lowest = lankarani_nikravesh(restitution)
+    return _root(lambda damping: _closed_form(damping, restitution), lowest, highest)
+
+
+def delivered_restitution(damping: float) -> float:
+    """Coefficient of restitution that a free impact with chi = `damping` >= 0 really delivers."""
+    if damping == 0:
+        return 1.0
+    highest = min(1.0, math.nextafter(1 / damping, 0))
+    return _root(lambda restitution: _closed_form(damping, restitution), 0.0, highest)
+
+
+def _closed_form(damping: float, restitution: float) -> float:
+    """chi (1 + e) - ln((1 + chi) / (1 - chi e)): falls through zero at the root in either argument."""
+    return _excess(damping) - _excess(-damping * restitution)
+
+
+def _excess(number: float) -> float:
+    """z - ln(1 + z), to full relative precision for small z too."""
+    if abs(number) > 0.05:
+        return number - math.log1p(number)
+    return sum((-number) ** power / power for power in range(2, 14))
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    """Where `function` falls through zero between `low` and `high`, by bisection to the last digit."""
+    while low < (middle := (low + high) / 2) < high:
+        low, high = (middle, high) if function(middle) > 0 else (low, middle)
+    return low
+
+
+LAWS: dict[str, Callable[[float], float]] = {
+    law.__name__: law
+    for law in (
+        hunt_crossley,
+        lankarani_nikravesh,
+        lee_wang,
+        herbert_mcwhannell,
+        gonthier,
+        zhiying_qishao,
+        flores,
+        hu_guo,
+        carvalho_martins,
+        exact_restitution,
+    )
+}
+"""Dissipation laws by name: restitution asked for, between 0 and 1 -> chi."""
+
+
+def penalty_restitution(
+    stiffness: float, exponent: float, penalty_damping: float, penalty_depth: float, mass: float, speed: float
+) -> float:
+    """Coefficient of restitution of a free impact with the penalty form.
+
+    Parameters
+    ----------
+    stiffness, exponent : float
+        K [N/m^n] and n.
+    penalty_damping, penalty_depth : float
+        c_max [N s/m] and the depth d_max [m] at which it is reached.
+    mass : float
+        Reduced mass of the two bodies along the normal [kg].
+    speed : float
+        Approach speed [m/s].
+
+    Returns
+    -------
+    float
+        Rebound over approach speed, to about 1e-8.
+    """
+    # Unknowns: depth over that of the elastic impact, speed over approach speed; so all numbers are near one.
+    scale = ((exponent + 1) * mass * speed**2 / (2 * stiffness)) ** (1 / (exponent + 1))
+    damping, step_depth = penalty_damping * scale / (mass * speed), penalty_depth / scale
+
+    def force(depth, rate):
+        inside = max(depth, 0.0)
+        return (exponent + 1) / 2 * inside**exponent + smooth_step(inside, 0.0, 0.0, step_depth, damping) * rate
+
+    def surface(_, state):
+        return state[0]
+
+    def pull(_, state):
+        return force(*state)
+
+    surface.terminal = pull.terminal = True
+    surface.direction = pull.direction = -1
+
+    def pushed(start, *ends):
+        """From `start` to the first of `ends`; strong damping makes this stiff, and its duration hard to tell."""
+
+        def slope(_, state):
+            return state[1], -force(*state)
+
+        return solve_ivp(slope, (0.0, math.inf), start, "Radau", events=ends, rtol=1e-10, atol=1e-12)
+
+    impact = pushed((0.0, 1.0), surface, pull)
+    depth, rate = impact.y[:, -1]
+    if depth < 1e-9 or exponent >= 2:
+        return float(-rate)
+    # The force would pull, so that the mass flies on. For n < 2 the spring outdoes the damping, which goes like d^2,
+    # again nearer to the surface: at a depth between one where c(d) <= 3 c_max (d / d_max)^2 leaves the spring the
+    # stronger and the one where K d^n / c(d) is least.
+    low = 0.5 * ((exponent + 1) / 2 * step_depth**2 / (3 * damping * -rate)) ** (1 / (2 - exponent))
+    high = min(depth, step_depth * 3 * (2 - exponent) / (6 - 2 * exponent))
+    back = brentq(force, low, high, args=(rate,), xtol=1e-15)
+    return float(-pushed((back, rate), surface).y[1, -1])
+
+
+@compiled
+def smooth_step(x, x0, y0, x1, y1):
+    """y0 up to x0, y1 from x1 > x0 on, between them the cubic with zero slope at both ends."""
+    if x <= x0:
+        return y0
+    if x >= x1:
+        return y1
+    share = (x - x0) / (x1 - x0)
+    return y0 + (y1 - y0) * share * share * (3.0 - 2.0 * share)
+
+
+@compiled
+def elastic_force(penetration, stiffness, exponent):
+    """K d^n [N]; 0 for d <= 0."""
+    if penetration <= 0.0:
+        return 0.0
+    if exponent == 1.5:
+        return stiffness * penetration * math.sqrt(penetration)
+    return stiffness * penetration**exponent
+
+
+@compiled
+def normal_force(joint, penetration, rate, drag):
+    """Force [N] that pushes journal and bearing apart; that it never pulls is the caller's to see to, as an event.
+
+    Parameters
+    ----------
+    joint : JointParameters
+    penetration, rate : float
+        d [m] and d' [m/s].
+    drag : float
+        chi / d'_0 [s/m] of this contact; the penalty form does without.
+    """
+    elastic = elastic_force(penetration, joint.stiffness, joint.exponent)
+    if joint.penalty_damping > 0.0:
+        return elastic + smooth_step(penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping) * rate
+    return elastic * (1.0 + drag * rate)
+
+
+@compiled
+def pushing_margin(joint, penetration, rate, curvature, approach):
+    """How far a contact is from pulling: positive while its force pushes, zero where the force vanishes.
+
+    Parameters
+    ----------
+    joint : JointParameters
+    penetration, rate, curvature : float
+        d [m], d' [m/s] and d'' [m/s^2].
+    approach : float
+        d'_0 [m/s] at the start of this contact; the penalty form does without.
+
+    Returns
+    -------
+    tuple of 2 floats
+        Parting speed [m/s] that is still missing until the force vanishes, d' + d'_0 / chi or d' + K d^n / c(d), and
+        its time derivative [m/s^2]. Constants where the force cannot vanish, or only at `PULL_FAR_OFF`.
+    """
+    if joint.penalty_damping > 0.0:
+        if penetration <= 0.0:
+            return PULL_FAR_OFF, 0.0
+        elastic = elastic_force(penetration, joint.stiffness, joint.exponent)
+        balance = elastic / smooth_step(penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping)
+        if not balance < PULL_FAR_OFF:  # c(d) goes like d^2: for n < 2 the quotient has no bound as d goes to zero
+            return PULL_FAR_OFF, 0.0
+        power = joint.exponent  # d/c dc/dd is taken off it within the step
+        share = penetration / joint.penalty_depth
+        if share < 1.0:
+            power -= 6.0 * (1.0 - share) / (3.0 - 2.0 * share)
+        return rate + balance, curvature + rate * balance * power / penetration
+    if joint.damping == 0.0:
+        return 1.0, 0.0
+    return rate + approach / joint.damping, curvature

@@ -1,0 +1,251 @@
+"""The plain numbers that compiled code reads: of the bodies, the joints, the drive and the effects; SI.
+
+Each group is a structured record, which compiled code receives as one pointer. What is off is zero.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from jointgap.formula import Program
+
+JOINTS = ("crank_pin", "piston_pin", "crank_pivot")
+"""The joints in the order in which compiled code counts them."""
+
+CONSTANT, FLUCTUATING, MEASURED, MOTOR = range(4)
+"""Kinds of drive."""
+
+LONGEST_PROGRAM, MOST_KNOTS = 1024, 16384
+"""Room for a formula and for the pieces of a measured angle."""
+
+
+class JointParameters(NamedTuple):
+    """One joint of a body (rod, rod, crank) with its partner (crank, slider, frame).
+
+    Attributes
+    ----------
+    loose : bool
+    clearance : float
+        Distance of the centres [m] at which dry contact begins.
+    body_radius, partner_radius : float
+        Radii of the surfaces [m].
+    side : float
+        Direction of the contact point along the clearance vector, which runs from the partner's centre to the body's:
+        -1 where the body carries the bearing, +1 where it carries the journal.
+    stiffness, exponent, damping : float
+        K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form.
+    least_approach : float
+        Approach speed [m/s] as which a slower one is damped.
+    penalty_damping, penalty_depth : float
+        c_max [N s/m], 0 unless the penalty form, and d_max [m].
+    friction_law : int
+        See `jointgap.dynamics.model.friction`, which explains the laws' further numbers too.
+    film_viscosity, film_length, film_clearance, film_least : float
+        Of the lubricant [Pa s], 0 without one; of the film [m], its radial clearance [m] and least thickness [m].
+    pin_friction, pin_radius : float
+        Coefficient of friction and radius [m] of a joint that is ideal.
+    """
+
+    loose: bool = False
+    clearance: float = 1.0
+    body_radius: float = 0.0
+    partner_radius: float = 0.0
+    side: float = -1.0
+    stiffness: float = 0.0
+    exponent: float = 1.5
+    damping: float = 0.0
+    least_approach: float = 1e-3
+    penalty_damping: float = 0.0
+    penalty_depth: float = 0.0
+    friction_law: int = 0
+    friction: float = 0.0
+    friction_speed: float = 1.0
+    dead_band_speed: float = 0.0
+    static_friction: float = 0.0
+    stribeck_speed: float = 1.0
+    viscous_friction: float = 0.0
+    bristle_stiffness: float = 0.0
+    bristle_damping: float = 0.0
+    film_viscosity: float = 0.0
+    film_length: float = 0.0
+    film_clearance: float = 1.0
+    film_least: float = 0.0
+    pin_friction: float = 0.0
+    pin_radius: float = 0.0
+
+
+class BodyParameters(NamedTuple):
+    """Lengths and masses of crank, rod and slider.
+
+    Attributes
+    ----------
+    crank_moment_x, crank_moment_y : float
+        First moment of the crank's mass about its pivot [kg m], along the crank and across it.
+    crank_inertia : float
+        About the pivot [kg m^2].
+    rod_centre : float
+        Distance of the rod's mass centre from its crank end [m].
+    rod_pulsation, rod_damping_ratio : float
+        Of the rod's bending mode [rad/s]; 0 for a rigid rod.
+    """
+
+    crank_length: float
+    crank_mass: float
+    crank_moment_x: float
+    crank_moment_y: float
+    crank_inertia: float
+    rod_length: float
+    rod_mass: float
+    rod_inertia: float
+    rod_inverse_mass: float
+    rod_inverse_inertia: float
+    rod_centre: float
+    slider_mass: float
+    slider_inverse_mass: float
+    slider_offset: float
+    gravity_x: float
+    gravity_y: float
+    rod_pulsation: float
+    rod_damping_ratio: float
+
+
+class DriveParameters(NamedTuple):
+    """What turns the crank.
+
+    Attributes
+    ----------
+    kind : int
+        `CONSTANT`, `FLUCTUATING`, `MEASURED` or `MOTOR`.
+    speed : float
+        Speed, or the motor's at the start [rad/s].
+    start_angle : float
+        [rad].
+    ratio, order, phase : float
+        Of a fluctuating speed w0 (1 + ratio cos(order theta - phase)).
+    stall_torque, no_load_speed, rotor_inertia : float
+        The motor's line M = stall_torque (1 - w / no_load_speed) [N m, rad/s] and its inertia [kg m^2].
+    """
+
+    kind: int = CONSTANT
+    speed: float = 0.0
+    start_angle: float = 0.0
+    ratio: float = 0.0
+    order: float = 1.0
+    phase: float = 0.0
+    stall_torque: float = 0.0
+    no_load_speed: float = 1.0
+    rotor_inertia: float = 0.0
+
+
+class EffectParameters(NamedTuple):
+    """Forces on the slider and torques on the crank beyond joints and weight; see `jointgap.effects`."""
+
+    on_slider: bool = False
+    coulomb: float = 0.0
+    viscous: float = 0.0
+    drag: float = 0.0
+    load_friction: float = 0.0
+    constant: float = 0.0
+    spring_stiffness: float = 0.0
+    spring_rest: float = 0.0
+    gas_force: float = 0.0
+    gas_length: float = 1.0
+    gas_exponent: float = 1.0
+    gas_outermost: float = 0.0
+    harmonic: float = 0.0
+    harmonic_pulsation: float = 0.0
+    harmonic_phase: float = 0.0
+    slider_sign_speed: float = 1.0
+    crank_coulomb: float = 0.0
+    crank_viscous: float = 0.0
+    crank_sign_speed: float = 1.0
+
+
+class Switches(NamedTuple):
+    """What of the general equations a mechanism needs.
+
+    Attributes
+    ----------
+    further : bool
+        It has states beyond the clearance vectors of both pins.
+    constrained : bool
+        A pin is ideal: its reaction has to be solved for.
+    free_crank : bool
+        The crank's motion is not prescribed: a motor turns it, or its pivot is loose.
+    bristles : bool
+        A joint has LuGre friction.
+    """
+
+    further: bool
+    constrained: bool
+    free_crank: bool
+    bristles: bool
+
+
+class Parameters(NamedTuple):
+    """Everything that the equations of motion know.
+
+    Records alone: with arrays among them compiled code would count references at every call, which costs more than the
+    equations of motion.
+
+    Attributes
+    ----------
+    bodies, drive, effects, switches : record
+        `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`.
+    crank_pin, piston_pin, crank_pivot : record
+        `JointParameters`.
+    slider_formula, crank_formula : record
+        Programs for a force on the slider and for a torque on the crank: see `program_record`.
+    knots : record
+        A measured crank angle: see `knots_record`.
+    """
+
+    bodies: np.record
+    crank_pin: np.record
+    piston_pin: np.record
+    crank_pivot: np.record
+    drive: np.record
+    effects: np.record
+    switches: np.record
+    slider_formula: np.record
+    crank_formula: np.record
+    knots: np.record
+
+
+def record(numbers: NamedTuple) -> np.record:
+    """A group of numbers as a record of floats and integers."""
+    kinds = {float: "f8", int: "i8", bool: "i8"}
+    dtype = np.dtype((np.record, [(name, kinds[kind]) for name, kind in type(numbers).__annotations__.items()]))
+    return np.array([tuple(numbers)], dtype)[0]
+
+
+_PROGRAM = np.dtype(
+    (np.record, [("length", "i8"), ("codes", "i8", (LONGEST_PROGRAM, 2)), ("numbers", "f8", (LONGEST_PROGRAM,))])
+)
+_KNOTS = np.dtype((np.record, [("count", "i8"), ("end", "f8"), ("pieces", "f8", (MOST_KNOTS, 7))]))
+
+
+def program_record(program: Program) -> np.record:
+    """The program of a formula: its length, its codes and its numbers."""
+    if not len(program.codes):
+        return NO_PROGRAM
+    found = np.zeros(1, _PROGRAM)[0]
+    found.length = len(program.codes)
+    found.codes[: len(program.codes)] = program.codes
+    found.numbers[: len(program.numbers)] = program.numbers
+    return found
+
+
+def knots_record(pieces: np.ndarray, end: float = math.inf) -> np.record:
+    """A measured crank angle as pieces (k, 7): begin [s] and quintic polynomial of the time since, highest power first.
+
+    `end` [s] is where the last piece ends.
+    """
+    found = np.zeros(1, _KNOTS)[0]
+    found.count, found.end = len(pieces), end
+    found.pieces[: len(pieces)] = pieces
+    return found
+
+
+NO_PROGRAM, NO_KNOTS = np.zeros(1, _PROGRAM)[0], np.zeros(1, _KNOTS)[0]

@@ -1,0 +1,215 @@
+"""Many motions at once: other starts, mechanisms or speeds, side by side on all cores."""
+
+import math
+import os
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointgap.config import Mechanism, Simulate
+from jointgap.dynamics.compilation import compiled
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.parameters import MOTOR, Parameters
+from jointgap.dynamics.model.prescribed_drive import crank_motion
+from jointgap.dynamics.simulation import March, crank_angles, run_march
+from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.errors import InputError, SimulationError
+
+_AHEAD = 8  # runs per worker that may be finished or under way before the first of them is taken
+
+
+@dataclass(frozen=True)
+class Run:
+    """One motion to simulate.
+
+    Attributes
+    ----------
+    mechanism, options, perturbation
+        What `jointgap.dynamics.simulation` takes.
+    crank_angle : (n,) array, optional
+        Samples [rad], growing, the first at the start; those of `options` by default.
+    values : mapping of str to float, int, str or bool
+        What distinguishes the run, by name; nothing is computed from it.
+    """
+
+    mechanism: Mechanism
+    options: Simulate
+    perturbation: ArrayLike | None = None
+    crank_angle: np.ndarray | None = None
+    values: Mapping[str, float | int | str | bool] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a `Run`.
+
+    Attributes
+    ----------
+    run : Run
+    parameters : Parameters or None
+        Its numbers; None where the mechanism is impossible.
+    crank_angle : (n,) array
+        Of the samples [rad].
+    march : March or None
+        Samples and events; None where the run failed.
+    error : InputError or SimulationError or None
+        Why it failed.
+    """
+
+    run: Run
+    parameters: Parameters | None
+    crank_angle: np.ndarray
+    march: March | None
+    error: Exception | None = None
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Motions that share their samples.
+
+    Attributes
+    ----------
+    crank_angle : (samples,) array
+        [rad].
+    times : (runs, samples) array
+        [s].
+    states : (runs, samples, 8) array
+        Clearance vectors r2 x, r2 y, r3 x, r3 y [m] and their rates [m/s].
+    rod_angle, slider_position : (runs, samples) array
+        [rad], [m].
+    """
+
+    crank_angle: np.ndarray
+    times: np.ndarray
+    states: np.ndarray
+    rod_angle: np.ndarray
+    slider_position: np.ndarray
+
+    @property
+    def transmission_angle(self) -> np.ndarray:
+        """mu [rad], equation (10), shape (runs, samples)."""
+        return math.pi / 2 + self.rod_angle
+
+
+def march_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[Outcome]:
+    """Simulate runs side by side; their outcomes in order, whatever the number of workers.
+
+    Only a few runs are held at a time: `runs` may be a generator of any length. A run that cannot be simulated comes out
+    with its error, and the others go on.
+
+    Parameters
+    ----------
+    runs : iterable of Run
+        Runs of one mechanism and its options (the same objects) next to each other share their numbers.
+    workers : int, optional
+        Threads; as many as there are cores by default.
+    """
+    workers = workers or cores()
+    known: tuple = (None, None, None)
+    pending: deque = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            for run in runs:
+                if known[0] is not run.mechanism or known[1] is not run.options:
+                    known = (run.mechanism, run.options, _numbers(run))
+                pending.append(pool.submit(_outcome, run, known[2]))
+                if len(pending) >= _AHEAD * workers:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            for one in pending:
+                one.cancel()
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _numbers(run: Run) -> Parameters | InputError:
+    try:
+        return parameters(run.mechanism, run.options)
+    except InputError as error:
+        return error
+
+
+def _outcome(run: Run, numbers: Parameters | InputError) -> Outcome:
+    angles = crank_angles(run.options) if run.crank_angle is None else run.crank_angle
+    if isinstance(numbers, InputError):
+        return Outcome(run, None, angles, None, numbers)
+    try:
+        march = run_march(numbers, start_state(numbers, run.perturbation), angles, run.options.tolerance)
+    except (InputError, SimulationError) as error:
+        return Outcome(run, numbers, angles, None, error)
+    return Outcome(run, numbers, angles, march)
+
+
+def rod_and_slider(p: Parameters, crank_angle, states, further) -> tuple[np.ndarray, np.ndarray]:
+    """Rod angle [rad] and slider position [m] of samples.
+
+    Parameters
+    ----------
+    p : Parameters
+    crank_angle : (n,) array
+        [rad].
+    states, further : (n, 8), (n, 11) arrays
+        As `jointgap.dynamics.solver.integrate.march` leaves them.
+    """
+    b = p.bodies
+    end_x = b.crank_length * np.cos(crank_angle) + states[:, 0] + further[:, 0]
+    end_y = b.crank_length * np.sin(crank_angle) + states[:, 1] + further[:, 1]
+    sine = (b.slider_offset + states[:, 3] - end_y) / b.rod_length
+    return np.arcsin(sine), end_x + b.rod_length * np.sqrt(1.0 - sine**2) - states[:, 2]
+
+
+@compiled
+def prescribed_speeds(p, times):
+    """Speeds [rad/s] of a prescribed crank at `times` (n,) [s]."""
+    speeds = np.empty(times.size)
+    for i in range(times.size):
+        speeds[i] = crank_motion(p, times[i])[1]
+    return speeds
+
+
+def crank_speeds(p: Parameters, times, further) -> np.ndarray:
+    """Crank speeds [rad/s] at samples, (n,)."""
+    return further[:, 6] if p.drive.kind == MOTOR else prescribed_speeds(p, times)
+
+
+def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, workers: int | None = None) -> Ensemble:
+    """Simulate one mechanism from many starts.
+
+    Parameters
+    ----------
+    mechanism, options
+        As in `jointgap.dynamics.simulation`.
+    perturbations : (runs, 4) or (runs, 6) array_like
+        The perturbation of each run [m].
+    workers : int, optional
+        As in `march_runs`; the result does not depend on it.
+
+    Returns
+    -------
+    Ensemble
+
+    Raises
+    ------
+    InputError, SimulationError
+        As in `jointgap.dynamics.simulation`, of the first run that fails.
+    """
+    times, states, rod_angles, positions = [], [], [], []
+    for outcome in march_runs((Run(mechanism, options, one) for one in perturbations), workers):
+        if outcome.error is not None:
+            raise outcome.error
+        march = outcome.march
+        rod_angle, position = rod_and_slider(outcome.parameters, outcome.crank_angle, march.states, march.further)
+        times.append(march.times)
+        states.append(march.states)
+        rod_angles.append(rod_angle)
+        positions.append(position)
+    return Ensemble(crank_angles(options), *map(np.array, (times, states, rod_angles, positions)))

@@ -1,0 +1,206 @@
+"""From a mechanism to its motion."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Mechanism, Simulate
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.equations import FURTHER, STATES
+from jointgap.dynamics.model.modes import EVENT_NAMES, sample_modes
+from jointgap.dynamics.model.parameters import JOINTS, MEASURED, Parameters
+from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
+from jointgap.dynamics.solver import integrate as marching
+from jointgap.dynamics.solver.contact_episodes import EVENT
+from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.dynamics.solver.sampling import COLUMNS, observe
+from jointgap.errors import InputError, SimulationError
+from jointgap.tables import EVENTS, TRAJECTORY
+
+STEPS_PER_REVOLUTION = 5_000_000
+"""Most integration steps that a revolution may take on average; a usual one takes some thousands."""
+
+VELOCITY_TIME = 3e-5
+"""Time [s] that turns an error in a velocity into one in a position: a contact's ringing over 2 pi, near enough."""
+
+_FAILURES = {
+    marching.TOO_MANY_STEPS: "needs more than {limit} steps",
+    marching.STEP_TOO_SMALL: "would need a step below the resolution of time",
+    marching.NOT_FINITE: "meets a number that is not finite",
+    marching.STALLED: "ends where the motor stalls",
+}
+_ADVICE = {
+    marching.STALLED: "give the motor more torque or inertia, or less load",
+    marching.NOT_FINITE: "check the effects and formulas (a root of a negative number, friction that holds itself) and "
+    "whether a contact is so soft that the rod leaves the slide",
+}
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One simulated motion.
+
+    Attributes
+    ----------
+    samples : pandas.DataFrame
+        One row a sample, columns of the table ``trajectory``; NaN where undefined.
+    events : pandas.DataFrame
+        One row a beginning or end of contact, columns of the table ``events``.
+    steps : int
+        Integration steps taken, rejected ones included.
+    """
+
+    samples: pd.DataFrame
+    events: pd.DataFrame
+    steps: int
+
+
+@dataclass(frozen=True)
+class March:
+    """Samples and events of one march, as `jointgap.dynamics.solver.integrate.march` leaves them."""
+
+    times: np.ndarray
+    states: np.ndarray
+    further: np.ndarray
+    modes: np.ndarray
+    approaches: np.ndarray
+    directions: np.ndarray
+    events: np.ndarray
+    steps: int
+
+    def observed(self, p: Parameters) -> dict[str, np.ndarray]:
+        """All that is to be seen at the samples, by column of `jointgap.dynamics.solver.sampling`."""
+        seen = observe(p, self.times, self.states, self.further, self.modes, self.approaches, self.directions)
+        return dict(zip(COLUMNS, seen.T, strict=True))
+
+
+def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Trajectory:
+    """Simulate a slider-crank, any of its joints loose.
+
+    It starts with coincident joint centres and the velocities of the ideal mechanism.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    options : Simulate
+        Drive, start, samples, and the tolerance: the local error of one step [m]. Before chaos sets in, the error of
+        positions a quarter turn on is some 1 to 50 times as large.
+    perturbation : (4,) or (6,) array_like, optional
+        Clearance vectors at the start instead of zero: r2 x, r2 y, r3 x, r3 y, r1 x, r1 y [m].
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    InputError
+        A perturbation as large as a clearance, a rod that does not reach the slide, a drive that does not go so far.
+    SimulationError
+        The integration cannot go on; the message holds time, crank angle and state.
+    """
+    p = parameters(mechanism, options)
+    angles = crank_angles(options)
+    run = run_march(p, start_state(p, perturbation), angles, options.tolerance)
+    columns = run.observed(p)
+    _check_finite(columns, run.times)
+    columns |= sample_modes(p, run.times, run.modes, run.events)
+    columns |= {"time": run.times, "crank_angle": angles}
+    columns["transmission_angle"] = math.pi / 2 + columns["rod_angle"]
+    frame = pd.DataFrame({column.name: columns[column.name] for column in TRAJECTORY.columns})
+    return Trajectory(samples=frame, events=event_frame(run.events), steps=run.steps)
+
+
+def crank_angles(options: Simulate) -> np.ndarray:
+    """Crank angles [rad] of the samples, both ends included."""
+    turned = np.arange(options.revolutions * options.samples_per_revolution + 1) * (
+        2 * math.pi / options.samples_per_revolution
+    )
+    return options.start_angle + turned
+
+
+def run_march(p: Parameters, start: tuple[np.ndarray, np.ndarray], angles: np.ndarray, tolerance: float) -> March:
+    """March from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start angle.
+
+    Raises
+    ------
+    InputError
+        A measured angle that ends before the last sample.
+    SimulationError
+        See `simulate`.
+    """
+    n = angles.size
+    times = crank_times(p, angles)
+    if p.drive.kind == MEASURED:
+        _check_reached(p, times, angles)
+    samples = March(
+        times=times,
+        states=np.empty((n, STATES)),
+        further=np.empty((n, FURTHER)),
+        modes=np.empty((n, 3), np.int64),
+        approaches=np.empty((n, 3)),
+        directions=np.empty((n, 3)),
+        events=np.empty((0, len(EVENT))),
+        steps=0,
+    )
+    limit = math.ceil(STEPS_PER_REVOLUTION * max((angles[-1] - angles[0]) / (2 * math.pi), 1.0))
+    status, end, events, steps = marching.march(
+        p, *start, times, angles, tolerance, VELOCITY_TIME, limit, samples.states, samples.further, samples.modes,
+        samples.approaches, samples.directions,
+    )  # fmt: skip
+    if status != marching.DONE:
+        advice = (
+            f"ask for a larger tolerance than {tolerance:g} m, or check what makes the motion so stiff: stiffness, restitution, "
+            "friction_speed or bristle_stiffness of the contacts, a small mass, an effect or its formula"
+        )
+        raise SimulationError(
+            f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.time:.9g} s, crank angle "
+            f"{math.degrees(end.crank_angle):.6g} deg ({_state_in_words(p, end)}); {_ADVICE.get(status, advice)}"
+        )
+    return March(**{**vars(samples), "events": events, "steps": steps})
+
+
+def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None:
+    """A measured angle passes the samples one after the other, the last one too."""
+    reached = crank_motion(p, times[-1])[0]
+    if (np.diff(times) <= 0).any() or abs(reached - angles[-1]) > 1e-9 * max(abs(angles[-1]), 1.0):
+        raise InputError(
+            f"the measured crank angle goes as far as {math.degrees(reached):.9g} deg at {times[-1]:.9g} s, the samples to "
+            f"{math.degrees(angles[-1]):.9g} deg; ask for fewer revolutions or give a longer record"
+        )
+
+
+def _state_in_words(p: Parameters, end) -> str:
+    vectors = (("crank_pin", "r2", end.y[0:2], end.y[4:6]), ("piston_pin", "r3", end.y[2:4], end.y[6:8]))
+    vectors += (("crank_pivot", "r1", end.x[0:2], end.x[4:6]),)
+    told = [
+        f"{name} {place[0]:.9g}, {place[1]:.9g}, rate {rate[0]:.9g}, {rate[1]:.9g}"
+        for joint, name, place, rate in vectors
+        if getattr(p, joint).loose
+    ]
+    return f"state in SI: crank speed {end.crank.speed:.9g}" + "".join(f"; {vector}" for vector in told)
+
+
+def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
+    """What is no part of the motion may fail too: the torque on a crank whose motion is prescribed."""
+    for name, values in columns.items():
+        if name.startswith("gamma") or np.isfinite(values).all():
+            continue
+        sample = int(np.flatnonzero(~np.isfinite(values))[0])
+        state = ", ".join(
+            f"{key} {columns[key][sample]:.9g}" for key in ("crank_speed", "slider_position", "rod_angle")
+        )
+        raise SimulationError(
+            f"{name} is not finite at time {times[sample]:.9g} s, crank angle "
+            f"{math.degrees(columns['crank_angle'][sample]):.6g} deg (state in SI: {state}); {_ADVICE[marching.NOT_FINITE]}"
+        )
+
+
+def event_frame(events: np.ndarray) -> pd.DataFrame:
+    """The table ``events`` of rows as `jointgap.dynamics.solver.contact_episodes.EVENT` names them."""
+    rows = dict(zip(EVENT, events.T, strict=True))
+    rows["joint"] = np.array(JOINTS, dtype=object)[rows["joint"].astype(int)]
+    rows["event"] = EVENT_NAMES[rows.pop("begins").astype(int)]
+    return pd.DataFrame({column.name: rows[column.name] for column in EVENTS.columns})

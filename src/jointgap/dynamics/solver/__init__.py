@@ -1,0 +1,1 @@
+"""Integration through events: steps, error control, modes, samples."""

@@ -1,0 +1,66 @@
+"""Contacts as episodes, from an impact to the separation: impulse, peak of the force, maxima of the penetration."""
+
+import math
+
+from jointgap.dynamics.compilation import compiled, inlined
+from jointgap.dynamics.model.joint_forces import FLIGHT
+from jointgap.dynamics.solver.runge_kutta import NORMAL, pace
+from jointgap.dynamics.solver.tableau import COUNT, NODES, STAGES
+
+EPISODE = 4
+"""Numbers kept of each joint's contact: impulse [N s], largest normal force [N], maxima of the penetration, begin [s]."""
+
+EVENT = ("time", "joint", "begins", "approach_speed", "impulse", "peak_force", "maxima", "crank_angle", "duration")
+"""What a row of the events holds; the numbers of the episode belong to its end."""
+
+EVENT_WIDTH = len(EVENT)
+
+
+@inlined
+def follow_episodes(episodes, here, there, motion, there_motion, run, begin, ds, k):
+    """Carry on the episodes over an accepted step whose stages are in `k`.
+
+    Parameters
+    ----------
+    episodes : (3, 4) array
+        By joint, changed in place.
+    here, there : Instant
+        Both ends of the step.
+    motion, there_motion : tuples
+        `relative_motion` there.
+    run, begin, ds : int, float, float
+        Course and extent of the step.
+    k : (12, 22) array
+    """
+    flying = here.modes[0] == FLIGHT and here.modes[1] == FLIGHT and here.modes[2] == FLIGHT
+    if flying or ds == 0.0:
+        return
+    for stage in range(COUNT):
+        duration = ds * STAGES[COUNT, stage] * pace(run, begin + NODES[stage] * ds)
+        for joint in range(3):
+            normal = max(k[stage, NORMAL + joint], 0.0)
+            episodes[joint, 0] += duration * normal
+            episodes[joint, 1] = max(episodes[joint, 1], normal)
+    for joint in range(3):
+        ex, ey, vx, vy, _, _ = motion[joint]
+        fx, fy, wx, wy, _, _ = there_motion[joint]
+        if here.modes[joint] != FLIGHT and ex * vx + ey * vy > 0.0 >= fx * wx + fy * wy:
+            episodes[joint, 2] += 1.0
+
+
+@compiled
+def begin_episode(episodes, joint, time):
+    """A contact begins at `time` [s]."""
+    for i in range(3):
+        episodes[joint, i] = 0.0
+    episodes[joint, 3] = time
+
+
+@compiled
+def note_event(event, episodes, there, joint, begins, approach):
+    """Write a row of events: see `EVENT`."""
+    event[0], event[1], event[2], event[7] = there.time, joint, 1.0 if begins else 0.0, there.crank_angle
+    event[3] = approach if begins else math.nan
+    for i in range(3):
+        event[4 + i] = math.nan if begins else episodes[joint, i]
+    event[8] = math.nan if begins else there.time - episodes[joint, 3]

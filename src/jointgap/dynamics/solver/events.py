@@ -1,0 +1,234 @@
+"""Where the mode of a joint ends: conditions that hold within a mode, and where in a step they first cease to.
+
+Each mode has two conditions, numbers that stay positive while the mode lasts:
+
+    FLIGHT     c^2 - r^2 over 2c                 (impact; smooth where r passes zero, other than c - r)
+    CONTACT    d                                 (separation)
+               d' + d'_0 / chi                   (the force falls to zero: clamped)
+    CLAMPED    d                                 (separation)
+               -(d' + d'_0 / chi)                (the force comes back)
+
+For other laws of the normal force than those of a restitution see `jointgap.dynamics.model.normal_contact.pushing_margin`.
+"""
+
+import math
+
+import numpy as np
+
+from jointgap.dynamics.compilation import compiled, inlined
+from jointgap.dynamics.model.joint_forces import CLAMPED, CONTACT, FLIGHT
+from jointgap.dynamics.model.normal_contact import pushing_margin
+from jointgap.dynamics.model.relative_motion import relative_motion
+from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, instant, step, stretch
+
+NOWHERE, JOINTS = 2.0, 3
+
+DISTANCE, FORCE = (np.int64(kind) for kind in (0, 1))
+"""Which of a mode's two conditions."""
+
+_PIECES = 16
+
+
+@inlined
+def conditions(joint, mode, approach, relative):
+    """Both conditions of a joint's mode with their time derivatives.
+
+    `relative` is clearance vector, rate and second rate (ex, ey, vx, vy, ax, ay).
+
+    Returns
+    -------
+    tuple of 5 floats
+        First condition [m] and its first two derivatives, second condition [m/s] and its first derivative.
+    """
+    if not joint.loose:
+        return 1.0, 0.0, 0.0, 1.0, 0.0
+    ex, ey, vx, vy, ax, ay = relative
+    if mode == FLIGHT:
+        c = joint.clearance
+        gap = 0.5 * (c - (ex * ex + ey * ey) / c)
+        return gap, -(ex * vx + ey * vy) / c, -(vx * vx + vy * vy + ex * ax + ey * ay) / c, 1.0, 0.0
+    r = math.sqrt(ex * ex + ey * ey)
+    nx, ny = ex / r, ey / r
+    rate = vx * nx + vy * ny
+    curvature = ax * nx + ay * ny + (vy * nx - vx * ny) ** 2 / r
+    depth = r - joint.clearance
+    margin, margin_rate = pushing_margin(joint, depth, rate, curvature, approach)
+    if mode == CONTACT:
+        return depth, rate, curvature, margin, margin_rate
+    return depth, rate, curvature, -margin, -margin_rate
+
+
+@compiled
+def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
+    """Fraction of a step at which a condition first falls through zero, on its quintic Hermite interpolant.
+
+    Parameters
+    ----------
+    g0, v0, a0, g1, v1, a1
+        Condition and its first two time derivatives at the start and at the end of the step.
+    duration : float
+        Length of the step [s].
+    margin : float
+        An inner minimum this little above zero is reported too: the interpolant may err.
+
+    Returns
+    -------
+    float
+        In [0, 1], or `NOWHERE`.
+    """
+    if g0 <= 0.0 and v0 < 0.0:
+        return 0.0
+    # Besides a fall below zero: one minimum, or a minimum and a maximum, within the step.
+    dips = v0 < 0.0 < v1 or (v0 < 0.0 and v1 < 0.0 and a0 > 0.0 > a1) or (v0 > 0.0 and v1 > 0.0 and a0 < 0.0 < a1)
+    if g1 >= 0.0 and not dips:
+        return NOWHERE
+    v0, v1, a0, a1 = v0 * duration, v1 * duration, a0 * duration**2, a1 * duration**2
+    rise = g1 - g0
+    c3 = 10.0 * rise - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
+    c4 = -15.0 * rise + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
+    c5 = 6.0 * rise - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)
+    low, high, fall = 0.0, NOWHERE, v0
+    for i in range(1, _PIECES + 1):
+        x = i / _PIECES
+        rate = v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
+        if fall < 0.0 <= rate:
+            left, right = low, x
+            for _ in range(50):
+                x = 0.5 * (left + right)
+                if v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5))) < 0.0:
+                    left = x
+                else:
+                    right = x
+            g = g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
+            if 0.0 <= g < margin:
+                return x
+            if g < 0.0:
+                high = x
+                break
+            x = i / _PIECES
+        if g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5)))) < 0.0:
+            high = x
+            break
+        low, fall = x, rate
+    if high == NOWHERE:
+        return NOWHERE
+    for _ in range(50):
+        x = 0.5 * (low + high)
+        # At the very start the condition has only just come true: zero up to rounding, and rising.
+        if g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5)))) < 0.0:
+            high = x
+        else:
+            low = x
+    return high
+
+
+@inlined
+def all_conditions(p, here, motion):
+    """`conditions` of crank pin, piston pin and crank pivot."""
+    return (
+        conditions(p.crank_pin, here.modes[0], here.approaches[0], motion[0]),
+        conditions(p.piston_pin, here.modes[1], here.approaches[1], motion[1]),
+        conditions(p.crank_pivot, here.modes[2], here.approaches[2], motion[2]),
+    )
+
+
+@compiled
+def next_event(before, after, duration, margin):
+    """Where in a step the first condition of any joint ends: fraction (or `NOWHERE`), joint, which of its conditions.
+
+    Parameters
+    ----------
+    before, after
+        `all_conditions` at both ends of the step.
+    duration : float
+        Its length [s].
+    margin : float
+        As in `first_crossing` [m].
+    """
+    first, which, kind = NOWHERE, 0, DISTANCE
+    for joint in range(JOINTS):
+        g0, v0, a0, h0, w0 = before[joint]
+        g1, v1, a1, h1, w1 = after[joint]
+        x = first_crossing(g0, v0, a0, g1, v1, a1, duration, margin)
+        if x < first:
+            first, which, kind = x, joint, DISTANCE
+        if h0 > 0.0 and h1 >= 0.0 and not w0 < 0.0 < w1:
+            continue
+        # Of the second condition only one derivative is known; with the cubic's curvatures the quintic is that cubic.
+        slope = (h1 - h0) / duration
+        bend0, bend1 = (6.0 * slope - 4.0 * w0 - 2.0 * w1) / duration, (2.0 * w0 + 4.0 * w1 - 6.0 * slope) / duration
+        x = first_crossing(h0, w0, bend0, h1, w1, bend1, duration, 0.0)
+        if x < first:
+            first, which, kind = x, joint, FORCE
+    return first, which, kind
+
+
+@compiled
+def switched(mode, approach, kind, speed, least):
+    """Mode and approach speed of a joint after its condition `kind` has ended with the surfaces closing at `speed`.
+
+    A slower impact is damped as one at the speed `least`: with d'_0 -> 0 the damping chi d'/d'_0 would have no bound.
+    """
+    if mode == FLIGHT:
+        return CONTACT, max(speed, least)
+    if kind == DISTANCE:
+        return FLIGHT, approach
+    return (CLAMPED if mode == CONTACT else CONTACT), approach
+
+
+@compiled
+def locate(p, here, course, s, limit, crossed, joint, kind, guess, close, tolerance, velocity_time, k):
+    """Redo a step so that it ends where condition `kind` of `joint` falls through zero.
+
+    Newton's method with true steps, kept between the last points found before and after the event. Towards a separation
+    the step runs in the root of the time left: see `jointgap.dynamics.solver.runge_kutta`.
+
+    Parameters
+    ----------
+    p, here, course, s, velocity_time, k
+        As in `step`.
+    limit, crossed : float, bool
+        The event is looked for up to `limit` [s] from here; whether it is known to lie before.
+    guess : float
+        Where it is thought to be [s].
+    close : float
+        The condition counts as zero below this.
+    tolerance : float
+        With a larger error [m] than this the search is given up.
+
+    Returns
+    -------
+    tuple
+        Whether there is such a point; its instant; course, s, ds and error [m] of the last step made; steps made.
+    """
+    to_separation = kind == DISTANCE and here.modes[joint] == CONTACT and not (course == AFTER and s == 0.0)
+    low, high = 0.0, limit if crossed else math.inf
+    for count in range(1, 60):
+        if to_separation:
+            run, begin = BEFORE, math.sqrt(guess)
+            ds = -begin
+        else:
+            run, begin, ds = course, s, stretch(course, s, guess)
+        y, x, error = step(p, here, run, begin, ds, velocity_time, k)
+        if not error <= tolerance:
+            return False, here, run, begin, ds, error, count
+        there = instant(p, here.time + guess, y, x, here.modes, here.approaches)
+        g, v, _, h, w = all_conditions(p, there, relative_motion(there))[joint]
+        if kind == FORCE:
+            g, v = h, w
+        if abs(g) <= close:
+            return True, there, run, begin, ds, error, count
+        if g < 0.0:
+            high = guess
+        elif v >= 0.0 and high == math.inf:
+            break  # past an inner minimum that stays above zero
+        else:
+            low = guess
+        guess -= g / v
+        if not low < guess < high:
+            guess = 0.5 * (low + high)
+        if high - low <= 1e-14 * limit or low == guess or guess == high:
+            return True, there, run, begin, ds, error, count
+        if guess > limit:
+            break
+    return False, here, run, begin, ds, 0.0, count

@@ -1,0 +1,62 @@
+"""The state a simulation starts from."""
+
+import math
+
+import numpy as np
+
+from jointgap.dynamics.model.equations import FURTHER, STATES
+from jointgap.dynamics.model.parameters import Parameters
+from jointgap.errors import InputError
+
+_PLACES = (("crank_pin", 0, "r2"), ("piston_pin", 2, "r3"), ("crank_pivot", 4, "r1"))
+
+
+def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarray]:
+    """State with given clearance vectors whose rates are zero: by default the ideal mechanism's positions and velocities.
+
+    Parameters
+    ----------
+    p : Parameters
+    perturbation : (4,) or (6,) array_like, optional
+        Clearance vectors r2 x, r2 y, r3 x, r3 y and, where the crank pivot is loose, r1 x, r1 y [m]; zero by default, and
+        to be zero in a joint that is ideal.
+
+    Returns
+    -------
+    (8,) array, (11,) array
+        State and further states: see `jointgap.dynamics.model.equations`.
+
+    Raises
+    ------
+    InputError
+        Clearance vectors of another shape, not finite or as long as the clearance; a rod that does not reach the slide.
+    """
+    vectors = np.zeros(4) if perturbation is None else np.asarray(perturbation, dtype=float)
+    if vectors.shape not in ((4,), (6,)) or not np.isfinite(vectors).all():
+        raise InputError(
+            f"perturbation {vectors.tolist()} must be four or six finite lengths in m: r2 x, r2 y, r3 x, r3 y, r1 x, r1 y"
+        )
+    vectors = np.append(vectors, np.zeros(6 - vectors.size))
+    for joint, place, name in _PLACES:
+        length, numbers = math.hypot(*vectors[place : place + 2]), getattr(p, joint)
+        words = joint.replace("_", " ")
+        if length > 0 and not numbers.loose:
+            raise InputError(
+                f"perturbation of the {words}: {name} is {length:g} m, but the joint is ideal; set it to 0"
+            )
+        if length >= numbers.clearance:
+            raise InputError(
+                f"perturbation of the {words}: {length:g} m is not within its clearance of {numbers.clearance:g} m; "
+                "a simulation starts out of contact"
+            )
+    b, d = p.bodies, p.drive
+    rise = b.slider_offset + vectors[3] - b.crank_length * math.sin(d.start_angle) - vectors[1] - vectors[5]
+    if abs(rise) >= b.rod_length:
+        raise InputError(
+            f"the rod of {b.rod_length:g} m does not reach the slide {abs(rise):g} m away at crank angle "
+            f"{math.degrees(d.start_angle):g} deg; lengthen the rod or shorten the crank"
+        )
+    y, x = np.zeros(STATES), np.zeros(FURTHER)
+    y[:4], x[:2] = vectors[:4], vectors[4:]
+    x[2], x[6] = d.start_angle, d.speed
+    return y, x

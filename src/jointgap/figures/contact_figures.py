@@ -1,0 +1,174 @@
+"""Journals in their bearings, and the forces between them."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Joint, Scenario
+from jointgap.figures.drawing import Drawing
+from jointgap.figures.figure_data import degrees, in_words, loose_joints, revolution, settled_revolution
+from jointgap.figures.output_figures import spread_scale
+from jointgap.figures.sheet import CRANK_ANGLE, Quantity, Sheet
+from jointgap.figures.style import COLOURS
+from jointgap.tables import JOINT_NUMBERS
+
+DEPTH_MAGNIFIED = 20.0  # times that penetrations of the settled orbit are drawn
+INNERMOST = 10.0  # [um] the gap to the wall is shown linearly up to here, logarithmically beyond
+SECTOR = 60.0  # [deg] the figure of impacts ends with a multiple of it
+SMALLEST_FORCE = 1.0  # [N] where the axis of forces begins
+BODIES = {
+    "crank_pivot": "crank",
+    "crank_pin": "rod",
+    "piston_pin": "rod",
+}  # to whose centre the clearance vector points
+MODES = ("flight", "impact", "contact")
+
+
+def eccentricity(samples: pd.DataFrame, name: str, joint: Joint | None) -> tuple[np.ndarray, np.ndarray]:
+    """Journal's centre seen from its bearing's centre, components along the fixed x and y [m].
+
+    The table's vector points to the centre of the body in `BODIES`, so it is turned round where this body carries the
+    bearing. Undefined directions (centres coincide, as always in an ideal joint) give nan.
+    """
+    sign = 1.0 if joint is not None and joint.journal == BODIES[name] else -1.0
+    r, gamma = (samples[f"{quantity}{JOINT_NUMBERS[name]}"].to_numpy() for quantity in ("r", "gamma"))
+    return sign * r * np.cos(gamma), sign * r * np.sin(gamma)
+
+
+def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
+    """Orbit of each journal's centre in its bearing, and how far it goes beyond the clearance."""
+    trajectory, number_settled = tables["trajectory"], scenario.optimise.ensemble.settled_revolution
+    mechanism = scenario.mechanism.applied()
+    drawn = loose_joints(scenario)
+    shown = (
+        ("first revolution", "first", revolution(trajectory, scenario, 1), 1.0),
+        (
+            f"settled revolution ({number_settled})",
+            "settled",
+            settled_revolution(trajectory, scenario),
+            DEPTH_MAGNIFIED,
+        ),
+    )
+    sheet = Sheet(2.9 * len(drawn), len(drawn), 3, width_ratios=[1.0, 1.0, 1.25])
+    circle = np.linspace(0.0, 2.0 * np.pi, 181)
+    for row, (name, number) in enumerate(drawn.items()):
+        joint: Joint = mechanism.joint(name)
+        words, radius = in_words(name), 1e3 * joint.clearance
+        depth = sheet.panel((row, 2), f"{words}: depth", CRANK_ANGLE, Quantity("beyond clearance", "µm", "$r - r_c$"))
+        for column, (series, colour, samples, magnified) in enumerate(shown):
+            panel = sheet.panel(
+                (row, column), f"{words}, {colour}", Quantity("journal, x", "mm"), Quantity("journal, y", "mm")
+            )
+            distance = samples[f"r{number}"].to_numpy()
+            beyond = np.clip(distance - joint.clearance, 0.0, None)
+            stretch = 1.0 + (magnified - 1.0) * beyond / np.maximum(distance, joint.clearance)
+            x, y = eccentricity(samples, name, joint)
+            panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
+            panel.line(series, 1e3 * stretch * x, 1e3 * stretch * y, colour, linewidth=0.9)
+            panel.square(1.4 * radius)
+            if magnified != 1.0:
+                panel.axes.text(0, 0, f"depth ×{magnified:g}", ha="center", va="center", color=COLOURS["limit"])
+            angle = degrees(samples["crank_angle"])
+            depth.line(series, angle, 1e6 * (distance - joint.clearance), colour, linewidth=0.8)
+            depth.over_crank_angle(angle[0], angle[-1])
+        depth.linear_then_logarithmic(INNERMOST)
+    sheet.legend()
+    return sheet.drawing()
+
+
+def contact_forces(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
+    """Normal force in the loose joints over the crank angle, and their modes as bands; first and settled revolution."""
+    settled, joints = scenario.optimise.ensemble.settled_revolution, loose_joints(scenario)
+    parts = {"first revolution": 1, f"settled revolution ({settled})": settled}
+    sheet = Sheet(4.4 + 0.5 * len(joints), 4, 1, height_ratios=[2.0, 0.25 * len(joints)] * 2)
+    largest = max(tables["trajectory"][f"{name}_normal_force"].max() for name in joints)
+    for row, (title, number) in enumerate(parts.items()):
+        samples = revolution(tables["trajectory"], scenario, number)
+        angle = degrees(samples["crank_angle"])
+        panel = sheet.panel((2 * row, 0), title, CRANK_ANGLE, Quantity("normal force", "N"))
+        below = sheet.panel((2 * row + 1, 0), f"{title}: modes", CRANK_ANGLE, Quantity("joint", ""), below=panel)
+        below.axes.set_title("")
+        for place, name in zip(range(len(joints))[::-1], joints, strict=True):
+            force, words = samples[f"{name}_normal_force"].to_numpy(), in_words(name)
+            panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.7, alpha=0.85)
+            below.bands(place, words, angle, samples[f"{name}_mode"].to_numpy(), MODES)
+        panel.axes.set_yscale("log")
+        panel.axes.set_ylim(SMALLEST_FORCE, 2.0 * max(largest, SMALLEST_FORCE))
+        below.rows([in_words(name) for name in reversed(joints)], range(len(joints)))
+        below.axes.set_ylabel("")
+        below.over_crank_angle(angle[0], angle[-1])
+    sheet.legend()
+    return sheet.drawing()
+
+
+def impacts(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
+    """Every contact of the simulation at the crank angle where it begins: impulse, peak force, approach speed."""
+    events, trajectory = tables["events"], tables["trajectory"]
+    turn = degrees(trajectory["crank_angle"])[0] - np.degrees(trajectory["crank_angle"].iloc[0])
+    begins = np.degrees(events.loc[events["event"] == "impact", "crank_angle"]) + turn
+    first, last = degrees(trajectory["crank_angle"])[[0, -1]]
+    last = min(last, first + SECTOR * np.ceil((begins.max() - first) / SECTOR)) if len(begins) else last
+    sheet, above = Sheet(6.4, 3, 1), None
+    shown = (
+        ("impulse", "impulse", "N s"),
+        ("peak_force", "peak force", "N"),
+        ("approach_speed", "approach speed", "m/s"),
+    )
+    for row, (column, words, unit) in enumerate(shown):
+        panel = sheet.panel((row, 0), f"{words} of each contact", CRANK_ANGLE, Quantity(words, unit), below=above)
+        for name in loose_joints(scenario):
+            contacts = _contacts(events[events["joint"] == name])
+            angle = turn + np.degrees(contacts["crank_angle"].to_numpy(dtype=float))
+            rebounds = (contacts["maxima"] <= 1).to_numpy()
+            sizes = contacts[column].to_numpy(dtype=float)
+            for chosen, kind, look in (
+                (rebounds, "impact", {}),
+                (~rebounds, "longer contact", {"markerfacecolor": "white", "marker": "s"}),
+            ):
+                series = f"{in_words(name)}: {kind}"
+                if chosen.any():
+                    panel.marks(series, angle[chosen], sizes[chosen], in_words(name), markersize=3.5, **look)
+        panel.logarithmic()
+        panel.over_crank_angle(first, last)
+        above = panel
+    if sheet.panels[0].axes.get_legend_handles_labels()[0]:
+        sheet.legend()
+    return sheet.drawing()
+
+
+def _contacts(events: pd.DataFrame) -> pd.DataFrame:
+    """One row a contact of a joint: its beginning, with what the table tells of it at its end; null where it goes on."""
+    begins = events[events["event"] == "impact"].reset_index(drop=True)
+    ends = events[events["event"] == "separation"].reset_index(drop=True)
+    return begins[["crank_angle", "approach_speed"]].join(ends[["impulse", "peak_force", "maxima"]])
+
+
+def drive_and_guide(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
+    """What drives the crank and what guides the slider: crank speed and torque, force and moment of the guide."""
+    settled = scenario.optimise.ensemble.settled_revolution
+    parts = {"first revolution": (1, "first"), f"settled revolution ({settled})": (settled, "settled")}
+    shown = (
+        ("crank_speed", "crank's speed", "speed", "rpm", 30.0 / np.pi),
+        ("crank_torque", "torque on the crank", "torque", "N m", 1.0),
+        ("guide_force", "force of the guide on the slider", "force", "N", 1.0),
+        ("guide_moment", "moment of the guide about the pin", "moment", "N m", 1.0),
+    )
+    sheet = Sheet(5.2, 2, 2)
+    for place, (column, title, words, unit, factor) in enumerate(shown):
+        panel = sheet.panel(divmod(place, 2), title, CRANK_ANGLE, Quantity(words, unit))
+        drawn = []
+        for series, (number, colour) in parts.items():
+            samples = revolution(tables["trajectory"], scenario, number)
+            angle, values = degrees(samples["crank_angle"]), factor * samples[column].to_numpy()
+            panel.line(series, angle, values, colour, linewidth=0.9)
+            panel.over_crank_angle(angle[0], angle[-1])
+            drawn.append(values)
+        if column == "crank_speed":
+            middle, swing = np.mean(drawn), np.ptp(drawn)
+            room = max(0.6 * swing, 0.05 * middle)  # a constant speed is a line in the middle
+            panel.axes.set_ylim(np.min(drawn) + 0.5 * swing - room, np.max(drawn) - 0.5 * swing + room)
+        else:
+            spread_scale(panel, np.concatenate(drawn))
+    sheet.legend()
+    return sheet.drawing()

@@ -1,0 +1,132 @@
+"""How whitened residuals change with parameters: differences over steps that noise could just hide."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jointgap.errors import InputError, SimulationError
+from jointgap.identification.problem import Explanation, Problem
+from jointgap.identification.protocol import Parameter
+
+_TARGET = 5.0
+"""Length of the whitened change over one step: a parameter's step is some five standard deviations. Smaller ones meet the
+roughness of impacts, larger ones curvature."""
+
+_MISFIT = 0.05
+"""While fits are far off, the change over a step is this part of what is left, at least: impacts that move past samples make
+the motion rough on a small scale. Much larger parts lose the way where the motion bends: a film is not found then."""
+
+_STATISTICS = 1.5
+"""Statistics of chaotic motion scatter by about 1 each: there the whole change is made this many times their scatter."""
+
+_ABOVE = 5.0  # how far the change over a step stands above the model's roughness
+
+_TINY = 1e-6  # of a parameter's step: what such a change of the parameter changes in the motion is roughness
+
+_PROBED = 2  # parameters that are changed so
+
+_NEAR = 4.0  # a step whose change is within this factor of the target is good enough
+
+
+class Differences:
+    """Derivatives of a problem's residuals; remembers which steps were good.
+
+    Attributes
+    ----------
+    roughness : float
+        Length of the change of the whitened residuals that means nothing (`probe`); 0 until it is found.
+    """
+
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        statistics = sum(part.place.stop - part.place.start for part in problem.parts if part.series.statistic)
+        self.target = max(_TARGET, _STATISTICS * np.sqrt(statistics))
+        self._steps: dict[str, float] = {}
+        self.roughness = 0.0
+
+    @property
+    def rough_chi2(self) -> float:
+        """How far chi2 wanders with the roughness: it is added to residuals of about unit length along its own direction."""
+        return 2.0 * self.roughness
+
+    def probe(self, parameters: Sequence[Parameter], values: Mapping[str, float], residual: np.ndarray) -> None:
+        """Find how rough the model is: the whitened change, as a length, where parameters are changed by next to nothing.
+
+        Where contacts begin and end a hair earlier, an integration takes other steps; no derivative can be had from smaller
+        changes than `roughness`, and no fit is better than it.
+        """
+        shared = [p for p in parameters if p.run is None][:_PROBED] or list(parameters[:_PROBED])
+        changes = []
+        for p in shared:
+            step = _TINY * p.step * (1.0 if values[p.key] + _TINY * p.step <= p.high else -1.0)
+            changes.append(np.linalg.norm(self.problem.residual({**values, p.key: values[p.key] + step}) - residual))
+        self.roughness = float(max(changes, default=0.0))
+        self.target = max(self.target, _ABOVE * self.roughness)
+
+    def jacobian(
+        self,
+        parameters: Sequence[Parameter],
+        values: Mapping[str, float],
+        residual: np.ndarray,
+        explanation: Explanation,
+        known: Mapping[str, np.ndarray] | None = None,
+        fine: bool = False,
+    ) -> np.ndarray:
+        """Derivatives of the residuals at `values`, shape (size, k); columns in `known`, by key, are taken as they are.
+
+        `fine`: over steps that noise could just hide, however large the residuals are.
+        """
+        columns = [
+            known[p.key] if known and p.key in known else self.column(p, values, residual, explanation, fine)
+            for p in parameters
+        ]
+        return np.column_stack(columns) if columns else np.empty((residual.size, 0))
+
+    def column(
+        self,
+        parameter: Parameter,
+        values: Mapping[str, float],
+        residual: np.ndarray,
+        explanation: Explanation,
+        fine: bool = False,
+    ) -> np.ndarray:
+        """Derivative with respect to one parameter, shape (size,); `fine` as in `jacobian`.
+
+        Raises
+        ------
+        InputError, SimulationError
+            The model cannot be simulated to either side.
+        """
+        target = self.target if fine else max(self.target, _MISFIT * float(np.linalg.norm(residual)))
+        step = self._steps.get(parameter.key, parameter.step)
+        change, step = self._change(parameter, step, values, residual, explanation)
+        length = float(np.linalg.norm(change))
+        if length > 0 and not target / _NEAR < length < target * _NEAR:
+            better = self._within(parameter, step * np.clip(target / length, 1e-4, 1e4))
+            if abs(better) < abs(step) / 1.5 or abs(better) > abs(step) * 1.5:
+                try:
+                    change, step = self._change(parameter, abs(better), values, residual, explanation)
+                except (InputError, SimulationError):
+                    pass  # too far; the first one will do
+        self._steps[parameter.key] = abs(step)
+        return change / step
+
+    @staticmethod
+    def _within(parameter: Parameter, step: float) -> float:
+        span = parameter.high - parameter.low
+        return min(step, 0.5 * span) if np.isfinite(span) else step
+
+    def _change(self, parameter, step, values, residual, explanation) -> tuple[np.ndarray, float]:
+        """Change of the residuals over a step up, or down where up is out of bounds or fails."""
+        here, step = values[parameter.key], self._within(parameter, step)
+        runs = None if parameter.run is None else [parameter.run]
+        problems = []
+        for signed in (step, -step) if here + step <= parameter.high else (-step,):
+            if not parameter.low <= here + signed <= parameter.high:
+                continue
+            moved = {**values, parameter.key: here + signed}
+            try:
+                return self.problem.residual(moved, explanation, runs, residual) - residual, signed
+            except (InputError, SimulationError) as error:
+                problems.append(error)
+        raise problems[0] if problems else SimulationError(f"{parameter.key} cannot be varied within its bounds")

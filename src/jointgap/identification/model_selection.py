@@ -1,0 +1,254 @@
+"""From a base to a verdict: the order in which explanations are sought, fitted and weighed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jointgap.errors import InputError, SimulationError
+from jointgap.identification.baseline import Recalibrated, drawn, other_numerics
+from jointgap.identification.decision import RIVAL, SHARE, SLIGHT, Decision, decide, reduced
+from jointgap.identification.fit import FAILED, Fit, fit
+from jointgap.identification.initial_fit import fit_screened
+from jointgap.identification.problem import Problem
+from jointgap.identification.screening import Screen, Screened, Signatures
+from jointgap.identification.signature_subspaces import Subspaces, orthonormal
+from jointgap.identification.smoother import descended, views
+from jointgap.identification.thresholds import Thresholds
+
+SINGLES = 8
+"""Candidates that are fitted alone, at most, beside those that have to be sought on a grid."""
+
+LACKING = 0.1
+"""Where the best signature would leave more than this part of the misfit, effects that have to be sought on a grid are fitted too:
+signatures say little of these."""
+
+NEAR = 30.0
+"""Where the base leaves no more than noise, effects are small and signatures exact: those whose BIC is this much above the
+best one's are not fitted, nor those that gain less than half of what would be called an effect."""
+
+FEWEST = 2
+
+_SMOOTH = 0.01  # of chi2: less roughness than this makes no valleys
+
+AMONG = 3
+"""Partners of an effect that is enough that are fitted, and rivals of the best explanation that are fitted again."""
+
+EVERYWHERE = 4
+"""Values of the nuisances from which the base is fitted again before an effect is named that hardly shows: a clearance some percent
+off holds impacts at other instants, a valley of its own."""
+
+
+def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
+    """Single effects that are worth a fit, best first."""
+    singles = Screen(known).singles()
+    free = known.residual.size - len(known.parameters)
+    left = known.residual @ known.residual
+    if left > limits.omnibus * free:
+        short = singles[:SINGLES]
+        if singles and singles[0].chi2 - free > LACKING * (left - free):
+            short += [one for one in singles[SINGLES:] if one.signatures[0].candidate.grid]
+        return short
+    worth = left + len(known.parameters) * np.log(known.residual.size) - 0.5 * max(RIVAL, limits.directed)
+    near = [one for one in singles if one.bic < min(singles[0].bic + NEAR, worth)]
+    return singles[: min(max(len(near), FEWEST), SINGLES)]
+
+
+def enough(base: Recalibrated, fits: Sequence[Fit], second: Thresholds) -> Fit | None:
+    """The best of the fits of single effects that leave no more than null campaigns and other numerics do; None if none does.
+
+    Parameters
+    ----------
+    base : Recalibrated
+    fits : sequence of Fit
+    second : Thresholds
+        As `beside_best` says.
+    """
+    good = [one for one in fits if one.bic < base.base.bic and reduced(one) <= second.omnibus]
+    return min(good, key=lambda one: one.bic, default=None)
+
+
+def pairs(known: Signatures, best: Fit, fits: Sequence[Fit], second: Thresholds) -> list[tuple[Screened, Fit]]:
+    """Pairs of effects that are worth a fit beside a single one that is enough, each with the fit of that.
+
+    Only partners that would add to it beyond chance.
+
+    Parameters
+    ----------
+    known : Signatures
+    best : Fit
+        Of the effect that is enough.
+    fits : sequence of Fit
+        Of the single effects.
+    second : Thresholds
+        As `beside_best` says.
+    """
+    lost = {one.label for one in fits} - {one.label for one in fits if one.status != FAILED}
+    partners = Screen(known.about(best), best.explanation).singles()
+    worth = [one for one in partners if one.explanation[-1].label not in lost and best.bic - one.bic > second.directed]
+    return [(one, best) for one in worth[:AMONG]]
+
+
+def fitted(
+    base: Recalibrated,
+    known: Signatures,
+    one: Screened,
+    beside: Fit | None = None,
+    enough: float = np.inf,
+    view: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> Fit:
+    """The forward-simulated fit of a screened explanation, from where its signatures say; `beside`: the fit it adds to.
+
+    `enough`, `view`: as of `jointgap.identification.fit.fit`.
+    """
+    near = known if beside is None else known.about(beside)
+    try:
+        return fit_screened(base.problem, one, near.known(one.signatures), base.differences, enough, view)
+    except (InputError, SimulationError) as error:
+        parameters = base.problem.parameters(one.explanation)
+        start = np.array([one.start.get(p.key, p.nominal) for p in parameters])
+        lost, size = np.empty((0, len(parameters))), base.problem.size
+        return Fit(one.explanation, parameters, start, np.full(size, np.nan), lost, 0, FAILED, str(error))
+
+
+def beside_best(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
+    """The thresholds for explanations of more effects, with the best single one there.
+
+    The numerics may matter more where it is there: a joint that was ideal hits and slides. What other numerics change there,
+    beyond what nuisances can, may be left and is no sign of a second effect, as long as it is a small part of what the effect explains;
+    of more than that, the small part is what a second effect has to gain. Where the single one is enough, a second effect has to gain
+    more than fits gain by ending at this side of a jump or that too (`bent`).
+    """
+    alone = [one for one in fits if one.status != FAILED and len(one.explanation) == 1]
+    best = min(alone, key=lambda one: one.chi2, default=None)
+    if best is None:
+        return limits
+    across = orthonormal(base.base.jacobian)
+    try:
+        changes = other_numerics(base.problem, best)
+    except (InputError, SimulationError):
+        return limits
+    left = float(max((np.sum((row - across @ (across.T @ row)) ** 2) for row in changes), default=0.0))
+    most = (1.0 - SHARE) * (base.base.chi2 - best.chi2)
+    found = replace(limits, directed=max(limits.directed, min(left, most)))
+    if limits.directed < left <= most:
+        found = replace(found, omnibus=limits.omnibus + left / best.residual.size)
+    if reduced(best) > found.omnibus:
+        return found
+    return replace(found, directed=max(found.directed, bent(base.problem, best)))
+
+
+def bent(problem: Problem, one: Fit) -> float:
+    """How far chi2, a standard error of one parameter off, is from what the residuals as far to the other side foretell; at most.
+
+    Where an impact comes or does not come, chi2 jumps by more than parameters change it otherwise, and a fit ends at this side of
+    the jump or that: differences between fits that are smaller say nothing. 0 where residuals depend on parameters linearly.
+    Parameters at a bound, and those of single runs, are left out.
+    """
+    errors, most = np.sqrt(np.diag(one.covariance())), 0.0
+    for p, value, error in zip(one.parameters, one.values, errors, strict=True):
+        step = min(error, value - p.low, p.high - value)
+        if p.run is not None or not step > 0.0:
+            continue
+        try:
+            there, back = (
+                problem.residual(one.mapping | {p.key: value + signed}, one.explanation) for signed in (step, -step)
+            )
+        except (InputError, SimulationError):
+            continue
+        for seen, other in ((there, back), (back, there)):
+            most = max(most, abs(float(np.sum(seen**2) - np.sum((2.0 * one.residual - other) ** 2))))
+    return most
+
+
+def refined(base: Recalibrated, one: Fit) -> Fit:
+    """A fit with its Jacobian made anew at the end: what intervals need."""
+    if one.status == FAILED:
+        return one
+    return fit(base.problem, one.explanation, one.mapping, differences=base.differences, refresh=True)
+
+
+def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
+    """Weigh the fits (`jointgap.identification.decision.decide`), the best of each explanation.
+
+    Where the motion is rough, base and rivals are first fitted again from the best one's nuisances: an explanation must not win
+    by having found a deeper valley of parameters that all share.
+    """
+    second = beside_best(base, fits, limits)
+    limits = replace(second, directed=limits.directed)
+    best: dict[frozenset[str], Fit] = {}
+    for one in sorted(fits, key=lambda one: one.chi2):
+        best.setdefault(frozenset(candidate.label for candidate in one.explanation), one)
+    plain, ranked = base.base, sorted(best.values(), key=lambda one: one.bic)
+    if ranked and limits.rough > _SMOOTH and ranked[0].bic < plain.bic:
+        plain = _moved(base, plain, ranked[0])
+        for names, rival in list(best.items()):
+            if any(rival is one for one in ranked[1 : 1 + AMONG]) and rival.status != FAILED:
+                best[names] = _moved(base, rival, ranked[0])
+        if reduced(plain) <= max(limits.omnibus, SLIGHT) and plain.bic - ranked[0].bic > RIVAL:
+            deeper = _deepest(base, plain)
+            if deeper.chi2 < plain.chi2:
+                plain = deeper
+                for one in ranked[: 1 + AMONG]:
+                    names = frozenset(candidate.label for candidate in one.explanation)
+                    if one.status != FAILED:
+                        best[names] = _moved(base, best[names], deeper)
+    subspaces = Subspaces(known)
+    alikeness = {
+        one.label: subspaces.nearest(one.explanation)[1]
+        for one in best.values()
+        if one.status != FAILED and one.explanation
+    }
+    bounds = {p.name: (p.nominal, p.low, p.high) for p in base.problem.nuisances}
+    return decide(
+        plain, base.nominal, list(best.values()), limits, alikeness, bounds, subspaces.within, second.directed
+    )
+
+
+def swapped(base: Recalibrated, known: Signatures, fits: Sequence[Fit]) -> list[Fit]:
+    """Fits of the pairs that differ from the best one in one effect, as far as they are not among `fits`.
+
+    One of two effects may stand for another as long as the second is not beside it, and lead to the wrong pair.
+    """
+    best = min((one for one in fits if one.status != FAILED), key=lambda one: one.bic, default=None)
+    if best is None or len(best.explanation) < 2:
+        return []
+    done, found = {frozenset(c.label for c in one.explanation) for one in fits}, []
+    for kept in best.explanation:
+        alone = min((one for one in fits if one.label == kept.label), key=lambda one: one.chi2, default=None)
+        if alone is None or alone.status == FAILED:
+            start = {
+                key: value for key, value in best.mapping.items() if "." not in key or key.startswith(f"{kept.label}.")
+            }
+            alone = fit(base.problem, (kept,), start, differences=base.differences)
+        if alone.status == FAILED:
+            continue
+        partners = Screen(known.about(alone), alone.explanation).singles()
+        for pair in partners[:AMONG]:
+            names = frozenset(candidate.label for candidate in pair.explanation)
+            if names not in done:
+                done.add(names)
+                found.append(fitted(base, known, pair, alone))
+    return found
+
+
+def _deepest(base: Recalibrated, plain: Fit) -> Fit:
+    """The base or, if it is better, the best fit of it that comes from afar (`jointgap.identification.smoother`), from everywhere.
+
+    An effect that is called missing where the base leaves no more than noise must not be the way out of a valley.
+    """
+    problem, through = base.problem, views(base.problem)
+    nominal = {p.key: p.nominal for p in problem.nuisances if p.run is None}
+    for values in (nominal, *drawn(problem, (), EVERYWHERE - 1)):
+        near = descended(problem, (), plain.mapping | values, base.differences, through) if through else None
+        start = plain.mapping | values if near is None or near.status == FAILED else near.mapping
+        found = fit(problem, (), start, differences=base.differences)
+        plain = min(plain, found, key=lambda one: one.chi2)
+    return plain
+
+
+def _moved(base: Recalibrated, one: Fit, to: Fit) -> Fit:
+    """A fit or, if it is better, one that starts from the nuisances of another."""
+    start = {key: to.mapping.get(key, value) if "." not in key else value for key, value in one.mapping.items()}
+    again = fit(base.problem, one.explanation, start, differences=base.differences)
+    return again if again.chi2 < one.chi2 else one

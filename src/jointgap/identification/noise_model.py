@@ -1,0 +1,186 @@
+"""Noise of every channel of every run: from repeated cycles, or as stated; and what the choice of numerics adds to it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointgap.errors import InputError, SimulationError
+from jointgap.identification import cycle_noise as cycles
+from jointgap.identification.protocol import Model, Series, runs_of
+from jointgap.identification.whitening import Noise
+
+Key = tuple[str, str]
+
+_FAR = 1.3  # a stated noise that differs from the found one by more than this factor is told
+_LEAST_SHARE = (
+    1e-4  # of what a channel varies by; no sensor resolves less, and a noise of 0 weighs every error infinitely
+)
+_NEGLIGIBLE = 0.05  # of the noise: less adds 0.1 % to it
+
+
+@dataclass(frozen=True)
+class FoundNoise(Noise):
+    """Noise with what is to be known of it.
+
+    Attributes
+    ----------
+    found : float
+        Standard deviation [unit] that the data show, NaN where they cannot tell.
+    effective_samples : float
+        How many independent samples would tell a mean as well.
+    remarks : tuple of str
+        What a reader should know; empty where all is well.
+    """
+
+    found: float = np.nan
+    effective_samples: float = np.nan
+    remarks: tuple[str, ...] = ()
+
+
+def estimate_noise(model: Model, residuals: Mapping[Key, np.ndarray]) -> dict[Key, FoundNoise]:
+    """Noise of every series.
+
+    A stated standard deviation is taken as it is; the memory from sample to sample is always found, from the differences of
+    neighbouring cycles. Where they differ by more than the stated noise, the rest is a motion out of step with the crank and
+    is not taken for noise. Of a run that is held out in part, the part for fitting tells the noise.
+
+    Parameters
+    ----------
+    model : Model
+    residuals : mapping of (run, channel) to (n,) array
+        Measured minus predicted by the best model so far [unit]; NaN gaps. Prediction takes sharp features away, so that
+        interpolation between samples does not take them for noise.
+
+    Returns
+    -------
+    dict of (run, channel) to FoundNoise
+
+    Raises
+    ------
+    InputError
+        The noise of a series is neither stated nor to be found.
+    """
+    return {series.key: _noise_of(series, residuals[series.key]) for series in model.series}
+
+
+def degrees_of_freedom(found: Mapping[Key, FoundNoise]) -> float:
+    """From how many independent numbers the noise was found; infinite where all of it is stated."""
+    estimated = [one.effective_samples for one in found.values() if one.source != "stated"]
+    return float(np.nansum(estimated)) / 2.0 if estimated else np.inf  # a cycle is told from the next one alone
+
+
+def telling(series: Series) -> np.ndarray:
+    """Samples of a series that may tell its noise, shape (n,) bool: those for fitting, or all where all of it is held out."""
+    return ~series.held_out | series.held_out.all()
+
+
+def _noise_of(series: Series, residual: np.ndarray) -> FoundNoise:
+    told = telling(series)
+    value, residual = np.where(told, series.value, np.nan), np.where(told, residual, np.nan)
+    count = int(np.isfinite(value).sum())
+    stated = series.stated_noise
+    if series.statistic:
+        if stated is None:
+            raise InputError(f"run {series.run}, channel {series.channel}: statistics need a stated noise")
+        return FoundNoise(stated, effective_samples=float(count))
+    scatter, source = cycles.from_cycles(residual, series.angle), "differences between neighbouring cycles"
+    if scatter is None:
+        scatter, source = cycles.from_roughness(residual), "differences between neighbouring samples"
+    least = _LEAST_SHARE * float(np.nanstd(value)) if count else 0.0
+    remarks, autocorrelation = [], ()
+    if scatter is not None and scatter.spectrum is not None:
+        autocorrelation = cycles.memory(scatter, None if stated is None else _rms(stated))
+    else:
+        remarks.append(
+            f"too few cycles of {series.channel} are known: its noise counts as independent from sample to sample"
+        )
+    if stated is not None:
+        sd, source = stated, "stated"
+        if scatter is not None and not 1 / _FAR < max(scatter.sd, least) / max(_rms(stated), least) < _FAR:
+            remarks.append(_far(series, scatter))
+    elif scatter is None:
+        raise InputError(
+            f"run {series.run}, channel {series.channel}: {count} samples are too few to find the noise; "
+            "state it as `noise` of the channel"
+        )
+    else:
+        sd = np.full(series.value.shape, max(scatter.sd, least))
+        if scatter.sd < least:
+            remarks.append(
+                f"{series.channel} shows no noise: {sd[0]:.3g} {series.unit} is taken, a ten-thousandth of its own"
+            )
+    if not np.all(sd > 0.0):
+        raise InputError(
+            f"run {series.run}, channel {series.channel}: its noise is 0; state what the sensor resolves as `noise`"
+        )
+    return FoundNoise(
+        sd,
+        autocorrelation,
+        source=source,
+        found=np.nan if scatter is None else scatter.sd,
+        effective_samples=cycles.effective_samples(count, autocorrelation),
+        remarks=tuple(remarks),
+    )
+
+
+def _far(series: Series, scatter: cycles.Scatter) -> str:
+    stated = _rms(series.stated_noise)
+    start = f"{series.channel} is stated to have a noise of {stated:.3g} {series.unit}; its cycles differ"
+    if scatter.sd < stated:
+        return f"{start} as if it were {scatter.sd:.3g}: small disagreements may be overlooked"
+    return f"{start} as if it were {scatter.sd:.3g}: it is larger than stated, or something out of step with the crank acts"
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def numerics_noise(model: Model, values: Mapping[str, float], noise: Mapping[Key, Noise]) -> dict[Key, Noise]:
+    """The noise with what equally good numerics predict otherwise.
+
+    Parameters
+    ----------
+    model : Model
+    values : mapping of str to float
+        Nuisances by key; nominal where absent.
+    noise : mapping of (run, channel) to Noise
+
+    Returns
+    -------
+    dict of (run, channel) to Noise
+        ``numerics`` is the root mean square, over the other numerics and five neighbouring samples, of their difference from
+        the usual ones; 0 where it is negligible. Statistics of chaotic motion scatter by about their noise with any change:
+        of theirs, what is beyond it.
+
+    Raises
+    ------
+    InputError, SimulationError
+        The usual numerics fail at these values. Others that fail are left out.
+    """
+    found, statistics = dict(noise), {series.key for series in model.series if series.statistic}
+    for run in runs_of(model):
+        at = {p.name: values.get(p.key, p.nominal) for p in model.nuisances if p.run in (None, run)}
+        usual = model.simulate(run, at)
+        squares = {channel: [] for channel in usual}
+        for number in range(1, len(model.numerics) + 1):
+            try:
+                other = model.simulate(run, at, numerics=number)
+            except (InputError, SimulationError):
+                continue
+            for channel, predicted in usual.items():
+                squares[channel].append(np.square(other[channel] - predicted))
+        for channel, each in squares.items():
+            if each and (run, channel) in found:
+                here = found[run, channel]
+                found[run, channel] = replace(
+                    here, numerics=_spread(np.mean(each, axis=0), here.sd, (run, channel) in statistics)
+                )
+    return found
+
+
+def _spread(square: np.ndarray, sd: np.ndarray, statistic: bool) -> np.ndarray:
+    window = np.ones(min(5, square.size))
+    smooth = np.convolve(square, window, mode="same") / np.convolve(np.ones(square.size), window, mode="same")
+    spread = np.sqrt(np.maximum(smooth - sd**2, 0.0) if statistic else smooth)
+    return np.where(spread > _NEGLIGIBLE * sd, spread, 0.0)

@@ -1,0 +1,108 @@
+"""What kind of disagreement it is: its spectrum over orders of the crank, and how it grows with speed."""
+
+import numpy as np
+import pandas as pd
+
+from jointgap.identification.problem import Part, Problem
+from jointgap.identification.unwhitening import coloured
+
+HIGHEST_ORDER = 20.0
+
+_SURE = 3.0  # standard deviations by which a disagreement has to exceed noise to count in the growth with speed
+_Z90 = 1.6448536269514722  # of the normal distribution: 90 % lie within
+
+
+def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
+    """Amplitudes of the whitened residual over orders, cycles per turn of the crank; whole ones keep in step with it.
+
+    Parameters
+    ----------
+    problem : Problem
+    residual : (size,) array
+        Whitened.
+
+    Returns
+    -------
+    DataFrame
+        run, channel, order, amplitude, p: probability that noise alone has a larger one at that order.
+    """
+    tables = []
+    for part in problem.parts:
+        angle, white = part.series.angle[part.used], residual[part.place]
+        if angle.size < 4 or not np.isfinite(angle).all():
+            continue
+        turns = np.ptp(angle) / (2 * np.pi)
+        step = 1.0 / max(1, round(turns))
+        highest = min(HIGHEST_ORDER, np.pi / np.median(np.abs(np.diff(angle))))
+        order = step * np.arange(1, int(highest / step) + 1)
+        turning, swing, power = np.exp(-1j * step * angle), white - white.mean(), []
+        for _ in order:  # one order after the other, as the whole table of phases need not fit in memory
+            swing = swing * turning
+            power.append(abs(swing.sum()))
+        amplitude = 2.0 / angle.size * np.array(power)
+        tables.append(
+            pd.DataFrame(
+                {
+                    "run": part.series.run,
+                    "channel": part.series.channel,
+                    "order": order,
+                    "amplitude": amplitude,
+                    "p": np.exp(-angle.size * amplitude**2 / 4.0),
+                }
+            )
+        )
+    empty = pd.DataFrame({"run": [], "channel": [], "order": [], "amplitude": [], "p": []})
+    return pd.concat(tables, ignore_index=True) if tables else empty
+
+
+def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
+    """The power of the speed with which the disagreement of each channel grows: 0 for a constant force, 2 for inertia.
+
+    Parameters
+    ----------
+    problem : Problem
+    residual : (size,) array
+        Whitened.
+
+    Returns
+    -------
+    DataFrame
+        channel, exponent, low, high (90 % interval), runs: how many disagree clearly; channels with two such runs or more.
+    """
+    rows = []
+    for channel in dict.fromkeys(part.series.channel for part in problem.parts):
+        found = [_excess(part, residual[part.place]) for part in problem.parts if part.series.channel == channel]
+        speed, excess, sd = np.array([one for one in found if one is not None]).reshape(-1, 3).T
+        if np.unique(speed).size < 2:
+            continue
+        x, y, weight = np.log(speed), np.log(excess), 1.0 / sd**2
+        x = x - np.average(x, weights=weight)
+        exponent = np.sum(weight * x * y) / np.sum(weight * x**2)
+        off = y - np.average(y, weights=weight) - exponent * x
+        spread = max(1.0, np.sum(weight * off**2) / max(x.size - 2, 1)) / np.sum(weight * x**2)
+        reach = _Z90 * np.sqrt(spread)
+        rows.append(
+            {
+                "channel": channel,
+                "exponent": exponent,
+                "low": exponent - reach,
+                "high": exponent + reach,
+                "runs": x.size,
+            }
+        )
+    return pd.DataFrame(rows, columns=["channel", "exponent", "low", "high", "runs"])
+
+
+def _excess(part: Part, residual: np.ndarray) -> tuple[float, float, float] | None:
+    """Mean speed, root mean square of the disagreement beyond noise [unit], and its relative standard deviation."""
+    angle, time = part.series.angle[part.used], part.series.time[part.used]
+    if angle.size < 2 or not (np.isfinite(angle).all() and np.isfinite(time).all()):
+        return None
+    speed = (angle[-1] - angle[0]) / (time[-1] - time[0])
+    white = np.full(part.used.size, np.nan)
+    white[part.used] = residual
+    square = (coloured(white, part.noise) * part.noise.spread)[part.used] ** 2
+    noise = float(np.mean(part.noise.spread[part.used] ** 2))
+    excess = float(square.mean()) - noise
+    sd = noise * np.sqrt(2.0 / square.size) + 2.0 * np.sqrt(noise * max(excess, 0.0) / square.size)
+    return (speed, np.sqrt(excess), 0.5 * sd / excess) if speed > 0 and excess > _SURE * sd else None

@@ -1,0 +1,155 @@
+"""Measured data against a model: whitened residuals as a function of nuisances and effects."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from jointgap.errors import SimulationError
+from jointgap.identification.protocol import Candidate, Model, Parameter, Series, runs_of
+from jointgap.identification.whitening import Noise, whitened
+
+Explanation = tuple[Candidate, ...]
+"""Effects that are added to the model together; () is the model as it stands."""
+
+
+def label_of(explanation: Explanation) -> str:
+    """``gravity + slider_spring``; ``base`` for the model as it stands."""
+    return " + ".join(candidate.label for candidate in explanation) or "base"
+
+
+@dataclass(frozen=True)
+class Part:
+    """Place of one series in the vector of residuals."""
+
+    series: Series
+    noise: Noise
+    used: np.ndarray  # (n,) bool: samples of the series that count here
+    place: slice
+
+
+class Problem:
+    """The samples of one role, and how a model with an explanation misses them.
+
+    Parameters
+    ----------
+    model : Model
+    noise : mapping of (run, channel) to Noise
+    held_out : bool
+        Whether to take the held-out samples instead of those for fitting.
+    planned : bool
+        Whether the samples are yet to be measured: every sample counts, and what `plan` predicts stands for its value.
+    """
+
+    def __init__(
+        self, model: Model, noise: Mapping[tuple[str, str], Noise], held_out: bool = False, planned: bool = False
+    ):
+        self.model = model
+        self.simulations = 0
+        self.parts: list[Part] = []
+        begin = 0
+        for series in model.series:
+            used = series.held_out == held_out
+            if not planned:
+                used = used & np.isfinite(series.value)
+            if used.any():
+                count = int(used.sum())
+                self.parts.append(Part(series, noise[series.key], used, slice(begin, begin + count)))
+                begin += count
+        self.size = begin
+        self._planned: dict[tuple[str, str], np.ndarray] = {}
+        if planned:
+            at_nominal = {p.key: p.nominal for p in self.nuisances}
+            self._planned = {
+                (run, channel): values for run in self.runs for channel, values in self.predict(run, at_nominal).items()
+            }
+
+    @cached_property
+    def runs(self) -> tuple[str, ...]:
+        """Runs with samples here."""
+        here = {part.series.run for part in self.parts}
+        return tuple(run for run in runs_of(self.model) if run in here)
+
+    @cached_property
+    def nuisances(self) -> tuple[Parameter, ...]:
+        """Nuisances that matter to the runs here."""
+        return tuple(p for p in self.model.nuisances if p.run in (None, *self.runs))
+
+    def parameters(self, explanation: Explanation) -> tuple[Parameter, ...]:
+        """What a fit of `explanation` varies, in order: nuisances that no effect replaces, then coordinates.
+
+        Coordinates are renamed ``label.coordinate``; those of other runs are left out.
+        """
+        replaced = {name for candidate in explanation for name in candidate.replaces}
+        kept = [p for p in self.nuisances if p.name not in replaced]
+        for candidate in explanation:
+            for p in candidate.seen_in(self.runs):
+                kept.append(Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high, p.step, p.unit, p.run))
+        return tuple(kept)
+
+    def predict(
+        self, run: str, values: Mapping[str, float], explanation: Explanation = (), numerics: int = 0
+    ) -> Mapping[str, np.ndarray]:
+        """What the model reads in `run`, by channel; `values` by key, absent nuisances at nominal."""
+        nuisances = {p.name: values.get(p.key, p.nominal) for p in self.model.nuisances if p.run in (None, run)}
+        effects = [
+            (candidate, {p.name: values[f"{candidate.label}.{p.key}"] for p in candidate.seen_in((run,))})
+            for candidate in explanation
+        ]
+        self.simulations += 1
+        return self.model.simulate(run, nuisances, effects, numerics)
+
+    def residual(
+        self,
+        values: Mapping[str, float],
+        explanation: Explanation = (),
+        runs: Sequence[str] | None = None,
+        out: np.ndarray | None = None,
+        numerics: int = 0,
+    ) -> np.ndarray:
+        """Whitened residuals, shape (size,); independent and of variance 1 where the model is true.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            By key of `parameters`.
+        explanation : tuple of Candidate
+        runs : sequence of str, optional
+            Simulate these alone; the others' residuals stay as in `out`.
+        out : (size,) array, optional
+            Residuals of the other runs; not changed.
+        numerics : int
+            As in `Model.simulate`.
+
+        Raises
+        ------
+        InputError, SimulationError
+            These values cannot be simulated.
+        """
+        found = np.empty(self.size) if out is None else out.copy()
+        for run in self.runs if runs is None else runs:
+            predicted = self.predict(run, values, explanation, numerics)
+            for part in self.parts:
+                if part.series.run == run:
+                    found[part.place] = self._whitened(part, predicted[part.series.channel])
+        return found
+
+    def _whitened(self, part: Part, predicted: np.ndarray) -> np.ndarray:
+        if not np.isfinite(predicted[part.used]).all():
+            raise SimulationError(f"run {part.series.run}: {part.series.channel} as simulated is not finite")
+        value = self._planned.get(part.series.key, part.series.value)
+        return whitened(np.where(part.used, value - predicted, np.nan), part.noise)[part.used]
+
+    def with_noise(self, noise: Mapping[tuple[str, str], Noise]) -> "Problem":
+        """The same samples measured by another noise."""
+        other = object.__new__(Problem)
+        other.__dict__ = {
+            **self.__dict__,
+            "parts": [Part(p.series, noise[p.series.key], p.used, p.place) for p in self.parts],
+        }
+        return other
+
+    def gap(self, residual: np.ndarray) -> float:
+        """Root of the mean over runs and channels of the mean squared whitened residual; 1 = noise."""
+        return float(np.sqrt(np.mean([np.mean(residual[part.place] ** 2) for part in self.parts])))

@@ -1,0 +1,218 @@
+"""What the naming of effects asks of a model: simulate with parameters and effects, and say how what was measured compares.
+
+Nothing here or in the modules beside it knows a mechanism. A model is any object that follows `Model`; the slider-crank
+(`jointgap.slider_crank`) is one, ``examples/emps`` another.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+
+Role = Literal["identify", "confirm"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that a fit varies.
+
+    Attributes
+    ----------
+    name : str
+        Such as ``slider_mass`` or ``force_N``.
+    nominal : float
+        What it is where nothing says otherwise; of an effect's size: 0, at which the effect is absent.
+    low, high : float
+        Hard bounds, flat inside; infinite for none.
+    step : float
+        A typical change, > 0: about what noise could hide. Differences are taken over steps of this order.
+    unit : str
+        SI unit, ``'1'`` for pure numbers.
+    run : str, optional
+        The one run that it belongs to, such as a run's speed; None where all runs share it.
+    """
+
+    name: str
+    nominal: float
+    low: float = -math.inf
+    high: float = math.inf
+    step: float = 1.0
+    unit: str = "1"
+    run: str | None = None
+
+    @property
+    def key(self) -> str:
+        """``name``, or ``name@run`` of a run's own."""
+        return self.name if self.run is None else f"{self.name}@{self.run}"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that could be missing, as a fit sees it.
+
+    Attributes
+    ----------
+    name, site : str
+        As a verdict states them.
+    coordinates : tuple of Parameter
+        What a fit varies; those with a run belong to that run alone, such as a phase. Near the effect's absence the motion should depend on the `sizes` about linearly: an amplitude with
+        a phase has two coordinates, its cosine and sine parts.
+    sizes : tuple of str
+        Keys of the coordinates that are 0 where the effect is absent; the rest are shapes (an exponent, a frequency).
+    starts : tuple of mappings
+        Values of all shapes to start from; one empty mapping where there are none. Where the motion does not depend on a size
+        about linearly from 0 on, such as the clearance of a joint that was ideal, starts hold the size too, if it is the only
+        one: what the effect changes is then told from there.
+    change : bool
+        Whether its size is the change of something known, such as a clearance, down to the lower bound where nothing is left of
+        that: small changes then say little of large ones. Both bounds are finite.
+    grid : tuple of float
+        Of an effect with one size on which the motion depends so roughly that a fit comes to an end from near by alone: values to
+        begin from, growing, each 1.35 times the one before or nearer.
+    parameters : function
+        From values of the coordinates to the parameters that a verdict states. The coordinates themselves by default.
+    replaces : mapping of str to str
+        Nuisances that are this effect's own parameter, and the size that stands for each: a nuisance is held at nominal where the
+        effect is fitted, and the size is what it is beyond that.
+    sensor : bool
+        Whether it is a fault of a sensor: it acts on what is read, not on the motion.
+    choice : bool
+        Whether the effect could be at another site too, so that its label needs the site.
+    carrier : str
+        Label of a steady effect that this one is, but for swinging at its shape ``frequency_Hz``: its sizes are the parts with
+        the cosine and with the sine. Frequencies to start from are then sought in the residual.
+    """
+
+    name: str
+    site: str
+    coordinates: tuple[Parameter, ...]
+    sizes: tuple[str, ...]
+    starts: tuple[Mapping[str, float], ...] = ({},)
+    parameters: Callable[[Mapping[str, float]], dict[str, float]] = field(default=dict, compare=False)
+    replaces: Mapping[str, str] = field(default_factory=dict)
+    sensor: bool = False
+    choice: bool = False
+    carrier: str = ""
+    change: bool = False
+    grid: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse finite sizes that nothing could be told from."""
+        finite = [start[key] for start in self.starts for key in self.sizes if key in start] + list(self.grid)
+        if finite and (len(self.sizes) > 1 or min(finite) <= 0.0):
+            raise ValueError(f"{self.name}: starts and grids hold values of a single size, above 0; got {finite}")
+        if self.change and not all(
+            np.isfinite((p.low, p.high)).all() for p in self.coordinates if p.name in self.sizes
+        ):
+            raise ValueError(f"{self.name}: the change of something known needs finite bounds")
+
+    @property
+    def label(self) -> str:
+        """``name``, or ``name:site`` where there is a choice; unique among a model's candidates."""
+        return f"{self.name}:{self.site}" if self.choice else self.name
+
+    def seen_in(self, runs: Sequence[str]) -> tuple[Parameter, ...]:
+        """The coordinates that matter to `runs`."""
+        return tuple(p for p in self.coordinates if p.run in (None, *runs))
+
+
+@dataclass(frozen=True)
+class Series:
+    """One channel of one run as it is compared: samples over time, or statistics over the crank angle.
+
+    Attributes
+    ----------
+    run, channel, unit : str
+        SI unit.
+    value : (n,) array
+        As measured; NaN where nothing was (and everywhere in a preflight).
+    time, angle : (n,) array
+        Of the samples [s], [rad]; NaN where not known. `angle` runs on over cycles; without a crank it is any phase.
+    held_out : (n,) bool array
+        Samples that take no part in fitting or choosing.
+    stated_noise : (n,) array or None
+        Standard deviation that the user states (or that follows from the number of cycles, for statistics) [unit].
+    statistic : bool
+        Whether values are statistics over cycles: their noise is independent and `stated_noise` is theirs.
+    """
+
+    run: str
+    channel: str
+    unit: str
+    value: np.ndarray
+    time: np.ndarray
+    angle: np.ndarray
+    held_out: np.ndarray
+    stated_noise: np.ndarray | None = None
+    statistic: bool = False
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Run and channel."""
+        return self.run, self.channel
+
+
+Effects = Sequence[tuple[Candidate, Mapping[str, float]]]
+"""Effects that act, each with the values of its coordinates by name."""
+
+
+class Model(Protocol):
+    """A simulation, and the measured data in the form in which it is compared with them."""
+
+    @property
+    def name(self) -> str:
+        """What it is, for titles."""
+
+    @property
+    def series(self) -> Sequence[Series]:
+        """All that was measured."""
+
+    @property
+    def nuisances(self) -> Sequence[Parameter]:
+        """Parameters known within bounds only; re-fitted with every explanation."""
+
+    @property
+    def candidates(self) -> Sequence[Candidate]:
+        """The effects that could be missing."""
+
+    @property
+    def numerics(self) -> Sequence[str]:
+        """Other numerics that are as good as the usual ones, in words; `simulate` takes their places, counted from 1."""
+
+    def simulate(
+        self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
+    ) -> Mapping[str, np.ndarray]:
+        """What the sensors of a run would read.
+
+        Parameters
+        ----------
+        run : str
+        values : mapping of str to float
+            Every nuisance that the run has, by name (not key).
+        effects : sequence
+            Sensor faults among them are applied to what is read.
+        numerics : int
+            0 for the usual numerics, i for `self.numerics[i - 1]`.
+
+        Returns
+        -------
+        mapping of str to (n,) array
+            By channel, at the samples of the run's series.
+
+        Raises
+        ------
+        InputError, SimulationError
+            These values cannot be simulated; the message says why.
+        """
+
+
+def runs_of(model: Model) -> tuple[str, ...]:
+    """The runs of a model, in order."""
+    return tuple(dict.fromkeys(series.run for series in model.series))
+
+
+def held_out_runs(model: Model) -> tuple[str, ...]:
+    """Runs of which no sample takes part in fitting."""
+    return tuple(run for run in runs_of(model) if all(s.held_out.all() for s in model.series if s.run == run))

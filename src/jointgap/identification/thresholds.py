@@ -1,0 +1,98 @@
+"""Thresholds from simulated campaigns in which nothing is hidden: noise, and the disagreement of equally good numerics."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointgap.identification.problem import Problem
+from jointgap.identification.screening import Signatures
+from jointgap.identification.signature_subspaces import Subspaces, orthonormal
+
+DRAWS = 4000
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What the null campaigns exceed with the stated rate.
+
+    Attributes
+    ----------
+    rate : float
+        Share of null campaigns that exceed each threshold.
+    omnibus : float
+        Of the base's chi2 over its degrees of freedom.
+    directed : float
+        Of the largest gain of chi2 by one candidate, less ln n for each of its coordinates; at least what another choice of
+        numerics changes, for any candidate may happen to resemble that.
+    rough : float
+        chi2 that a fit may gain by the model's roughness.
+    """
+
+    rate: float
+    omnibus: float
+    directed: float
+    rough: float = 0.0
+
+
+def thresholds(
+    problem: Problem,
+    known: Signatures,
+    numerics: np.ndarray,
+    rate: float = 0.01,
+    noise_dof: float = np.inf,
+    rough: float = 0.0,
+    seed: int = 0,
+) -> Thresholds:
+    """Thresholds of one campaign, from null campaigns in which the motion answers to everything linearly.
+
+    A null campaign's residual is the measurement's noise, plus what each of the other numerics changes times a normal number,
+    less what the nuisances take up.
+
+    Parameters
+    ----------
+    problem : Problem
+    known : Signatures
+    numerics : (m, n) array
+        As `jointgap.identification.baseline.other_numerics` gives them.
+    rate : float
+        False alarms allowed.
+    noise_dof : float
+        Degrees of freedom from which the noise was estimated; infinite where it is stated.
+    rough : float
+        `jointgap.identification.finite_differences.Differences.rough_chi2`.
+    seed : int
+    """
+    size = known.residual.size
+    generator = np.random.default_rng(seed)
+    # Whitening divides by noise and numerics together; the noise alone is less than 1 where numerics disagree.
+    measured = np.concatenate([(part.noise.sd / part.noise.spread)[part.used] for part in problem.parts])
+    subspaces = Subspaces(known)
+    numerics = subspaces.projected(numerics.T)
+    amounts = generator.standard_normal((DRAWS, numerics.shape[1]))
+
+    # chi2: squares of many independent numbers, so normal about its mean, and what the numerics add to it.
+    # That is amounts @ numerics.T, of which sums over the samples alone are needed: all of it would fill the memory.
+    added, met = (_lengths(amounts, weight * numerics) for weight in (1.0, measured[:, None]))
+    chi2 = np.sum(measured**2) - subspaces.nuisances.shape[1] + added
+    chi2 += np.sqrt(2 * np.sum(measured**4) + 4 * met) * generator.standard_normal(DRAWS)
+    if np.isfinite(noise_dof):  # noise taken for smaller or larger than it is
+        chi2 *= noise_dof / generator.chisquare(noise_dof, DRAWS)
+
+    # Gains: lengths of projections, which depend on the draws through as many numbers as there are signatures.
+    spaces = [(orthonormal(subspaces.projected(one.columns)), len(one.coordinates)) for one in known.found]
+    joint = np.hstack([space for space, _ in spaces]) if spaces else np.empty((size, 0))
+    noise = np.linalg.qr(joint * measured[:, None], mode="r").T if joint.size else np.empty((0, 0))
+    drawn = np.square(generator.standard_normal((DRAWS, noise.shape[1])) @ noise.T + amounts @ (numerics.T @ joint))
+    gains, at = np.zeros(DRAWS), 0
+    for space, count in spaces:
+        gain = drawn[:, at : at + space.shape[1]].sum(axis=1) - count * np.log(size)
+        gains, at = np.maximum(gains, gain), at + space.shape[1]
+    dof = max(size - subspaces.nuisances.shape[1], 1)
+    changed = float(np.max(np.sum(numerics**2, axis=0), initial=0.0))
+    directed = max(float(np.quantile(gains, 1 - rate)), changed, rough)
+    return Thresholds(rate, float(np.quantile(chi2, 1 - rate) / dof), directed, rough)
+
+
+def _lengths(amounts: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Squared length of each sum of the columns (n, m) with amounts (draws, m), shape (draws,)."""
+    return np.einsum("di,ij,dj->d", amounts, columns.T @ columns, amounts)

@@ -1,0 +1,170 @@
+"""The stage optimise: sources in, tables out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Mechanism, Optimise, Simulate
+from jointgap.mechanism import Fit, clearance_lift, ideal_cycle
+from jointgap.optimise import search as searching
+from jointgap.optimise.objective import Objective, frozen_objective
+from jointgap.optimise.resimulate import Resimulation, compare, resimulate, stretches
+from jointgap.optimise.search import Point, printed_points
+from jointgap.tables import JOINT_NUMBERS
+
+DIGITS = 6  # lengths are simulated again to the micrometre; points that agree so far are simulated once
+
+
+@dataclass(frozen=True)
+class Optimisation:
+    """What the stage finds: a frame for each table optimise_..., columns in `jointgap.tables.optimise_tables`."""
+
+    optima: pd.DataFrame
+    population: pd.DataFrame
+    paths: pd.DataFrame
+    tolerance: pd.DataFrame
+    valley: pd.DataFrame
+    floor: pd.DataFrame
+    resimulated: pd.DataFrame
+    worth: pd.DataFrame
+
+
+def objectives(
+    mechanism: Mechanism,
+    simulate: Simulate,
+    options: Optimise,
+    training_points: int,
+    trajectory: pd.DataFrame,
+    surrogates: Mapping[str, Mapping[str, Fit]],
+) -> dict[str, Objective]:
+    """Equation (12) by source of the frozen clearance motion.
+
+    The surrogates and ``simulation`` over the configured window of the first revolution, on samples that are no training
+    points; ``simulation_settled`` over a whole settled revolution.
+    """
+    samples = stretches(simulate, options, training_points)
+    coordinates = [f"{name}{JOINT_NUMBERS[joint]}" for joint in mechanism.loose for name in ("r", "gamma")]
+    angle = trajectory["crank_angle"].to_numpy()
+    window, settled = samples["window"], samples["settled"]
+    made = {}
+    for name, fits in surrogates.items():
+        lift = clearance_lift({name: fits[name](angle[window])[0] for name in coordinates})
+        made[name] = frozen_objective(mechanism, angle[window], lift)
+    lift = clearance_lift({name: trajectory[name].to_numpy() for name in coordinates})
+    made["simulation"] = frozen_objective(mechanism, angle[window], lift[window])
+    made["simulation_settled"] = frozen_objective(mechanism, angle[settled], lift[settled])
+    return made
+
+
+def optimise(
+    mechanism: Mechanism,
+    simulate: Simulate,
+    options: Optimise,
+    training_points: int,
+    trajectory: pd.DataFrame,
+    surrogates: Mapping[str, Mapping[str, Fit]],
+) -> Optimisation:
+    """Search the lengths for every source in every box, and simulate again what was found.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With the original lengths and its effects applied.
+    simulate, options
+        Sections of the configuration.
+    training_points : int
+        Points of the networks' training grid over the first revolution.
+    trajectory : DataFrame
+        The simulation at the original lengths, table trajectory.
+    surrogates : mapping of str to mapping of str to Fit
+        By surrogate and output; of the outputs r and gamma of the loose joints are used.
+
+    Raises
+    ------
+    InputError
+        A box that the inequality empties.
+    SimulationError
+        From simulating again.
+    """
+    made = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
+    searches = searching.search_all(made, options)
+    valley, floor = searching.valleys(searches)
+    printed = printed_points(mechanism, simulate)
+    points = [Point("original", "original", (mechanism.crank.length, mechanism.rod.length)), *printed]
+    points += [point for search in searches for point in search.points]
+    again = _simulated_again(mechanism, simulate, options, training_points, points)
+    return Optimisation(
+        optima=searching.optima(made, searches, printed),
+        population=searching.populations(searches),
+        paths=searching.paths(searches),
+        tolerance=searching.tolerances(searches),
+        valley=valley,
+        floor=floor,
+        resimulated=_resimulated(again, made, options.ensemble.members),
+        worth=_worth(again, mechanism.slider.offset),
+    )
+
+
+def _simulated_again(
+    mechanism: Mechanism, simulate: Simulate, options: Optimise, training_points: int, points: list[Point]
+) -> dict[str, Resimulation]:
+    """The ensemble at every point, by its name; the original first."""
+    done: dict[tuple[float, ...], Resimulation] = {}
+    for point in points:
+        lengths = _rounded(point)
+        if lengths not in done:
+            done[lengths] = resimulate(mechanism, simulate, options, training_points, lengths)
+    return {point.name: done[_rounded(point)] for point in points}
+
+
+def _rounded(point: Point) -> tuple[float, ...]:
+    return tuple(round(length, DIGITS) for length in point.lengths)
+
+
+def _resimulated(again: dict[str, Resimulation], made: dict[str, Objective], members: int) -> pd.DataFrame:
+    """Frame of the table optimise_resimulated."""
+    frozen = {"window": made["simulation"], "settled": made["simulation_settled"]}
+    rows = []
+    for name, ensemble in again.items():
+        crank, rod = ensemble.lengths
+        reductions = {stretch: objective.reductions(ensemble.lengths) for stretch, objective in frozen.items()}
+        for row in compare(ensemble, again["original"]):
+            reduction = float(getattr(reductions[row["stretch"]], row["measure"]))
+            keys = {"point": name, "crank_length": crank, "rod_length": rod}
+            rows.append(keys | row | {"frozen_reduction": reduction, "members": members})
+    return pd.DataFrame(rows)
+
+
+def _worth(again: dict[str, Resimulation], offset: float) -> pd.DataFrame:
+    """Frame of the table optimise_worth."""
+    rows = []
+    for name, ensemble in again.items():
+        ideal = ideal_cycle(*ensemble.lengths, offset)
+        cycles = {
+            "ideal": (ideal.largest_departure, ideal.outer_dead_centre, ideal.inner_dead_centre),
+            "simulated": tuple(
+                float(np.median(values))
+                for values in (ensemble.largest_departure, ensemble.outer_dead_centre, ensemble.inner_dead_centre)
+            ),
+        }
+        for cycle, (departure, outer, inner) in cycles.items():
+            rows.append(
+                {
+                    "point": name,
+                    "crank_length": ensemble.lengths[0],
+                    "rod_length": ensemble.lengths[1],
+                    "cycle": cycle,
+                    "smallest_transmission_angle": np.pi / 2 - departure,
+                    "largest_departure": departure,
+                    "stroke": outer - inner,
+                    "outer_dead_centre": outer,
+                    "inner_dead_centre": inner,
+                }
+            )
+    frame = pd.DataFrame(rows)
+    for column in ("smallest_transmission_angle", "stroke", "outer_dead_centre", "inner_dead_centre"):
+        original = frame["cycle"].map(frame[frame["point"] == "original"].set_index("cycle")[column])
+        frame[f"{column}_change"] = frame[column] - original
+    return frame

@@ -1,0 +1,41 @@
+"""The stage compare: tables of a scenario in, the comparison out."""
+
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from jointgap.config import Scenario
+from jointgap.paper.claims import claims
+from jointgap.paper.comparison_row import Row
+from jointgap.paper.looseness_variants import Member
+from jointgap.paper.printed_numbers import numbers
+
+NEEDED = (
+    "trajectory",
+    "kinematics",
+    "fit_errors",
+    "optimise_optima",
+    "optimise_tolerance",
+    "optimise_resimulated",
+    "optimise_worth",
+)
+
+
+def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, members: Sequence[Member]) -> pd.DataFrame:
+    """Every number and claim of the paper beside ours.
+
+    Parameters
+    ----------
+    frames : mapping of str to DataFrame
+        The tables `NEEDED`, by name.
+    scenario : Scenario
+    members : sequence of Member
+        This scenario and those that differ from it in nothing but which joints are loose.
+
+    Returns
+    -------
+    DataFrame
+        Columns of the table comparison; numbers first.
+    """
+    rows: list[Row] = [*numbers(frames, scenario), *claims(frames, scenario, members)]
+    return pd.DataFrame([row.record() for row in rows])

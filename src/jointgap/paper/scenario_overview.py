@@ -1,0 +1,185 @@
+"""The scenarios side by side: one row each, the same point (genetic algorithm on the networks, main box) in all of them.
+
+A second part puts scenarios beside each other that differ in nothing but which joints are loose.
+"""
+
+import html as escape
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Scenario
+from jointgap.paper.comparison_page import STYLE
+from jointgap.paper.joint_count import conclusion
+from jointgap.paper.looseness_variants import Member, family, member
+
+NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated")
+
+Loaded = Mapping[str, tuple[Mapping[str, pd.DataFrame], Scenario]]
+"""By scenario: its tables `NEEDED` by name, and its configuration."""
+
+HEADS = (
+    "scenario",
+    "loose joints (journal on)",
+    "drive",
+    "friction, largest",
+    "window [deg]",
+    "training MSE reached",
+    "held-out MSE reached",
+    "second surrogate, held out",
+    "L2 [mm]",
+    "L3 [mm]",
+    "networks, frozen [%]",
+    "simulation, frozen [%]",
+    "again, window [%]",
+    "again, settled [%]",
+)
+TITLE = "The scenarios side by side"
+TEXT = (
+    "Reductions of the RMS error of the transmission angle at the lengths that the genetic algorithm finds on the networks (main box), "
+    "against the original lengths: with the clearance motion frozen, and simulated again with the new lengths (median, 5-95 % of an "
+    "ensemble of perturbed starts) over the window and over a whole settled revolution. Training and held-out errors: how many of the "
+    "outputs are at or below the paper's training errors, of those for which it has one."
+)
+COUNT_HEADS = (
+    "loose joints",
+    "scenario",
+    "which",
+    "again, window [%]",
+    "again, settled [%]",
+    "error before [deg]",
+    "after [deg]",
+)
+COUNT_TITLE = "By count of loose joints"
+
+
+def overview(loaded: Loaded) -> pd.DataFrame:
+    """One row a scenario, columns of the table overview."""
+    scenarios = {name: scenario for name, (_, scenario) in loaded.items()}
+    rows = []
+    for name, (frames, scenario) in loaded.items():
+        one = member(name, scenario, frames["optimise_resimulated"])
+        found = {
+            "family": family(name, scenarios)[0],
+            "loose_joints": len(one.loose),
+            **{
+                f"found_{key}": getattr(one, key)
+                for key in ("reduction", "low", "high", "settled", "original_error", "error")
+            },
+        }
+        rows.append(_row(name, frames, scenario) | found)
+    return pd.DataFrame(rows)
+
+
+def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> dict:
+    errors = frames["fit_errors"]
+    whole = errors[(errors["region"] == "all") & errors["paper_mse"].notna()]
+    networks = whole[(whole["model"] == "network") & (whole["seed"] == scenario.surrogate.seeds[0])]
+    second = whole[whole["model"] == "clearance"]
+    point = f"networks_{next(iter(scenario.optimise.boxes))}_genetic"
+    optima = frames["optimise_optima"]
+    best = optima[optima["point"] == point].iloc[0]
+    again = frames["optimise_resimulated"]
+    again = again[(again["point"] == point) & (again["measure"] == "rms")].set_index("stretch")
+    applied = scenario.mechanism.applied()
+    joints = {name: applied.joint(name) for name in applied.loose}
+    reductions = {
+        f"{stretch}_{column}": float(again.loc[stretch, column])
+        for stretch in ("window", "settled")
+        for column in ("reduction", "reduction_low", "reduction_high")
+    }
+    return {
+        "scenario": name,
+        "loose": ", ".join(f"{name.replace('_', ' ')} ({joint.journal})" for name, joint in joints.items()),
+        "drive": scenario.simulate.drive.kind,
+        "friction": max(joint.contact.friction for joint in joints.values()),
+        "window_start": scenario.optimise.window[0],
+        "window_end": scenario.optimise.window[1],
+        "judged": len(networks),
+        "training_reached": int((networks["training_mse"] <= networks["paper_mse"]).sum()),
+        "held_out_reached": int((networks["held_out_mse"] <= networks["paper_mse"]).sum()),
+        "second_reached": int((second["held_out_mse"] <= second["paper_mse"]).sum()),
+        "crank_length": best["crank_length"],
+        "rod_length": best["rod_length"],
+        "networks_reduction": best["rms_reduction"],
+        "simulation_reduction": again.loc["window", "frozen_reduction"],
+        **reductions,
+    }
+
+
+def _cells(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
+    for row in table.itertuples(index=False):
+        yield (
+            row.scenario,
+            row.loose,
+            row.drive,
+            f"{row.friction:g}",
+            f"{np.degrees(row.window_start):.0f}-{np.degrees(row.window_end):.0f}",
+            *(
+                f"{count} of {row.judged}" if row.judged else "–"
+                for count in (row.training_reached, row.held_out_reached, row.second_reached)
+            ),
+            f"{1e3 * row.crank_length:.3f}",
+            f"{1e3 * row.rod_length:.3f}",
+            f"{100 * row.networks_reduction:.2f}",
+            f"{100 * row.simulation_reduction:.2f}",
+            _spread(row.window_reduction, row.window_reduction_low, row.window_reduction_high),
+            _spread(row.settled_reduction, row.settled_reduction_low, row.settled_reduction_high),
+        )
+
+
+def _spread(middle: float, low: float, high: float) -> str:
+    return f"{100 * middle:.2f} ({100 * low:.2f} to {100 * high:.2f})"
+
+
+def _families(table: pd.DataFrame) -> Iterator[tuple[str, list[tuple[str, ...]]]]:
+    """For scenarios that differ in their loose joints alone: what that does, in words, and the cells of its rows."""
+    for _, rows in table.groupby("family", sort=False):
+        if rows["loose_joints"].nunique() < 2:
+            continue
+        cells, members = [], []
+        for row in rows.sort_values("loose_joints", kind="stable").itertuples():
+            loose = tuple(joint.partition(" (")[0] for joint in row.loose.split(", "))
+            sizes = (row.found_reduction, row.found_low, row.found_high)
+            members.append(
+                Member(row.scenario, loose, *sizes, row.found_settled, row.found_original_error, row.found_error)
+            )
+            angles = (f"{np.degrees(angle):.4f}" for angle in (row.found_original_error, row.found_error))
+            settled = f"{100 * row.found_settled:.2f}"
+            cells.append((str(row.loose_joints), row.scenario, ", ".join(loose), _spread(*sizes), settled, *angles))
+        words = (
+            "These scenarios differ in nothing but which joints are loose. RMS reductions at the lengths that the genetic algorithm "
+            f"finds on each simulation's own motion, simulated again. {conclusion(members)}"
+        )
+        yield words, cells
+
+
+def _markdown_table(heads: Sequence[str], rows: Iterable[tuple[str, ...]]) -> list[str]:
+    return [f"| {' | '.join(line)} |" for line in (heads, ["---"] * len(heads), *rows)]
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """The table overview as Markdown."""
+    lines = [f"# {TITLE}", "", TEXT, "", *_markdown_table(HEADS, _cells(table)), ""]
+    for words, cells in _families(table):
+        lines += [f"## {COUNT_TITLE}", "", words, "", *_markdown_table(COUNT_HEADS, cells), ""]
+    return "\n".join(lines)
+
+
+def _html_table(heads: Sequence[str], rows: Iterable[tuple[str, ...]]) -> str:
+    head = "".join(f"<th>{head}</th>" for head in heads)
+    body = "".join(f"<tr>{''.join(f'<td>{escape.escape(cell)}</td>' for cell in cells)}</tr>" for cells in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def html(table: pd.DataFrame) -> str:
+    """The table overview as one self-contained page."""
+    counts = "".join(
+        f"<h2>{COUNT_TITLE}</h2><p>{escape.escape(words)}</p>{_html_table(COUNT_HEADS, cells)}"
+        for words, cells in _families(table)
+    )
+    return (
+        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{TITLE}</title><style>{STYLE}</style></head>"
+        f"<body><h1>{TITLE}</h1><p>{TEXT}</p>{_html_table(HEADS, _cells(table))}{counts}</body></html>\n"
+    )

@@ -1,0 +1,128 @@
+"""What was measured, in SI: one recording per run."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config.campaign_file import Campaign
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The samples of one run.
+
+    Attributes
+    ----------
+    run : str
+    time : (n,) array
+        As measured [s], rising; all NaN where the campaign has no channel time.
+    crank_angle : (n,) array
+        [rad], running on over turns and rising on the whole; of a clockwise crank the mirror image. NaN in gaps, all NaN where
+        the campaign has no such channel.
+    channels : dict of str to (n,) array
+        The other channels, SI, with the signs that the file has; NaN in gaps.
+    noise : dict of str to float or None
+        Stated standard deviation of every channel but time, SI; None where it is to be estimated. Where an encoder's step is
+        stated but no noise, that of its rounding: step / sqrt(12).
+    held_out : (n,) bool array
+        Samples that take no part in fitting or choosing: all of a run to confirm with, the last third of a split one.
+    """
+
+    run: str
+    time: np.ndarray
+    crank_angle: np.ndarray
+    channels: dict[str, np.ndarray]
+    noise: dict[str, float | None]
+    held_out: np.ndarray
+
+    @property
+    def has_time(self) -> bool:
+        """Whether times were measured."""
+        return bool(np.isfinite(self.time).any())
+
+    @property
+    def has_angle(self) -> bool:
+        """Whether the crank angle was measured."""
+        return bool(np.isfinite(self.crank_angle).any())
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """All runs of a campaign.
+
+    Attributes
+    ----------
+    runs : dict of str to Recording
+        In the campaign's order.
+    remarks : tuple of str
+        What a reader of the results should know of the data, in sentences.
+    """
+
+    runs: dict[str, Recording]
+    remarks: tuple[str, ...] = ()
+
+
+def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:
+    """`Recording.noise` of a run."""
+    found = {}
+    for name, channel in campaign.channels.items():
+        stated = channel.noise_of(run)
+        if stated is None and channel.resolution is not None:
+            stated = channel.resolution / np.sqrt(12.0)
+        if name != "time":
+            found[name] = None if stated is None else float(stated * campaign.factor(name))
+    return found
+
+
+COLUMNS = ("run", "channel", "sample", "time", "crank_angle", "value", "held_out")
+
+
+def to_frame(measurements: Measurements) -> pd.DataFrame:
+    """Measurements as a tidy table: one row per run, channel and sample.
+
+    Returns
+    -------
+    DataFrame
+        Columns run, channel, sample (from 0), time [s], crank_angle [rad], value [SI of the channel], held_out. The crank angle
+        is also a channel of its own where it was measured.
+    """
+    parts = []
+    for recording in measurements.runs.values():
+        own = {"crank_angle": recording.crank_angle} if recording.has_angle else {}
+        for channel, values in (own | recording.channels).items():
+            parts.append(
+                pd.DataFrame(
+                    {
+                        "run": recording.run,
+                        "channel": channel,
+                        "sample": np.arange(values.size),
+                        "time": recording.time,
+                        "crank_angle": recording.crank_angle,
+                        "value": values,
+                        "held_out": recording.held_out,
+                    },
+                    columns=COLUMNS,
+                )
+            )
+    return pd.concat(parts, ignore_index=True)
+
+
+def from_frame(frame: pd.DataFrame, campaign: Campaign, remarks: tuple[str, ...] = ()) -> Measurements:
+    """The measurements in a table that `to_frame` made; the noise is what the campaign states."""
+    runs = {}
+    for run, own in frame.groupby("run", sort=False, observed=True):
+        by_channel: Mapping[str, pd.DataFrame] = dict(list(own.groupby("channel", sort=False, observed=True)))
+        any_channel = next(iter(by_channel.values()))
+        runs[run] = Recording(
+            run=run,
+            time=any_channel["time"].to_numpy(dtype=float),
+            crank_angle=any_channel["crank_angle"].to_numpy(dtype=float),
+            channels={
+                name: part["value"].to_numpy(dtype=float) for name, part in by_channel.items() if name != "crank_angle"
+            },
+            noise=noise_of(campaign, run),
+            held_out=any_channel["held_out"].to_numpy(dtype=bool),
+        )
+    return Measurements(runs, remarks)

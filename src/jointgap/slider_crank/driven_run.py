@@ -1,0 +1,185 @@
+"""From a run's record and its nuisances to a simulation that passes the samples when the rig did."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from jointgap.config import Mechanism
+from jointgap.config.campaign_file import Campaign, CampaignRun
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.measured_drive import smooth_angle
+from jointgap.dynamics.model.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
+from jointgap.dynamics.model.prescribed_drive import crank_times
+from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.errors import InputError
+from jointgap.slider_crank.channel_kinematics import DROPPED, options_of, prescribed_angles
+from jointgap.slider_crank.sample_grid import TURN, Clock
+
+_MOST_DROPPED = 30
+_SETTLED = 7.0  # time constants in which a transient falls to a thousandth
+_COARSE = 60  # samples per revolution from which a motor's angle over time is told
+_AT_REST = 1e-3  # rad/s: a motor's least speed
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A simulation, and where in it the samples of a run lie.
+
+    Attributes
+    ----------
+    numbers : Parameters
+    angles : (n,) array
+        Crank angles of the samples [rad].
+    begin : float
+        Time [s] of the simulation at the run's first sample.
+    at : function
+        Crank angles at times since the first sample.
+    """
+
+    numbers: Parameters
+    angles: np.ndarray
+    begin: float
+    at: Callable[[np.ndarray], np.ndarray]
+
+
+def dropped(run: CampaignRun, mechanism: Mechanism, speed: float) -> int:
+    """Revolutions to simulate before the first sample: more than usual where a bending rod rings for long."""
+    if run.start in ("at_rest", "dead_centre"):
+        return 0
+    bending = mechanism.effect("rod_flexibility")
+    if bending is None:
+        return DROPPED
+    decay = max(bending.damping_ratio * TURN * bending.frequency_Hz, 1e-6)
+    return min(max(DROPPED, math.ceil(_SETTLED / decay * speed / TURN)), _MOST_DROPPED)
+
+
+def constant_passage(
+    mechanism: Mechanism, run: CampaignRun, clock: Clock, values: Mapping[str, float], offset: float, tolerance: float
+) -> Passage:
+    """A crank of prescribed speed, steady or fluctuating.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    run : CampaignRun
+    clock : Clock
+    values : mapping of str to float
+        ``speed`` and ``first_angle`` where they are nuisances; of the straight line through the angles where these were read.
+    offset : float
+        What an encoder reads too much [rad].
+    tolerance : float
+        Local error of a step [m].
+    """
+    first, speed = values.get("first_angle", clock.first_angle) - offset, values.get("speed", clock.speed)
+    back = TURN * dropped(run, mechanism, speed)
+    if not clock.timed:
+        angles = clock.angle + (first - clock.first_angle)
+        p = parameters(mechanism, options_of(speed, angles.min() - back, tolerance))
+        begin = float(crank_times(p, np.array([p.drive.start_angle, angles[0]]))[1])
+        return Passage(p, angles, begin, lambda elapsed: prescribed_angles(p, begin + elapsed))
+    fluctuation = mechanism.effect("speed_fluctuation")
+    slowed = math.sqrt(1.0 - fluctuation.ratio**2) if fluctuation else 1.0  # mean speed over w0
+    w0 = speed / slowed if clock.encoded else speed
+    p = parameters(mechanism, options_of(w0, first - back, tolerance))
+    begin = back / (w0 * slowed)
+    if fluctuation and clock.encoded:
+        for _ in range(4):  # until the straight line through the angles is the one that was read
+            found, slope = clock.line(prescribed_angles(p, begin + clock.elapsed))
+            p.drive.speed *= speed / slope
+            begin = back / (p.drive.speed * slowed)
+            p.drive.start_angle += first - found
+
+    def at(elapsed: np.ndarray) -> np.ndarray:
+        return prescribed_angles(p, begin + elapsed)
+
+    return Passage(p, at(clock.elapsed), begin, at)
+
+
+def measured_pieces(clock: Clock, resolution: float | None, back: int) -> tuple[np.ndarray, float]:
+    """A measured angle made smooth, as pieces (see `jointgap.dynamics.model.parameters.knots_record`), and its end [s].
+
+    The record is led in by `back` revolutions like its first one; time 0 is where they begin.
+    """
+    known = np.isfinite(clock.read)
+    time, angle = clock.elapsed[known], clock.read[known]
+    turn = float(np.interp(angle[0] + TURN, angle, time))
+    first = time < turn
+    lead = [(time[first] - k * turn, angle[first] - k * TURN) for k in range(back + 1, 0, -1)]
+    time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), strict=True))
+    kept = time > -(back + 0.5) * turn
+    time, angle = time[kept], angle[kept]
+    smooth = smooth_angle(time - time[0], angle, resolution)
+    begin = -time[0] - back * turn
+    pieces = np.unique(np.append(smooth.x[smooth.x > begin], begin))[:-1]
+    if len(pieces) > MOST_KNOTS:
+        raise InputError(
+            f"channels: the smooth crank angle needs {len(pieces)} pieces, more than {MOST_KNOTS}; give crank_angle its "
+            "resolution, or shorter runs"
+        )
+    table = np.zeros((len(pieces), 7))
+    table[:, 0] = pieces - begin
+    for power in range(6):
+        table[:, 6 - power] = smooth(pieces, power) / math.factorial(power)
+    return table, float(back * turn)
+
+
+def measured_passage(
+    mechanism: Mechanism, clock: Clock, pieces: tuple[np.ndarray, float], offset: float, tolerance: float
+) -> Passage:
+    """A crank that follows the measured angle."""
+    table, begin = pieces[0].copy(), pieces[1]
+    table[:, 6] -= offset
+    p = parameters(mechanism, options_of(clock.speed, float(table[0, 6]), tolerance))
+    drive = DriveParameters(kind=MEASURED, speed=clock.speed, start_angle=float(table[0, 6]))
+    p = p._replace(drive=record(drive), knots=knots_record(table))
+
+    def at(elapsed: np.ndarray) -> np.ndarray:
+        return prescribed_angles(p, begin + elapsed)
+
+    return Passage(p, at(clock.elapsed), begin, at)
+
+
+def motor_passage(
+    mechanism: Mechanism,
+    campaign: Campaign,
+    run: CampaignRun,
+    clock: Clock,
+    values: Mapping[str, float],
+    offset: float,
+    tolerance: float,
+) -> Passage:
+    """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean."""
+    motor, speed = campaign.motor, values.get("speed", run.speed)
+    first = values.get("first_angle", clock.first_angle) - offset
+    start_speed, back = speed, 0.0
+    if run.start == "at_rest":
+        start_speed = _AT_REST
+    elif run.start != "dead_centre":
+        crank = mechanism.crank
+        moved = (
+            mechanism.slider.mass + mechanism.rod.mass
+        ) * crank.length**2  # more than the mean of what the crank feels
+        inertia = motor.inertia + crank.inertia + crank.mass * crank.mass_centre**2 + moved
+        slow = _SETTLED * inertia * motor.no_load_speed / motor.stall_torque
+        back = TURN * min(max(DROPPED, math.ceil(slow * speed / TURN)), _MOST_DROPPED)
+    p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
+    reach = 1.05 * max(clock.elapsed[-1] * motor.no_load_speed, TURN)
+    count = math.ceil((back + reach) / TURN * _COARSE)
+    coarse = p.drive.start_angle + np.arange(count + 1) * (TURN / _COARSE)
+    course = CubicSpline(run_march(p, start_state(p), coarse, tolerance).times, coarse)
+    begin = float(np.interp(first, coarse, course.x))
+    if clock.encoded and back:
+        for _ in range(4):
+            known = np.isfinite(clock.read)
+            shift = clock.first_angle - values.get("first_angle", clock.first_angle) + offset
+            away = course(begin + clock.elapsed[known]) + shift - clock.read[known]
+            begin = max(begin - float(np.mean(away)) / speed, 0.0)
+
+    def at(elapsed: np.ndarray) -> np.ndarray:
+        return course(begin + elapsed)
+
+    return Passage(p, at(clock.elapsed), begin, at)

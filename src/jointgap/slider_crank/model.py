@@ -1,0 +1,137 @@
+"""The slider-crank of a campaign as a model for the naming of effects."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from jointgap.config.campaign_file import Campaign
+from jointgap.config.channels import CHANNELS
+from jointgap.identification.protocol import Candidate, Effects, Parameter, Series
+from jointgap.slider_crank.candidates import Scale, physical_candidates
+from jointgap.slider_crank.chaotic_channels import (
+    chaotic_channels,
+    chaotic_run,
+    measured_statistics,
+    simulated_statistics,
+)
+from jointgap.slider_crank.cycle_statistics import BINS
+from jointgap.slider_crank.nuisances import of_run, shared
+from jointgap.slider_crank.other_numerics import NUMERICS
+from jointgap.slider_crank.run_simulation import RunPlan, channels_read
+from jointgap.slider_crank.sample_grid import TURN
+from jointgap.slider_crank.sensor_faults import sensor_candidates
+
+
+class RigModel:
+    """A `jointgap.identification.protocol.Model` of a slider-crank.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    plans : mapping of str to RunPlan
+        By run.
+    measured : mapping of run to mapping of channel to (n,) array
+        NaN where nothing was measured.
+    noise : mapping of run to mapping of channel to float or None
+        As stated.
+    held_out : mapping of run to (n,) bool array
+    searched : frozenset of str
+        Runs whose first angle was found by a search, so that a fit has to go on with it.
+    """
+
+    def __init__(
+        self, campaign: Campaign, plans: Mapping[str, RunPlan], measured, noise, held_out, searched=frozenset()
+    ):
+        self.campaign, self.plans, self.name = campaign, plans, campaign.name
+        own = [p for run, plan in plans.items() for p in of_run(campaign, plan.run, plan.clock, run in searched)]
+        self.nuisances: tuple[Parameter, ...] = (*shared(campaign), *own)
+        self.numerics = NUMERICS
+        self._chaotic = {}
+        for run, plan in plans.items():
+            values = self.nominal(run)
+            if channels := chaotic_channels(campaign, plan, values, noise[run]):
+                kept = ~held_out[run] | held_out[run].all()
+                told = {channel: np.where(kept, measured[run][channel], np.nan) for channel in channels}
+                self._chaotic[run] = chaotic_run(campaign, plan, channels, values, told, noise[run])
+        self.series = tuple(
+            series for run in plans for series in self._all_series(run, measured[run], noise[run], held_out[run])
+        )
+
+    def nominal(self, run: str) -> dict[str, float]:
+        """Nominal values of every nuisance that a run has, by name."""
+        return {p.name: p.nominal for p in self.nuisances if p.run in (None, run)}
+
+    def chaotic(self, run: str) -> tuple[str, ...]:
+        """Channels of a run that are compared by statistics over cycles."""
+        return self._chaotic[run].statistics.channels if run in self._chaotic else ()
+
+    def _all_series(self, run: str, measured, noise, held_out) -> list[Series]:
+        clock, found = self.plans[run].clock, []
+        for channel in self.plans[run].channels:
+            if channel not in self.chaotic(run):
+                value, known = measured[channel], noise.get(channel)
+                stated = None if known is None else np.full(value.size, known)
+                found.append(Series(run, channel, CHANNELS[channel], value, clock.time, clock.angle, held_out, stated))
+        return found + (self._statistics(run, measured, held_out) if run in self._chaotic else [])
+
+    def _statistics(self, run: str, measured, held_out) -> list[Series]:
+        """Series of the chaotic channels: statistics of the samples for fitting, then of those held out."""
+        chaotic, clock = self._chaotic[run], self.plans[run].clock
+        groups = [part for part in (False, True) if (held_out == part).any()]
+        parts = [
+            measured_statistics(
+                chaotic, clock.angle[held_out == part], {c: measured[c][held_out == part] for c in measured}
+            )
+            for part in groups
+        ]
+        middles = np.tile((np.arange(BINS) + 0.5) * (TURN / BINS), len(groups))
+        return [
+            Series(
+                run,
+                name,
+                CHANNELS[name.partition(" ")[0]],
+                np.concatenate([part[name][0] for part in parts]),
+                np.full(middles.size, np.nan),
+                middles,
+                np.repeat(groups, BINS),
+                np.concatenate([part[name][1] for part in parts]),
+                statistic=True,
+            )
+            for name in parts[0]
+        ]
+
+    @cached_property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """Every effect and every fault of a sensor that could be missing."""
+        run, plan = next(iter(self.plans.items()))
+        turning = float(np.mean([one.clock.speed for one in self.plans.values()]))
+        read = channels_read(self.campaign, plan, self.nominal(run))
+        spreads = {
+            name: (float(np.ptp(read[name]) and np.std(read[name])), CHANNELS[name])
+            for name in read
+            if name != "crank_angle"
+        }
+        scale = Scale.of(self.campaign.mechanism, turning)
+        nuisances = {p.name: p for p in self.nuisances if p.run is None}
+        constant = self.campaign.drive == "constant_speed"
+        physical = physical_candidates(
+            self.campaign.mechanism, scale, nuisances, constant, 1.37 * turning / TURN, tuple(self.plans)
+        )
+        return (*physical, *sensor_candidates(spreads, "crank_angle" in self.campaign.channels, turning))
+
+    def simulate(
+        self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
+    ) -> dict[str, np.ndarray]:
+        """As `jointgap.identification.protocol.Model.simulate` says."""
+        plan, chaotic = self.plans[run], self._chaotic.get(run)
+        sampled = tuple(channel for channel in plan.channels if channel not in self.chaotic(run))
+        read = {}
+        if sampled:
+            read = channels_read(self.campaign, replace(plan, channels=sampled), values, effects, numerics)
+        if chaotic is not None:
+            found = simulated_statistics(self.campaign, chaotic, values, effects, numerics)
+            sizes = {series.channel: series.value.size for series in self.series if series.run == run}
+            read |= {name: np.tile(one, sizes[name] // BINS) for name, one in found.items()}
+        return read

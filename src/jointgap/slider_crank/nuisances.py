@@ -1,0 +1,96 @@
+"""The nuisances of a campaign as parameters of a fit."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from jointgap.config import Mechanism
+from jointgap.config.campaign_file import Campaign, CampaignRun
+from jointgap.config.load import validate
+from jointgap.config.nuisance_bounds import NUISANCES, PINS, nominal_values
+from jointgap.errors import InputError
+from jointgap.identification.protocol import Parameter
+from jointgap.slider_crank.modified_mechanism import friction_speed, with_nuisances
+from jointgap.slider_crank.sample_grid import Clock
+
+_STEP = 0.02  # of the width of a nuisance's bounds
+REGULARISED = 4.0
+"""By what factor friction may be regularised over a lower or a higher speed than the contact says."""
+
+FIRST_ANGLE_REACH = np.pi / 6
+"""How far [rad] a first angle that was searched for may be off."""
+
+
+def shared(campaign: Campaign) -> tuple[Parameter, ...]:
+    """Those of the mechanism, which all runs share."""
+    found = []
+    for key in campaign.nuisance:
+        nominals = () if key == "speed" else nominal_values(campaign.mechanism, key)
+        if nominals:
+            low, high = campaign.bounds(key, nominals[0])
+            found.append(_parameter(key, nominals[0], low, high, NUISANCES[key] or "1"))
+    if (width := friction_speed(campaign.mechanism)) is not None:
+        found.append(_parameter("friction_speed", width, width / REGULARISED, width * REGULARISED, "m/s"))
+    return tuple(found)
+
+
+def check_ends(campaign: Campaign) -> None:
+    """Make sure that the mechanism is possible at the ends of its nuisances' bounds.
+
+    One at a time, the others at nominal; and where lengths and clearances together leave the crank least room to turn.
+
+    Raises
+    ------
+    InputError
+        It is not; with the nuisance, its value and what to do.
+    """
+    bounds = {p.name: (p.low, p.high) for p in shared(campaign) if p.name in campaign.nuisance}
+    tightest = {"crank_length": 1, "rod_length": 0} | {f"{pin}_clearance": 1 for pin in PINS}
+    together = {key: bounds[key][end] for key, end in tightest.items() if key in bounds}
+    alone = [{key: end} for key, ends in bounds.items() for end in ends]
+    for values in [*alone, together] if len(together) > 1 else alone:
+        _check_possible(campaign, values)
+
+
+def _check_possible(campaign: Campaign, values: Mapping[str, float]) -> None:
+    at = ", ".join(f"{key} = {value:g} {NUISANCES[key]}".rstrip() for key, value in values.items())
+    source = f"campaign {campaign.name}, nuisance, at the bound {at}"
+    try:
+        validate(Mechanism, with_nuisances(campaign.mechanism, values).model_dump(), source)
+    except InputError as error:
+        raise InputError(f"{error}; or give narrower bounds") from error
+
+
+def of_run(campaign: Campaign, run: CampaignRun, clock: Clock, first_angle_searched: bool) -> tuple[Parameter, ...]:
+    """Speed and phase of one run, as far as they are not exact."""
+    found = []
+    if clock.encoded and clock.speed_reach > 0:
+        reach = clock.speed_reach
+        found.append(_parameter("speed", clock.speed, clock.speed - reach, clock.speed + reach, "rad/s", run.id))
+    elif not clock.encoded and "speed" in campaign.nuisance:
+        low, high = campaign.bounds("speed", run.speed)
+        found.append(_parameter("speed", min(max(clock.speed, low), high), low, high, "rad/s", run.id))
+    reach = FIRST_ANGLE_REACH if first_angle_searched else clock.first_reach
+    if reach > 0:
+        first = clock.first_angle
+        found.append(_parameter("first_angle", first, first - reach, first + reach, "rad", run.id))
+    return tuple(found)
+
+
+def _parameter(name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None) -> Parameter:
+    return Parameter(name, nominal, low, high, _STEP * (high - low), unit, run)
+
+
+def replaced_by(effect: str, site: str, nuisances: Mapping[str, Parameter]) -> dict[str, str]:
+    """Nuisances that are the parameter of an effect, and the effect's size that stands for each."""
+    own = {
+        "added_slider_mass": {"slider_mass": "mass_kg"},
+        "link_length_error": {"crank_length": "crank_m", "rod_length": "rod_m"},
+        "pin_friction": {f"joint_friction_{site}": "change", "joint_friction": "change"},
+    }.get(effect, {effect: "change_m"})  # crank_pin_clearance and piston_pin_clearance are called alike
+    return {name: size for name, size in own.items() if name in nuisances}
+
+
+def other_pins(mechanism: Mechanism, pin: str) -> tuple[str, ...]:
+    """The loose pins besides `pin`."""
+    return tuple(other for other in mechanism.loose if other not in (pin, "crank_pivot"))

@@ -1,0 +1,146 @@
+"""What the sensors of one run read: from values of nuisances and effects over the motion to the channels."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointgap.config import Mechanism
+from jointgap.config.campaign_file import Campaign, CampaignRun
+from jointgap.identification.protocol import Effects
+from jointgap.slider_crank import driven_run as drives
+from jointgap.slider_crank import sensors
+from jointgap.slider_crank.channel_kinematics import observed, tolerance_for
+from jointgap.slider_crank.modified_mechanism import mirrored, softened, with_effects, with_nuisances
+from jointgap.slider_crank.other_numerics import otherwise
+from jointgap.slider_crank.sample_grid import TURN, Clock
+from jointgap.slider_crank.sensor_faults import Faults
+
+_PAD = 0.25  # revolutions that filters and lags see before and after the samples
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """One run: its samples and what is read there.
+
+    Attributes
+    ----------
+    run : CampaignRun
+    clock : Clock
+    channels : tuple of str
+        That are compared.
+    pieces : tuple or None
+        Of a measured angle that drives the crank.
+    """
+
+    run: CampaignRun
+    clock: Clock
+    channels: tuple[str, ...]
+    pieces: tuple[np.ndarray, float] | None = None
+
+
+def channels_read(
+    campaign: Campaign,
+    plan: RunPlan,
+    values: Mapping[str, float],
+    effects: Effects = (),
+    numerics: int = 0,
+    perturbation: np.ndarray | None = None,
+) -> dict[str, np.ndarray]:
+    """What the sensors of a run read at its samples.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    plan : RunPlan
+    values : mapping of str to float
+        Every nuisance that the run has, by name.
+    effects : sequence of (Candidate, mapping)
+    numerics : int
+        As in `jointgap.slider_crank.other_numerics.otherwise`.
+    perturbation : (6,) array, optional
+        Clearance vectors at the start [m], as in `jointgap.dynamics.simulation`; zero by default.
+
+    Returns
+    -------
+    dict of str to (n,) array
+        By channel.
+
+    Raises
+    ------
+    InputError, SimulationError
+        These values cannot be simulated.
+    """
+    effects, share = softened(effects)
+    read = _read_once(campaign, plan, values, effects, numerics, perturbation)
+    if share < 1.0:
+        without = [one for one in effects if one[0].name != "rod_flexibility"]
+        rigid = _read_once(campaign, plan, values, without, numerics, perturbation)
+        read = {channel: rigid[channel] + share * (read[channel] - rigid[channel]) for channel in read}
+    return read
+
+
+def _read_once(campaign, plan, values, effects, numerics, perturbation) -> dict[str, np.ndarray]:
+    faults, nuisances = Faults(effects, plan.run.direction == "clockwise"), dict(values)
+    for candidate, own in effects:  # a nuisance that an effect took over in part, such as the other pin's friction
+        nuisances |= {name: own[name] for name in own if name in values and name not in candidate.sizes}
+    mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()
+    if plan.run.direction == "clockwise":
+        mechanism = mirrored(mechanism)
+    finer, change = otherwise(numerics)
+    tolerance = finer * tolerance_for(mechanism)
+    passage = _passage(campaign, plan, mechanism, nuisances, faults.offset, tolerance)
+    change(passage.numbers)
+    harmonic = passage.numbers.effects
+    harmonic.harmonic_phase += harmonic.harmonic_pulsation * (plan.clock.time[0] - passage.begin)
+    return _read(campaign, plan, passage, faults, tolerance, perturbation)
+
+
+def _passage(campaign, plan, mechanism: Mechanism, values, offset, tolerance) -> drives.Passage:
+    if plan.pieces is not None:
+        return drives.measured_passage(mechanism, plan.clock, plan.pieces, offset, tolerance)
+    if campaign.drive == "motor":
+        return drives.motor_passage(mechanism, campaign, plan.run, plan.clock, values, offset, tolerance)
+    return drives.constant_passage(mechanism, plan.run, plan.clock, values, offset, tolerance)
+
+
+def _read(campaign, plan, passage, faults, tolerance, perturbation) -> dict[str, np.ndarray]:
+    """What the sensors make of the motion at the samples."""
+    sensor = {channel: campaign.channels[channel] for channel in plan.channels}
+    if sensor.keys() == {"crank_angle"}:
+        return {"crank_angle": passage.angles + faults.offset}
+    corners = [one.bandwidth for one in sensor.values() if one.bandwidth]
+    angles, grid = passage.angles, np.empty(0)
+    if corners or any(faults.lag(channel) for channel in sensor):
+        grid = _grid(plan, passage, corners)
+        angles = np.append(angles, passage.at(grid))
+    seen = observed(passage.numbers, angles, tolerance, perturbation)
+    count = passage.angles.size
+    elapsed = seen["time"][:count] - passage.begin
+    found = {}
+    for channel, one in sensor.items():
+        values = seen[channel]
+        if channel == "crank_angle":
+            found[channel] = values[:count] + faults.offset
+            continue
+        if plan.run.direction == "clockwise" and channel in sensors.MIRRORED:
+            values = -values
+        if one.reads_gravity:
+            values = values + sensors.gravity_read(channel, campaign.mechanism.gravity_direction)
+        values = faults.gain(channel) * values
+        read, fine, lag = values[:count], values[count:], faults.lag(channel)
+        if one.bandwidth:
+            fine = sensors.low_pass(fine, grid[1] - grid[0], one.bandwidth, one.filter == "causal")
+            read = sensors.at_times(elapsed, grid, fine)
+        if lag:
+            late = sensors.lagged(fine, grid[1] - grid[0], lag) - fine
+            read = read + sensors.at_times(elapsed, grid, late)
+        found[channel] = read + faults.bias(channel)
+    return found
+
+
+def _grid(plan: RunPlan, passage: drives.Passage, corners: list[float]) -> np.ndarray:
+    turn = TURN / plan.clock.speed
+    before = min(_PAD * turn, passage.begin)
+    after = 0.0 if plan.pieces is not None else _PAD * turn  # a measured angle ends with the record
+    return sensors.grid(-before, plan.clock.elapsed[-1] + after, turn, corners)

@@ -1,0 +1,173 @@
+"""Errors of a fit: where they are measured and how they are scaled."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import CubicSpline
+
+from jointgap.errors import InputError
+from jointgap.paper.printed import TRAINING_MSE
+from jointgap.surrogate.network import Scaling
+from jointgap.tables import TRAJECTORY
+
+UNITS = {column.name: column.unit for column in TRAJECTORY.columns}
+REGIONS = {"all": 0.0, "past_60_deg": np.radians(60.0)}
+"""First crank angle after the start that a region counts; the paper's transient is over past 60 deg."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """Crank angles [rad] and values of one output there; undefined points are left out and counted."""
+
+    crank_angle: np.ndarray
+    values: np.ndarray
+    undefined: int
+
+    @classmethod
+    def of(cls, crank_angle: np.ndarray, values: np.ndarray) -> "Points":
+        defined = np.isfinite(values)
+        return cls(crank_angle[defined], values[defined], int(np.sum(~defined)))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """One output over the first revolution, split into training points and the samples held out between them."""
+
+    output: str
+    start_angle: float
+    training: Points
+    held_out: Points
+
+    @classmethod
+    def of(cls, trajectory: pd.DataFrame, output: str, training_points: int) -> "Grid":
+        """Every k-th sample of the first revolution trains, both ends included; all the others are held out.
+
+        Parameters
+        ----------
+        trajectory : DataFrame
+            Columns crank_angle [rad], evenly spaced, and `output`.
+        output : str
+        training_points : int
+            361 in the paper: one per degree.
+
+        Raises
+        ------
+        InputError
+            The samples of a revolution are no multiple of the training intervals, or none would be held out.
+        """
+        angle = trajectory["crank_angle"].to_numpy()
+        first = angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)
+        angle, values = angle[first], trajectory[output].to_numpy()[first]
+        stride, rest = divmod(len(angle) - 1, training_points - 1)
+        if rest or stride < 2:
+            raise InputError(
+                f"training_points {training_points} does not fit {len(angle) - 1} samples per revolution; "
+                f"make samples_per_revolution a multiple, at least twice, of {training_points - 1}"
+            )
+        trains = np.arange(len(angle)) % stride == 0
+        return cls(
+            output,
+            float(angle[0]),
+            Points.of(angle[trains], values[trains]),
+            Points.of(angle[~trains], values[~trains]),
+        )
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What is told of a model beside its errors.
+
+    `at_paper` predicts as the model did after `iterations_to_paper`, when its training error first was the paper's.
+    """
+
+    model: str
+    seed: int | None
+    weights: int
+    iterations: int
+    stop: str
+    iterations_to_paper: int | None = None
+    at_paper: Callable[[np.ndarray], np.ndarray] | None = None
+
+
+def error_rows(
+    grid: Grid, predict: Callable[[np.ndarray], np.ndarray], trained: Trained, training: Points | None = None
+) -> list[dict[str, object]]:
+    """Rows of the table fit_errors: one per region.
+
+    Parameters
+    ----------
+    grid : Grid
+        Its training points give the range by which all errors are scaled; its held-out samples are predicted.
+    predict : callable
+        Crank angles (n,) [rad] to the output (n,) in SI.
+    trained : Trained
+    training : Points, optional
+        Where the model was trained, if not at the grid's training points. The spline goes through the same points.
+    """
+    scale = Scaling.of(grid.training.values)
+    training = training or grid.training
+    spline = CubicSpline(training.crank_angle, training.values)
+    rows = []
+    for region, first in REGIONS.items():
+        within, outside = _region(training, grid, first), _region(grid.held_out, grid, first)
+        learned = _Differences.of(predict(within.crank_angle), within)
+        unseen = _Differences.of(predict(outside.crank_angle), outside)
+        splined = _Differences.of(spline(outside.crank_angle), outside)
+        before = _Differences.of(trained.at_paper(outside.crank_angle), outside) if trained.at_paper else None
+        rows.append(
+            {
+                "output": grid.output,
+                "unit": UNITS[grid.output],
+                "model": trained.model,
+                "seed": trained.seed,
+                "region": region,
+                "weights": trained.weights,
+                "training_points": len(within.values),
+                "held_out_points": len(outside.values),
+                "undefined_points": within.undefined + outside.undefined,
+                "range": scale.range,
+                "training_mse": learned.mean_square / scale.range**2,
+                "held_out_mse": unseen.mean_square / scale.range**2,
+                "paper_mse": TRAINING_MSE.get(grid.output),
+                "spline_held_out_mse": splined.mean_square / scale.range**2,
+                "held_out_peak": unseen.peak / scale.range,
+                "training_rms": learned.mean_square**0.5,
+                "held_out_rms": unseen.mean_square**0.5,
+                "spline_held_out_rms": splined.mean_square**0.5,
+                "training_mse_over_variance": learned.mean_square / learned.variance,
+                "held_out_mse_over_variance": unseen.mean_square / unseen.variance,
+                "spline_held_out_mse_over_variance": splined.mean_square / unseen.variance,
+                "iterations": trained.iterations,
+                "stop": trained.stop,
+                "iterations_to_paper": trained.iterations_to_paper,
+                "held_out_mse_at_paper": before.mean_square / scale.range**2 if before else None,
+            }
+        )
+    return rows
+
+
+def error_frame(rows: list[dict[str, object]]) -> pd.DataFrame:
+    """Rows of the table fit_errors as a frame in which numbers that are absent stay absent."""
+    return pd.DataFrame(rows).astype(
+        {"seed": "Int64", "iterations_to_paper": "Int64", "held_out_mse_at_paper": "float64", "paper_mse": "float64"}
+    )
+
+
+def _region(points: Points, grid: Grid, first: float) -> Points:
+    """The points past `first` after the start; undefined ones (at the start) belong to the whole alone."""
+    inside = points.crank_angle - grid.start_angle >= first
+    return Points(points.crank_angle[inside], points.values[inside], points.undefined if first == 0.0 else 0)
+
+
+@dataclass(frozen=True)
+class _Differences:
+    mean_square: float
+    peak: float
+    variance: float
+
+    @classmethod
+    def of(cls, predicted: np.ndarray, points: Points) -> "_Differences":
+        difference = predicted - points.values
+        return cls(float(np.mean(difference**2)), float(np.max(np.abs(difference))), float(np.var(points.values)))

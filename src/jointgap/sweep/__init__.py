@@ -1,0 +1,1 @@
+"""Many motions: ensembles, the study of clearance, speed and friction, and statistics over revolutions."""

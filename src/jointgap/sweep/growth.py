@@ -1,0 +1,166 @@
+"""What a small change of the start grows to: whether samples of a motion can be compared, or statistics alone."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from jointgap import tables
+from jointgap.config import Mechanism, Simulate
+from jointgap.dynamics.parallel_runs import Run, march_runs
+from jointgap.errors import InputError
+
+CHANGE = 1e-11
+"""Size of the change [m]: what two good codes differ by."""
+
+DIRECTIONS = 5
+USEFUL = 1e-3
+"""Share of the smallest clearance up to which two motions count as the same."""
+
+_FINER = 1000.0  # times that the local error of a step is to be smaller than the change
+_NOISE = 50.0  # local errors of a step that the error of a position comes to, before chaos
+_SHORTEST = 0.1  # revolutions that an exponent needs at least
+_SATURATED = 0.01  # share of the smallest clearance from which on growth ends because motions cannot differ by more
+_PLACES = {"crank_pin": 0, "piston_pin": 2, "crank_pivot": 4}
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Growth of a small change over the crank angle.
+
+    Attributes
+    ----------
+    crank_angle : (n,) array
+        [rad].
+    factors : (directions, n) array
+        Distance of the clearance vectors of the changed run and the unchanged one, over that at the start.
+    change : float
+        Size of the change at the start [m].
+    useful : float
+        Distance [m] up to which motions count as the same.
+    saturated : float
+        Distance [m] from which on a fit of the exponent leaves samples out.
+    tolerance : float
+        Local error of a step [m] that the runs were made with.
+    """
+
+    crank_angle: np.ndarray
+    factors: np.ndarray
+    change: float
+    useful: float
+    saturated: float
+    tolerance: float
+
+    @property
+    def median(self) -> np.ndarray:
+        """Median over the changes, (n,)."""
+        return np.median(self.factors, axis=0)
+
+    @property
+    def comparable_until(self) -> float:
+        """Crank angle [rad] turned until the first of the changes has grown beyond `useful`; infinite where none does."""
+        beyond = np.flatnonzero(self.factors.max(axis=0) * self.change > self.useful)
+        return float(self.crank_angle[beyond[0]] - self.crank_angle[0]) if len(beyond) else math.inf
+
+    @property
+    def exponent(self) -> float:
+        """Natural logarithm of the median growth per revolution; NaN where it can't be told.
+
+        Slope of the line fitted to all samples at which the distance is above the error of the integration and
+        has not yet grown so large that it can grow no more; NaN where these span less than a tenth of a revolution.
+        """
+        distance, turned = self.median * self.change, (self.crank_angle - self.crank_angle[0]) / (2 * math.pi)
+        beyond = np.flatnonzero(distance > self.saturated)
+        chosen = (distance > _NOISE * self.tolerance) & (
+            np.arange(turned.size) < (beyond[0] if len(beyond) else turned.size)
+        )
+        if not chosen.any() or np.ptp(turned[chosen]) < _SHORTEST:
+            return math.nan
+        return float(np.polyfit(turned[chosen], np.log(self.median[chosen]), 1)[0])
+
+    @property
+    def verdict(self) -> str:
+        """One sentence for the user."""
+        largest = self.factors.max()
+        turned = math.degrees(self.crank_angle[-1] - self.crank_angle[0])
+        grown = f"a change of {self.change:g} m at the start grows up to {largest:.2g} times within {turned:.0f} deg"
+        if math.isinf(self.comparable_until):
+            return f"{grown}: samples can be compared throughout"
+        until = math.degrees(self.comparable_until)
+        return (
+            f"{grown}: samples can be compared up to {until:.0f} deg, where it passes {self.useful:.2g} m; "
+            "beyond, only statistics can be compared"
+        )
+
+    def frame(self) -> pd.DataFrame:
+        """The growth as the table `jointgap.tables.GROWTH`."""
+        low, high = self.factors.min(axis=0), self.factors.max(axis=0)
+        columns = (self.crank_angle, self.median, low, high)
+        return pd.DataFrame(dict(zip((column.name for column in tables.GROWTH.columns), columns, strict=True)))
+
+
+def growth(
+    mechanism: Mechanism,
+    options: Simulate,
+    change: float = CHANGE,
+    directions: int = DIRECTIONS,
+    seed: int = 0,
+    workers: int | None = None,
+) -> Growth:
+    """Simulate a motion again from starts that differ by `change` in random directions.
+
+    The local error of a step is a thousandth of the change at most, so that it is the change that is seen to grow.
+
+    Parameters
+    ----------
+    mechanism, options
+        As in `jointgap.dynamics.simulation`.
+    change : float
+        Length of the change of all clearance vectors together [m].
+    directions : int
+        How many changes.
+    seed : int
+        Of the directions.
+    workers : int, optional
+        See `jointgap.dynamics.parallel_runs.march_runs`.
+
+    Raises
+    ------
+    InputError
+        No joint is loose.
+    SimulationError
+        From the simulation.
+    """
+    made = mechanism.applied()
+    if not made.loose:
+        raise InputError(
+            "growth of a small change: all joints are ideal, so the start cannot be changed; make one loose"
+        )
+    directed = np.random.default_rng(seed).normal(size=(directions, 6))
+    for joint, place in _PLACES.items():
+        if joint not in made.loose:
+            directed[:, place : place + 2] = 0.0
+    directed /= np.linalg.norm(directed, axis=1, keepdims=True)
+    finer = options.model_copy(update={"tolerance": min(options.tolerance, change / _FINER)})
+    starts = np.vstack([np.zeros(6), change * directed])
+    outcomes = list(march_runs((Run(made, finer, start) for start in starts), workers))
+    for outcome in outcomes:
+        if outcome.error is not None:
+            raise outcome.error
+    clearance = min(made.clearance(joint) for joint in made.loose)
+    vectors = np.array([clearance_vectors(outcome.march) for outcome in outcomes])
+    distance = np.linalg.norm(vectors[1:] - vectors[0], axis=2)
+    return Growth(
+        outcomes[0].crank_angle,
+        distance / change,
+        change,
+        USEFUL * clearance,
+        _SATURATED * clearance,
+        finer.tolerance,
+    )
+
+
+def clearance_vectors(march) -> np.ndarray:
+    """Clearance vectors of all joints at the samples of a march, (n, 6) [m]."""
+    return np.hstack([march.states[:, :4], march.further[:, :2]])

@@ -1,0 +1,127 @@
+"""The study in plain words."""
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Scenario
+from jointgap.sweep.study_catalogue import SHOWN
+
+_AXES = {
+    "clearance": ("clearance", lambda value: f"{1e3 * value:.3g} mm"),
+    "speed": ("speed", lambda value: f"{value * 30.0 / np.pi:.4g} rpm"),
+    "friction": ("friction", lambda value: f"{value:g}"),
+}
+
+
+def summary(points: pd.DataFrame, scenario: Scenario) -> str:
+    """Markdown: what was varied, what it does, where only statistics hold.
+
+    Parameters
+    ----------
+    points : DataFrame
+        Table `jointgap.tables.STUDY`.
+    scenario : Scenario
+    """
+    study, loose = scenario.study, ", ".join(scenario.mechanism.applied().loose)
+    lines = [
+        "# Clearance, speed and friction",
+        "",
+        f"Loose joints: {loose}. Each of the {len(points)} points is simulated from {study.members} starts, all but the first "
+        f"changed by {study.perturbation:g} of the clearance; {study.transient_revolutions} revolutions pass, "
+        f"{study.settled_revolutions} count. Numbers are medians over the starts.",
+        "",
+        *_effects(points),
+        "",
+        *_sensitive(points),
+        "",
+        *_spreads(points),
+        *_failures(points),
+        "",
+        "Figures: `study_<measure>.png`, a map for each measure; `study_orders.png`, the slider's acceleration by order. All "
+        "numbers: `points.parquet` (`jointgap describe` explains the columns).",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _effects(points: pd.DataFrame) -> list[str]:
+    """By measure: its range, and what it becomes from the smallest to the largest value of each axis, all else equal."""
+    axes = [axis for axis in _AXES if points[axis].nunique() > 1]
+    heads = [f"{_AXES[axis][0]} {_ends(points, axis)}" for axis in axes]
+    lines = [
+        "From the smallest to the largest value, all else equal, a number becomes so many times as large (median, and range "
+        "in brackets, over the other two axes):",
+        "",
+        "| over the settled revolutions | smallest | largest | " + " | ".join(heads) + " |",
+        "| --- " * (3 + len(axes)) + "|",
+    ]
+    for measure, shown in SHOWN.items():
+        values = shown.factor * points[measure]
+        cells = [f"{shown.quantity} [{shown.unit}]", f"{values.min():.3g}", f"{values.max():.3g}"]
+        lines.append("| " + " | ".join(cells + [_ratio(points, measure, axis) for axis in axes]) + " |")
+    return lines
+
+
+def _ends(points: pd.DataFrame, axis: str) -> str:
+    words = _AXES[axis][1]
+    return f"{words(points[axis].min())} to {words(points[axis].max())}"
+
+
+def _ratio(points: pd.DataFrame, measure: str, axis: str) -> str:
+    others = [other for other in _AXES if other != axis]
+    low, high = (
+        points[points[axis] == end].set_index(others)[measure] for end in (points[axis].min(), points[axis].max())
+    )
+    ratio = (high / low).replace([np.inf, -np.inf], np.nan).dropna()
+    if ratio.empty:
+        return "-"
+    return f"x {ratio.median():.3g} ({ratio.min():.3g} to {ratio.max():.3g})"
+
+
+def _told(points: pd.DataFrame) -> pd.DataFrame:
+    """The points at which at least two starts went on, so that it is known whether they part."""
+    return points[points["growth"].notna()]
+
+
+def _sensitive(points: pd.DataFrame) -> list[str]:
+    told = _told(points)
+    if told.empty:
+        return ["Too many starts failed to tell whether a small change of the start grows."]
+    found = told[told["sensitive"]]
+    if found.empty:
+        return ["At no point does a small change of the start grow: samples of these motions can be compared."]
+    by_friction = [
+        f"{int(part['sensitive'].sum())} of {len(part)} at friction {friction:g}"
+        for friction, part in told.groupby("friction")
+    ]
+    return [
+        f"At {len(found)} of {len(told)} points a small change of the start grows beyond a thousandth of the clearance "
+        f"(largest factor {found['growth'].max():.2g}): the motion is chaotic there or has not settled, and only statistics "
+        f"can be compared. They are {', '.join(by_friction)}.",
+    ]
+
+
+def _spreads(points: pd.DataFrame) -> list[str]:
+    known = _told(points)
+    parts = {
+        "where samples hold": known[~known["sensitive"]],
+        "where only statistics hold": known[known["sensitive"]],
+    }
+    told = []
+    for words, part in parts.items():
+        spread = ((part["peak_force_high"] - part["peak_force_low"]) / part["peak_force"]).dropna()
+        if len(spread):
+            told.append(f"{100 * spread.median():.2g} % {words}")
+    if not told:
+        return []
+    return [
+        f"Spread of the peak force over the starts (largest less smallest, median of the points): {'; '.join(told)}."
+    ]
+
+
+def _failures(points: pd.DataFrame) -> list[str]:
+    failed = points[points["failed"] > 0]
+    return (
+        ["", f"Starts that failed: {failed['failed'].sum()}; the first: {failed['reason'].iloc[0]}"]
+        if len(failed)
+        else []
+    )

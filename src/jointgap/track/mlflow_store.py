@@ -1,0 +1,269 @@
+"""The MLflow store: the only module that imports mlflow.
+
+By default a SQLite file with a folder of artifacts in the results folder; a server where an address says so.
+"""
+
+import fcntl
+import json
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from jointgap.errors import InputError
+from jointgap.track.run_record import Dataset, Record
+
+EXPERIMENT = "jointgap-"
+COMPLETE = "jointgap.complete"
+"""Tag set last: a run without it was cut short."""
+
+_MOST_PER_CALL = {"metrics": 1000, "params": 100}  # what one request may carry
+
+
+def default_address(results: Path) -> str:
+    """Address of the SQLite store inside the results folder."""
+    return f"sqlite:///{results.resolve() / 'mlflow.db'}"
+
+
+def address_for(results: Path, tracking_uri: str | None = None) -> str:
+    """The store to use: the one given, else ``MLFLOW_TRACKING_URI``, else the one in the results folder."""
+    address = tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or default_address(results)
+    kind, found, file = address.partition("sqlite:///")
+    # absolute, for the dashboard's server runs in another folder
+    return f"sqlite:///{Path(file).resolve()}" if found and not kind else address
+
+
+def artifacts_beside(address: str, results: Path) -> Path:
+    """Folder of artifacts of a store without a server: beside the SQLite file, else in the results folder."""
+    folder = Path(address.removeprefix("sqlite:///")).parent if address.startswith("sqlite:///") else results
+    return folder.resolve() / "mlflow-artifacts"
+
+
+@contextmanager
+def locked(results: Path) -> Iterator[None]:
+    """Hold the results folder's lock: one process at a time makes the store or publishes.
+
+    MLflow's schema migration fails when two processes start it, and SQLite takes one writer.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    try:
+        results.mkdir(parents=True, exist_ok=True)
+        handle = open(results / ".track.lock", "w")
+    except OSError as error:
+        raise InputError(f"{results}: cannot be written ({error.strerror}); check permission and space") from error
+    with handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)  # let go when the file closes, also when the process dies
+        yield
+
+
+@dataclass(frozen=True)
+class StoredRun:
+    """A run that the store holds: its id, its tags, and whether it was finished."""
+
+    run_id: str
+    tags: dict[str, str]
+    complete: bool
+
+
+class Store:
+    """A connection to one MLflow store, in jointgap's words.
+
+    Parameters
+    ----------
+    address : str
+        ``sqlite:///...`` or ``http://...``.
+
+    Raises
+    ------
+    InputError
+        The store cannot be reached or opened.
+    """
+
+    def __init__(self, address: str):
+        self.address = address
+        # a server knows where its artifacts lie; with a file we say it, or they land in the working directory
+        self._artifacts = artifacts_beside(address, Path()) if address.startswith("sqlite:///") else None
+        with self._explained():
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # deprecations inside MLflow and what it imports
+                import mlflow.entities as entities
+                from mlflow.tracking import MlflowClient
+
+            _hush()
+            self._entities = entities
+            self._client = MlflowClient(tracking_uri=address)
+            self._client.search_experiments(max_results=1)
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        """Turn what MLflow and its database raise into one sentence that names the store."""
+        from requests.exceptions import RequestException
+
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:
+            kinds = {kind.__module__.partition(".")[0] for kind in type(error).__mro__}
+            if not (isinstance(error, RequestException | OSError) or kinds & {"mlflow", "sqlalchemy", "alembic"}):
+                raise
+            remote = self.address.startswith("http")
+            mend = (
+                "start the server, correct MLFLOW_TRACKING_URI, or unset it to use the store in the results folder"
+                if remote
+                else "check permission and space, or delete the file to publish from nothing"
+            )
+            reason = str(error).strip().splitlines()[0][:300]
+            verb = "cannot be reached or refuses" if remote else "cannot be used"
+            raise InputError(f"MLflow store {self.address} {verb} ({reason}); {mend}") from error
+
+    def experiment(self, stage: str, create: bool = True) -> str | None:
+        """Id of the stage's experiment; made (or brought back from deletion) where it is missing and `create` says so."""
+        name = EXPERIMENT + stage
+        with self._explained():
+            found = self._client.get_experiment_by_name(name)
+            if found is None and create:
+                from mlflow.exceptions import MlflowException
+
+                location = None if self._artifacts is None else (self._artifacts / stage).as_uri()
+                try:
+                    # the kind makes the interface show charts of metrics, not traces of language models
+                    tags = {"mlflow.experimentKind": "custom_model_development"}
+                    return self._client.create_experiment(name, artifact_location=location, tags=tags)
+                except MlflowException:
+                    found = self._client.get_experiment_by_name(name)  # another process made it first
+                    if found is None:
+                        raise
+            if found is None:
+                return None
+            if found.lifecycle_stage == "deleted":
+                if not create:
+                    return None
+                self._client.restore_experiment(found.experiment_id)
+            if create:
+                self._still_here(found)
+            return found.experiment_id
+
+    def _still_here(self, experiment) -> None:
+        """Refuse a SQLite store that was moved with its folder: MLflow keeps absolute paths of artifacts."""
+        if self._artifacts is None:
+            return
+        wanted = self._artifacts.as_uri()
+        if not experiment.artifact_location.startswith(wanted):
+            raise InputError(
+                f"MLflow store {self.address} was made elsewhere: its artifacts lie in {experiment.artifact_location}, "
+                f"not in {wanted}; delete the file and publish again (make run ARGS='--forcerun track')"
+            )
+
+    def runs(self, experiment_id: str, tags: dict[str, str]) -> list[StoredRun]:
+        """Runs of an experiment that carry all `tags` and are not deleted, newest first."""
+        wanted = " and ".join(f"tags.`{key}` = '{value}'" for key, value in tags.items())
+        found, token = [], None
+        with self._explained():
+            while True:
+                page = self._client.search_runs(
+                    [experiment_id], wanted, max_results=500, order_by=["attributes.start_time DESC"], page_token=token
+                )
+                found += page
+                token = page.token
+                if not token:
+                    break
+        return [
+            StoredRun(
+                run.info.run_id,
+                dict(run.data.tags),
+                run.info.status == "FINISHED" and run.data.tags.get(COMPLETE) == "true",
+            )
+            for run in found
+        ]
+
+    def write(self, experiment_id: str, name: str, record: Record, tags: dict[str, str]) -> str:
+        """Log one run whole and mark it complete last; its id."""
+        entities = self._entities
+        with self._explained():
+            run_id = self._client.create_run(experiment_id, run_name=name, tags=tags).info.run_id
+            metrics = [entities.Metric(key, value, 0, step) for key, value, step in record.points()]
+            params = [entities.Param(key, value) for key, value in record.params.items()]
+            for kind, items in (("metrics", metrics), ("params", params)):
+                size = _MOST_PER_CALL[kind]
+                for first in range(0, len(items), size):
+                    self._client.log_batch(run_id, **{kind: items[first : first + size]})
+            if record.datasets:
+                self._client.log_inputs(run_id, [self._dataset(dataset) for dataset in record.datasets])
+            self._log_files(run_id, record.files)
+            self._client.set_tag(run_id, COMPLETE, "true")
+            self._client.set_terminated(run_id, "FINISHED")
+        return run_id
+
+    def _log_files(self, run_id: str, files: dict[str, Path | bytes]) -> None:
+        import tempfile
+
+        with tempfile.TemporaryDirectory(prefix="jointgap-") as folder:
+            for target, source in files.items():
+                place = Path(folder, target)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                if isinstance(source, bytes):
+                    place.write_bytes(source)
+                else:
+                    place.symlink_to(source.resolve())
+            if files:
+                self._client.log_artifacts(run_id, folder)
+
+    def _dataset(self, dataset: Dataset):
+        """The table as MLflow's dataset: digest of the file (36 digits are all that fit), whole digest as a tag."""
+        import pyarrow.parquet as pq
+
+        entities, schema = self._entities, pq.read_schema(dataset.path)
+        columns = [{"name": field.name, "type": str(field.type), "required": not field.nullable} for field in schema]
+        return entities.DatasetInput(
+            entities.Dataset(
+                name=dataset.name,
+                digest=dataset.sha256[:36],
+                source_type="local",
+                source=json.dumps({"uri": str(dataset.path.resolve())}),
+                schema=json.dumps({"mlflow_colspec": columns}),
+                profile=json.dumps({"num_rows": pq.read_metadata(dataset.path).num_rows}),
+            ),
+            [
+                entities.InputTag("mlflow.data.context", dataset.context),
+                entities.InputTag("jointgap.sha256", dataset.sha256),
+            ],
+        )
+
+    def tag(self, run_id: str, key: str, value: str) -> None:
+        """Set a tag of a run."""
+        with self._explained():
+            self._client.set_tag(run_id, key, value)
+
+    def delete(self, run_id: str) -> None:
+        """Take a run out of sight; `mlflow gc` removes for good what was deleted."""
+        with self._explained():
+            self._client.delete_run(run_id)
+
+
+def _hush() -> None:
+    """Keep MLflow's and its migrations' progress out of the logs."""
+    import logging
+
+    for name in ("mlflow", "alembic"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+
+
+def create_store(results: Path, tracking_uri: str | None = None) -> str:
+    """Make the store if it is missing, so that many processes can publish at once; its address.
+
+    Raises
+    ------
+    InputError
+        The store cannot be made or reached.
+    """
+    address = address_for(results, tracking_uri)
+    with locked(results):
+        Store(address)
+    return address

@@ -1,0 +1,135 @@
+"""Optimisation: a run for the scenario with its main optimum, and under it one for each pair of lengths found.
+
+What stands before the slash of a metric's name is the section in which the interface shows it. Reductions are in percent,
+for the interface rounds to two decimals.
+"""
+
+import numpy as np
+import pandas as pd
+
+from jointgap.tables.optimise_tables import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
+from jointgap.tables.surrogate_tables import CLEARANCE_FIT, FIT
+from jointgap.track.finished_tables import Given
+from jointgap.track.run_record import Curve, Record
+
+MEASURES = ("rms", "mean_absolute", "peak", "sum_of_squares")
+_COUNTS = ("evaluations", "evaluations_within_1_percent", "evaluations_within_0_1_percent")
+_ANGLES = ("smallest_transmission_angle", "largest_departure")
+_WAYS = ("stroke", "outer_dead_centre", "inner_dead_centre")
+
+
+def records(given: Given) -> list[Record]:
+    """The scenario's run, then its nested ones."""
+    if not given.has(OPTIMA):
+        return []
+    optima = given.read(OPTIMA)
+    found = optima[[_found_there(row) for row in optima.to_dict("records")]]
+    if found.empty:
+        return []
+    configuration = given.configuration("optimise")
+    shared = {"params": configuration["params"], "files": configuration["files"]}
+    nested = [_point(given, row) for row in found.to_dict("records")]
+    main = nested[_main(given, found)]
+    names = [name for table in _TABLES for name in given.names(table)]
+    whole = Record(
+        "optimise",
+        metrics=main.metrics,
+        curves=main.curves,
+        datasets=given.datasets(["trajectory", *given.names(FIT), *given.names(CLEARANCE_FIT)], names),
+        costs=given.cost("optimise"),
+        notes=main.notes,
+        **shared,
+    )
+    return [whole, *nested]
+
+
+_TABLES = (OPTIMA, RESIMULATED, WORTH, POPULATION, PATHS, TOLERANCE, VALLEY, FLOOR)
+
+
+def _found_there(row: dict) -> bool:
+    """Whether the row shows a point under the source that it was found with."""
+    return row["point"] == f"{row['source']}_{row['box']}_{row['method']}"
+
+
+def _main(given: Given, found: pd.DataFrame) -> int:
+    """The paper's way: networks, the main box, the genetic algorithm. Else the first."""
+    box = next(iter(given.options.optimise.boxes))
+    wanted = found["source"].str.startswith("network") & (found["box"] == box) & (found["method"] == "genetic")
+    return int(np.argmax(wanted.to_numpy()))
+
+
+def _point(given: Given, row: dict) -> Record:
+    metrics = {
+        "crank_length_mm": 1e3 * row["crank_length"],
+        "rod_length_mm": 1e3 * row["rod_length"],
+        "ratio": row["ratio"],
+        "invariant_mm": 1e3 * row["invariant"],
+        **{name: row[name] for name in _COUNTS if pd.notna(row[name])},
+        **{f"frozen/{measure}_reduction_percent": 100 * row[f"{measure}_reduction"] for measure in MEASURES},
+        **_sizes(row),
+        **_resimulated(given, row["point"]),
+        **_worth(given, row["point"]),
+    }
+    notes = {name: row[name] or "" for name in ("point", "source", "box", "method", "active_bounds", "status")}
+    curve = _curve(given, row)
+    return Record(
+        "optimise",
+        row["point"],
+        metrics=metrics,
+        curves={} if curve is None else {"sum_of_squares_rad2": curve},
+        params=given.configuration("optimise")["params"],
+        notes=notes,
+    )
+
+
+def _sizes(row: dict) -> dict[str, float]:
+    """The errors themselves: angles in degrees, the sum of squares as equation (12) has it."""
+    angles = {f"frozen/{measure}_deg": np.rad2deg(row[measure]) for measure in MEASURES[:3]}
+    return angles | {"frozen/sum_of_squares_rad2": row["sum_of_squares"]}
+
+
+def _resimulated(given: Given, point: str) -> dict[str, float]:
+    """True reductions with their spread, and errors, over both stretches."""
+    if not given.has(RESIMULATED):
+        return {}
+    rows = given.read(RESIMULATED)
+    metrics = {}
+    for row in rows[rows["point"] == point].to_dict("records"):
+        name = f"resimulated_{row['stretch']}/{row['measure']}"
+        metrics |= {
+            f"{name}_reduction_percent": 100 * row["reduction"],
+            f"{name}_reduction_low_percent": 100 * row["reduction_low"],
+            f"{name}_reduction_high_percent": 100 * row["reduction_high"],
+            f"{name}_reduction_if_frozen_percent": 100 * row["frozen_reduction"],
+            f"{name}_share_better": row["share_better"],
+        }
+        angle = row["measure"] != "sum_of_squares"
+        for error in ("error", "original_error"):
+            metrics[f"{name}_{error}_{'deg' if angle else 'rad2'}"] = np.rad2deg(row[error]) if angle else row[error]
+    return metrics
+
+
+def _worth(given: Given, point: str) -> dict[str, float]:
+    """What the lengths mean for the machine."""
+    if not given.has(WORTH):
+        return {}
+    rows = given.read(WORTH)
+    metrics = {}
+    for row in rows[rows["point"] == point].to_dict("records"):
+        metrics |= {f"{row['cycle']}_cycle/{name}_deg": np.rad2deg(row[name]) for name in _ANGLES}
+        metrics |= {f"{row['cycle']}_cycle/{name}_change_mm": 1e3 * row[f"{name}_change"] for name in _WAYS}
+    return metrics
+
+
+def _curve(given: Given, row: dict) -> Curve | None:
+    """The objective on the way: the best of each generation, or along the path of the best start."""
+    table, step = {"genetic": (POPULATION, "generation"), "local": (PATHS, "iteration")}[row["method"]]
+    if not given.has(table):
+        return None
+    rows = given.read(table)
+    rows = rows[(rows["source"] == row["source"]) & (rows["box"] == row["box"])]
+    if row["method"] == "local":
+        ends = rows.sort_values("iteration").groupby("start")["sum_of_squares"].last()
+        rows = rows[rows["start"] == ends.idxmin()]
+    lowest = rows.groupby(step, sort=True)["sum_of_squares"].min()
+    return Curve(lowest.index.to_numpy(), lowest.to_numpy())

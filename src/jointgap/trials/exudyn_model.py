@@ -1,0 +1,219 @@
+"""The slider-crank with ideal joints and effects in Exudyn (https://exudyn.readthedocs.io): its own bodies, loads and springs.
+
+Three rigid bodies in the plane with constraints, in steps of equal length by Exudyn's implicit integrator (generalised
+alpha). The crank's angle is a constraint on the level of velocities, whose multiplier is the drive's torque; the slider's
+guide is a constraint too.
+"""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from jointgap.errors import SimulationError
+
+STEPS = 1500
+"""Steps per revolution at least: with them readings agree with those of the package to 1e-5 of their spread."""
+
+FRICTION_ZONE = 1e-3
+"""Speed up to which friction rises along a straight line: of the slider [m/s], of the crank [rad/s]."""
+
+_DAMPING = 0.8  # spectral radius of the integrator: multipliers would ring without
+_BODIES = {"crank_pivot": ("frame", "crank"), "crank_pin": ("crank", "rod"), "piston_pin": ("slider", "rod")}
+
+
+def simulate(content: Mapping, speed: float, phase: float, times: np.ndarray, settling: int) -> dict[str, np.ndarray]:
+    """Readings of all channels at `times`, by the names of measured channels.
+
+    Parameters
+    ----------
+    content : mapping
+        Content of a mechanism file; of its effects those in `jointgap.trials.trial_plan.EXUDYN`.
+    speed, phase : float
+        Of the crank [rad/s, rad]; the phase is the angle at time 0.
+    times : (n,) array
+        [s], in steps of equal length from 0 on.
+    settling : int
+        Revolutions before time 0 at least.
+
+    Raises
+    ------
+    ImportError
+        Exudyn is not installed.
+    SimulationError
+        Exudyn stops.
+    """
+    spacing = float(times[1] - times[0])
+    lead = math.ceil(2 * math.pi * settling / speed / spacing)
+    return _Rig(content, speed, phase - speed * lead * spacing).run(times, lead)
+
+
+class _Rig:
+    def __init__(self, content: Mapping, speed: float, phase: float):
+        import exudyn  # here, for it is an optional dependency
+        import exudyn.utilities
+
+        self.exudyn, self.items = exudyn, exudyn.utilities
+        self.container = exudyn.SystemContainer()
+        self.system = self.container.AddSystem()
+        self.content, self.speed, self.phase = content, speed, phase
+        self.effects = {effect["name"]: effect["parameters"] for effect in content["effects"]}
+        longer = self.effects.get("link_length_error", {})
+        crank, rod = content["crank"], content["rod"]
+        self.crank, self.rod = (
+            link["length"] + longer.get(key, 0.0) for link, key in ((crank, "crank_m"), (rod, "rod_m"))
+        )
+        self.crank_centre = crank["mass_centre"] * self.crank / crank["length"]
+        self.rod_centre = rod["mass_centre"] * self.rod / rod["length"]
+        self._build()
+
+    def _build(self) -> None:
+        content, add = self.content, self.system
+        crank, rod, slider = (content[name] for name in ("crank", "rod", "slider"))
+        along, across = _directions(self.phase)
+        end, end_velocity = self.crank * along, self.crank * self.speed * across
+        angle = math.asin((slider["offset"] - end[1]) / self.rod)
+        rod_along, rod_across = _directions(angle)
+        rate = -end_velocity[1] / (self.rod * math.cos(angle))
+        self.start = end + self.rod * rod_along
+        self.start_angle = angle
+        self.ground = add.AddObject(self.items.ObjectGround())
+        self.still = add.AddMarker(
+            self.items.MarkerNodeCoordinate(nodeNumber=add.AddNode(self.items.NodePointGround()), coordinate=0)
+        )
+        mass = slider["mass"] + self.effects.get("added_slider_mass", {}).get("mass_kg", 0.0)
+        self.nodes, self.bodies = {}, {"frame": self.ground}
+        for name, weight, inertia, place, turned, velocity, turning in (
+            ("crank", crank["mass"], crank["inertia"], self.crank_centre * along, self.phase,
+             self.crank_centre * self.speed * across, self.speed),
+            ("rod", rod["mass"], rod["inertia"], end + self.rod_centre * rod_along, angle,
+             end_velocity + self.rod_centre * rate * rod_across, rate),
+            ("slider", mass, 1e-3, self.start, 0.0, end_velocity + self.rod * rate * rod_across, 0.0),
+        ):  # fmt: skip
+            self.nodes[name] = add.AddNode(
+                self.items.NodeRigidBody2D(
+                    referenceCoordinates=[*place, turned], initialVelocities=[*velocity, turning]
+                )
+            )
+            self.bodies[name] = add.AddObject(
+                self.items.ObjectRigidBody2D(mass=weight, inertia=inertia, nodeNumber=self.nodes[name])
+            )
+        places = {
+            "crank_pivot": {"frame": 0.0, "crank": -self.crank_centre},
+            "crank_pin": {"crank": self.crank - self.crank_centre, "rod": -self.rod_centre},
+            "piston_pin": {"slider": 0.0, "rod": self.rod - self.rod_centre},
+        }
+        joints = {name: self._joint(name, places[name]) for name in _BODIES}
+        constraint = self.items.CoordinateConstraint
+        guide = add.AddObject(constraint(markerNumbers=[self.still, self._coordinate("slider", 1)]))
+        add.AddObject(constraint(markerNumbers=[self.still, self._coordinate("slider", 2)]))
+        drive = add.AddObject(
+            constraint(markerNumbers=[self.still, self._coordinate("crank", 2)], velocityLevel=True, offset=self.speed)
+        )
+        self._act()
+        kinds = self.exudyn.OutputVariableType
+        self.sensors = {
+            (name, kind): add.AddSensor(
+                self.items.SensorNode(
+                    nodeNumber=node, storeInternal=True, writeToFile=False, outputVariableType=getattr(kinds, kind)
+                )
+            )
+            for name, node in self.nodes.items()
+            for kind in ("Coordinates", "Coordinates_t", "Coordinates_tt")
+        } | {
+            (name, "Force"): add.AddSensor(
+                self.items.SensorObject(
+                    objectNumber=item, storeInternal=True, writeToFile=False, outputVariableType=kinds.Force
+                )
+            )
+            for name, item in (("guide", guide), ("drive", drive), ("pivot", joints["crank_pivot"]))
+        }
+        add.Assemble()
+
+    def _coordinate(self, body: str, which: int) -> int:
+        return self.system.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[body], coordinate=which))
+
+    def _joint(self, name: str, places: Mapping[str, float]) -> int:
+        markers = {
+            body: self.system.AddMarker(
+                self.items.MarkerBodyRigid(bodyNumber=self.bodies[body], localPosition=[along, 0.0, 0.0])
+            )
+            for body, along in places.items()
+        }
+        return self.system.AddObject(self.items.RevoluteJoint2D(markerNumbers=list(markers.values())))
+
+    def _act(self) -> None:
+        """Loads, springs and dampers for the effects."""
+        add, items = self.system, self.items
+        slider = [self.still, self._coordinate("slider", 0)]
+        crank = [self.still, self._coordinate("crank", 2)]
+        for name, values in self.effects.items():
+            if name == "gravity":
+                for body in ("crank", "rod", "slider"):
+                    marker = add.AddMarker(items.MarkerBodyMass(bodyNumber=self.bodies[body]))
+                    load = [0.0, -values["acceleration_m_s2"], 0.0]
+                    add.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=load))
+            elif name == "slider_constant_force":
+                add.AddLoad(items.LoadCoordinate(markerNumber=slider[1], load=values["force_N"]))
+            elif name == "slider_spring":
+                away = values["rest_position_m"] - self.start[0]
+                stiffness = values["stiffness_N_m"]
+                add.AddObject(items.CoordinateSpringDamper(markerNumbers=slider, stiffness=stiffness, offset=away))
+            elif name in ("slider_viscous_friction", "crank_viscous_friction"):
+                (damping,) = values.values()
+                at = slider if name.startswith("slider") else crank
+                add.AddObject(items.CoordinateSpringDamper(markerNumbers=at, damping=damping))
+            elif name in ("slider_coulomb_friction", "crank_coulomb_friction"):
+                (force,) = values.values()
+                at = slider if name.startswith("slider") else crank
+                add.AddObject(
+                    items.CoordinateSpringDamperExt(
+                        markerNumbers=at, dynamicFrictionForce=force, frictionProportionalZone=FRICTION_ZONE
+                    )
+                )
+            elif name == "slider_quadratic_drag":
+                law = _drag(values["drag_N_s2_m2"])
+                add.AddObject(items.CoordinateSpringDamper(markerNumbers=slider, springForceUserFunction=law))
+
+    def run(self, times: np.ndarray, lead: int) -> dict[str, np.ndarray]:
+        """Readings at `times`, of which the first comes `lead` samples after the start."""
+        spacing = float(times[1] - times[0])
+        finer = math.ceil(spacing * self.speed * STEPS / (2 * math.pi))
+        settings = self.exudyn.SimulationSettings()
+        settings.solution.file.write = False
+        settings.solution.sensors.writePeriod = spacing
+        time = settings.timeIntegration
+        time.endTime = spacing * (lead + times.size - 1)
+        time.numberOfSteps = finer * (lead + times.size - 1)
+        time.generalizedAlpha.spectralRadius = _DAMPING
+        time.newton.relativeTolerance, time.newton.absoluteTolerance = 1e-10, 1e-12
+        time.verboseMode = 0
+        kind = self.exudyn.DynamicSolverType.GeneralizedAlpha
+        if self.system.SolveDynamic(settings, solverType=kind) is False:
+            raise SimulationError("Exudyn's implicit integrator stopped")
+        seen = {key: self.system.GetSensorStoredData(sensor)[lead:, 1:] for key, sensor in self.sensors.items()}
+        turned, slid = seen["rod", "Coordinates"][:, 2], seen["slider", "Coordinates"][:, 0]
+        return {
+            "crank_angle": self.phase + seen["crank", "Coordinates"][:, 2],
+            "slider_position": self.start[0] + slid,
+            "slider_velocity": seen["slider", "Coordinates_t"][:, 0],
+            "slider_acceleration": seen["slider", "Coordinates_tt"][:, 0],
+            "rod_angle": self.start_angle + turned,
+            "rod_angular_velocity": seen["rod", "Coordinates_t"][:, 2],
+            "rod_acceleration_x": seen["rod", "Coordinates_tt"][:, 0],
+            "rod_acceleration_y": seen["rod", "Coordinates_tt"][:, 1],
+            "crank_torque": -seen["drive", "Force"][:, 0],
+            "guide_force": -seen["guide", "Force"][:, 0],
+            "frame_force_x": seen["pivot", "Force"][:, 0],
+            "frame_force_y": seen["pivot", "Force"][:, 1],
+        }
+
+
+def _drag(factor: float):
+    """Exudyn's user function of time, item, displacement, velocity and more for a force against the motion."""
+    return lambda mbs, time, item, displacement, velocity, *_: factor * velocity * abs(velocity)
+
+
+def _directions(angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors along a link at `angle`, and across it."""
+    return np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])

@@ -1,0 +1,186 @@
+"""Other numerics than the simulation's: the embedded Runge-Kutta pair of orders 5 and 4, from event to event.
+
+Method, step control, the search for events and the samples are apart from `jointgap.dynamics.solver.integrate`, so that nobody fits a
+simulator to its own output; equations of motion and laws of contact are the same.
+
+J. R. Dormand and P. J. Prince, J. Comput. Appl. Math. 6 (1980) 19-26.
+"""
+
+import math
+
+import numpy as np
+
+from jointgap.dynamics.compilation import compiled
+from jointgap.dynamics.model.equations import FURTHER, STATES
+from jointgap.dynamics.model.joint_forces import FLIGHT
+from jointgap.dynamics.model.parameters import Parameters
+from jointgap.dynamics.model.relative_motion import relative_motion
+from jointgap.dynamics.simulation import VELOCITY_TIME
+from jointgap.dynamics.solver.events import DISTANCE, FORCE, all_conditions, switched
+from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.dynamics.solver.integrate import least_approach, replaced
+from jointgap.dynamics.solver.runge_kutta import instant
+from jointgap.dynamics.solver.sampling import COLUMNS, observe
+from jointgap.errors import SimulationError
+
+_SIZE = STATES + FURTHER
+_NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+_STAGES = np.zeros((7, 6))
+_STAGES[1, :1] = 1 / 5
+_STAGES[2, :2] = 3 / 40, 9 / 40
+_STAGES[3, :3] = 44 / 45, -56 / 15, 32 / 9
+_STAGES[4, :4] = 19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729
+_STAGES[5, :5] = 9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656
+_STAGES[6, :6] = 35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84
+_ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+
+_LONGEST_TURN = 0.03  # rad of crank angle in one step: contacts shorter than that are not passed over
+_BISECTIONS = 50
+MOST_STEPS = 20_000_000
+DONE, TOO_MANY, TOO_SHORT = range(3)
+
+
+@compiled
+def _rates(p, time, z, modes, approaches, out):
+    y = (z[0], z[1], z[2], z[3], z[4], z[5], z[6], z[7])
+    x = (z[8], z[9], z[10], z[11], z[12], z[13], z[14], z[15], z[16], z[17], z[18])
+    here = instant(p, time, y, x, modes, approaches)
+    for i in range(STATES):
+        out[i] = here.slope[i]
+    for i in range(FURTHER):
+        out[STATES + i] = here.further_slope[i]
+    return here
+
+
+@compiled
+def _step(p, time, z, modes, approaches, h, k, work, end):
+    """One step of `h` [s] from `z`, whose rates are in `k[0]`, to `end`: estimated local error [m]."""
+    for stage in range(1, 7):
+        for i in range(_SIZE):
+            total = 0.0
+            for j in range(stage):
+                total += _STAGES[stage, j] * k[j, i]
+            work[i] = z[i] + h * total
+        if stage == 6:
+            for i in range(_SIZE):
+                end[i] = work[i]
+        _rates(p, time + _NODES[stage] * h, work, modes, approaches, k[stage])
+    square = 0.0
+    for i in range(_SIZE):
+        error = 0.0
+        for j in range(7):
+            error += _ERROR[j] * k[j, i]
+        weight = VELOCITY_TIME if 4 <= i < 8 or 12 <= i < 16 else 1.0
+        square += (weight * h * error) ** 2
+    return math.sqrt(square)
+
+
+@compiled
+def _ended(p, time, z, modes, approaches, work):
+    """First joint whose mode has ended at a state, and which of its conditions; joint -1 where none has."""
+    here = _rates(p, time, z, modes, approaches, work)
+    holding = all_conditions(p, here, relative_motion(here))
+    worst, joint, kind, speed = 0.0, -1, DISTANCE, 0.0
+    for one in range(3):
+        g, rate, _, h, _ = holding[one]
+        if g < worst:
+            worst, joint, kind, speed = g, one, DISTANCE, max(-rate, 0.0)
+        if h < 0.0 and joint < 0:
+            joint, kind = one, FORCE
+    return joint, kind, speed
+
+
+@compiled
+def _integrate(p, z, times, tolerance, states, further, modes_at, approaches_at):
+    k, work, end, trial = np.zeros((7, _SIZE)), np.zeros(_SIZE), np.zeros(_SIZE), np.zeros(_SIZE)
+    rates = np.zeros(_SIZE)
+    modes, approaches = (FLIGHT, FLIGHT, FLIGHT), (math.inf, math.inf, math.inf)
+    longest = _LONGEST_TURN / p.drive.speed
+    time, h, sample = 0.0, 1e-3 * longest, 0
+    for _ in range(MOST_STEPS):
+        _rates(p, time, z, modes, approaches, k[0])
+        h = min(h, longest)
+        error = _step(p, time, z, modes, approaches, h, k, work, end)
+        if not error <= tolerance:
+            h *= max(0.2, 0.9 * (tolerance / error) ** 0.2) if error < math.inf else 0.1
+            if h < 1e-16:
+                return TOO_SHORT, time
+            continue
+        growth = 5.0 if error == 0.0 else min(5.0, 0.9 * (tolerance / error) ** 0.2)
+        joint, kind, speed = _ended(p, time + h, end, modes, approaches, rates)
+        taken = h
+        if joint >= 0:  # shorten the step until it ends just past the first event in it
+            low, high = 0.0, h
+            for _ in range(_BISECTIONS):
+                middle = 0.5 * (low + high)
+                _step(p, time, z, modes, approaches, middle, k, work, trial)
+                found, found_kind, found_speed = _ended(p, time + middle, trial, modes, approaches, rates)
+                if found >= 0:
+                    high, joint, kind, speed = middle, found, found_kind, found_speed
+                else:
+                    low = middle
+                if high - low <= 1e-16 + 1e-15 * time:
+                    break
+            taken = high
+        while sample < times.size and times[sample] <= time + taken:
+            _step(p, time, z, modes, approaches, times[sample] - time, k, work, trial)
+            for i in range(STATES):
+                states[sample, i] = trial[i]
+            for i in range(FURTHER):
+                further[sample, i] = trial[STATES + i]
+            for i in range(3):
+                modes_at[sample, i], approaches_at[sample, i] = modes[i], approaches[i]
+            sample += 1
+        if sample == times.size:
+            return DONE, time
+        if joint < 0:
+            time += h
+            for i in range(_SIZE):
+                z[i] = end[i]
+            h *= growth
+            continue
+        _step(p, time, z, modes, approaches, taken, k, work, end)
+        time += taken
+        for i in range(_SIZE):
+            z[i] = end[i]
+        mode, approach = switched(modes[joint], approaches[joint], kind, speed, least_approach(p, joint))
+        if mode == FLIGHT and joint < 3:
+            z[STATES + 8 + joint] = 0.0  # bristles that touch nothing are straight
+        modes, approaches = replaced(modes, joint, mode), replaced(approaches, joint, approach)
+        h = min(h, 1e-6)
+    return TOO_MANY, time
+
+
+def integrate(p: Parameters, times: np.ndarray, tolerance: float, perturbation=None) -> dict[str, np.ndarray]:
+    """All that is to be seen of a motion at `times`, from the start of `jointgap.dynamics.start_state` on.
+
+    Parameters
+    ----------
+    p : Parameters
+        Not under a motor.
+    times : (n,) array
+        [s] from the start, growing.
+    tolerance : float
+        Local error of a step [m].
+    perturbation : (4,) array_like, optional
+        As in `jointgap.dynamics.simulation`.
+
+    Returns
+    -------
+    dict of str to (n,) array
+        By column of `jointgap.dynamics.solver.sampling.COLUMNS`.
+
+    Raises
+    ------
+    SimulationError
+        The integration cannot go on.
+    """
+    y, x = start_state(p, perturbation)
+    n = times.size
+    states, further = np.empty((n, STATES)), np.empty((n, FURTHER))
+    modes, approaches = np.empty((n, 3), np.int64), np.empty((n, 3))
+    status, time = _integrate(p, np.concatenate((y, x)), times, tolerance, states, further, modes, approaches)
+    if status != DONE:
+        raise SimulationError(f"the orders 5 and 4 cannot go on at time {time:.9g} s; give a larger tolerance")
+    seen = observe(p, times, states, further, modes, approaches, np.zeros((n, 3)))
+    return dict(zip(COLUMNS, seen.T, strict=True))

@@ -1,0 +1,110 @@
+"""A drawn rig as people have it: a campaign file, a mechanism file, and tables of samples in units of their own."""
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from jointgap.config.quantities import unit_factor
+from jointgap.tables import write_text
+from jointgap.tables.store import write_whole
+from jointgap.trials.draw_rigs import Design
+
+_UNITS = {
+    "crank_angle": ("rad", ("deg", "rad", "turn")),
+    "slider_position": ("m", ("m", "mm", "inch")),
+    "slider_velocity": ("m/s", ("m/s", "mm/s")),
+    "slider_acceleration": ("m/s^2", ("m/s^2", "g_n")),
+    "rod_angle": ("rad", ("deg", "rad")),
+    "rod_angular_velocity": ("rad/s", ("rad/s", "deg/s", "rpm")),
+    "rod_acceleration_x": ("m/s^2", ("m/s^2", "g_n")),
+    "rod_acceleration_y": ("m/s^2", ("m/s^2", "g_n")),
+    "crank_torque": ("N*m", ("N*m", "lbf*ft", "N*cm")),
+    "guide_force": ("N", ("N", "kN", "lbf")),
+    "frame_force_x": ("N", ("N", "kN", "lbf")),
+    "frame_force_y": ("N", ("N", "kN", "lbf")),
+}
+_WORDS = ("ch", "signal", "AI", "s")
+
+_EPOCH = 1_577_836_800  # 2020-01-01: times of files say nothing
+
+
+def written(
+    rng: np.random.Generator, design: Design, readings: dict[str, dict[str, np.ndarray]], folder: Path, name: str
+):
+    """Write the campaign.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        For units, names of columns and layout.
+    design : Design
+    readings : dict of str to dict of str to (n,) array
+        Noisy readings by run and channel, SI, NaN in gaps; ``time`` and, where there is an encoder, ``crank_angle`` among them.
+    folder : Path
+    name : str
+        What the campaign is called.
+    """
+    channels = [*(["crank_angle"] if design.angle_noise else []), *design.sensors]
+    word = str(rng.choice(_WORDS))
+    columns = {channels[which]: f"{word}{place}" for place, which in enumerate(rng.permutation(len(channels)), 1)}
+    units = {channel: str(rng.choice(_UNITS[channel][1])) for channel in channels}
+    scale = {channel: 1 / unit_factor(units[channel], _UNITS[channel][0]) for channel in channels}
+    milliseconds, wrap, parquet = rng.random() < 0.3, rng.choice(["none", "up", "both"]), rng.random() < 0.3
+    separator, decimal = ((",", "."), (";", ","), ("\t", "."))[rng.integers(3)]
+    folder.mkdir(parents=True, exist_ok=True)
+    runs = []
+    for run, reading in readings.items():
+        frame = pd.DataFrame({"t": (reading["time"] + rng.uniform(0, 5)) * (1e3 if milliseconds else 1.0)})
+        for channel, column in columns.items():
+            values = reading[channel]
+            if channel == "crank_angle" and wrap != "none":
+                values = values % (2 * math.pi) if wrap == "up" else (values + math.pi) % (2 * math.pi) - math.pi
+            frame[column] = values * scale[channel]
+        file = folder / f"{run}.{'parquet' if parquet else 'csv'}"
+        if parquet:
+            write_whole(file, lambda path, frame=frame: frame.to_parquet(path, index=False))
+        else:
+            text = frame.to_csv(sep=separator, decimal=decimal, index=False, float_format="%.9g")
+            write_text(file, text)
+        rpm = design.speeds[run] * 30 / math.pi
+        role = "confirm" if run == design.confirm else "identify"
+        runs.append({"id": run, "file": file.name, "speed": f"{rpm:g} rpm", "role": role, "start": "settled"})
+    listed = {"time": {"column": "t", "unit": "ms" if milliseconds else "s"}}
+    for channel, column in columns.items():
+        entry = {"column": column, "unit": units[channel]}
+        if channel == "crank_angle":
+            entry["noise"] = _short(design.angle_noise * scale[channel])
+        elif design.stated:
+            entry["noise"] = {
+                run: _short(reading[f"{channel} sd"] * scale[channel]) for run, reading in readings.items()
+            }
+        listed[channel] = entry
+    campaign = {
+        "name": name,
+        "mechanism": "mechanism.yaml",
+        "drive": "constant_speed",
+        "runs": runs,
+        "channels": listed,
+        "nuisance": {key: _bounds(design, key) for key in design.nuisance},
+    }
+    _dump(folder / "mechanism.yaml", design.nominal)
+    _dump(folder / "campaign.yaml", campaign)
+    for file in folder.iterdir():
+        os.utime(file, (_EPOCH, _EPOCH))
+
+
+def _bounds(design: Design, key: str) -> str | list[float]:
+    low, high = design.nuisance[key]
+    return f"{50 * (high - low):g}%" if key == "speed" else [_short(low), _short(high)]
+
+
+def _short(number: float) -> float:
+    return float(f"{number:.8g}")
+
+
+def _dump(path: Path, content: dict) -> None:
+    write_text(path, yaml.safe_dump(content, sort_keys=False))

@@ -1,0 +1,232 @@
+"""Effects are off unless listed, bounded, told apart, and folded into a mechanism's data where they are nothing else."""
+
+import math
+
+import numpy as np
+import pytest
+
+from jointgap.config import EFFECTS, Scenario, parse_options, validate
+from jointgap.effects.describe import example, parameters_of
+from jointgap.errors import InputError
+from tests.config.mechanisms import PIVOT, ROOT, effect, mechanism, paper
+
+DATA = (
+    "added_slider_mass",
+    "slider_offset",
+    "link_length_error",
+    "crank_pivot_clearance",
+    "crank_pin_clearance",
+    "piston_pin_clearance",
+    "pin_friction",
+)
+
+
+def test_no_effect_acts_unless_it_is_listed():
+    assert paper().effects == ()
+    assert all(paper().effect(name) is None for name in EFFECTS)
+    assert paper().applied() == paper()
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_can_be_listed_as_its_own_example_says(name):
+    made = mechanism(example(EFFECTS[name]), joints={"crank_pivot": PIVOT})
+    assert made.effect(name) == made.effects[0].parameters
+    scenario = validate(Scenario, {"mechanism": made.model_dump()}, "mine")
+    assert parse_options(scenario.model_dump_json(include={"mechanism"})).mechanism == made
+
+
+def test_all_effects_can_act_at_once():
+    made = mechanism(*map(example, EFFECTS.values()), joints={"crank_pivot": PIVOT})
+    assert [one.name for one in made.effects] == list(EFFECTS)
+    assert {one.name for one in made.applied().effects} == set(EFFECTS) - set(DATA)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_has_a_law_a_reference_and_explained_parameters(name):
+    assert EFFECTS[name].LAW and EFFECTS[name].REFERENCE and EFFECTS[name].SITE and EFFECTS[name].__doc__
+    assert all(row.meaning for row in parameters_of(EFFECTS[name]))
+    assert f"`{name}`" in (ROOT / "config/README.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "inside", "outside"),
+    [
+        ("gravity", "acceleration_m_s2", (0, 15), (-0.1, 15.1)),
+        ("slider_coulomb_friction", "force_N", (0, 1e4), (-1,)),
+        ("slider_viscous_friction", "damping_N_s_m", (0,), (-1,)),
+        ("slider_quadratic_drag", "drag_N_s2_m2", (0,), (-1,)),
+        ("slider_load_friction", "coefficient", (0, 1), (-0.1, 1.1)),
+        ("slider_constant_force", "force_N", (-5, 5), ()),
+        ("slider_spring", "stiffness_N_m", (0,), (-1,)),
+        ("gas_pressure", "dead_length_m", (1e-6,), (0,)),
+        ("gas_pressure", "exponent", (1, 1.4), (0.9, 1.5)),
+        ("harmonic_force", "force_N", (0,), (-1,)),
+        ("pin_friction", "coefficient", (0, 0.6), (-0.1, 0.7)),
+        ("crank_coulomb_friction", "torque_N_m", (0,), (-1,)),
+        ("crank_viscous_friction", "damping_N_m_s", (0,), (-1,)),
+        ("crank_unbalance", "unbalance_kg_m", (0,), (-1,)),
+        ("speed_fluctuation", "ratio", (0, 0.3), (-0.1, 0.31)),
+        ("speed_fluctuation", "order", (1, 12), (0, 13, 1.5)),
+        ("piston_pin_clearance", "clearance_m", (0, 1e-9, 1e-4), (-1e-4, 1e-20, 0.9e-9)),
+        ("rod_flexibility", "frequency_Hz", (1,), (0,)),
+        ("rod_flexibility", "damping_ratio", (0, 0.5), (-0.1, 1)),
+        ("lubricated_joint", "viscosity_Pa_s", (1e-3,), (0,)),
+    ],
+)
+def test_parameters_keep_to_the_bounds_of_the_catalogue(name, parameter, inside, outside):
+    entry = example(EFFECTS[name])
+
+    def listed(value):
+        return mechanism(entry | {"parameters": entry["parameters"] | {parameter: value}})
+
+    for value in inside:
+        assert getattr(listed(value).effect(name), parameter) == value
+    for value in outside:
+        with pytest.raises(InputError, match=f"{name}.parameters.{parameter} = {value}"):
+            listed(value)
+
+
+def test_parameters_take_text_with_units():
+    made = mechanism(
+        effect("slider_spring", stiffness_N_m="2 N/mm", rest_position_m="560 mm"),
+        effect("harmonic_force", force_N="1 kN", frequency_Hz="2 kHz"),
+    )
+    assert made.effect("slider_spring").stiffness_N_m == pytest.approx(2000)
+    assert made.effect("slider_spring").rest_position_m == pytest.approx(0.56)
+    assert made.effect("harmonic_force").frequency_Hz == pytest.approx(2000)
+
+
+@pytest.mark.parametrize(
+    ("effects", "words"),
+    [
+        (
+            [effect("slidr_spring")],
+            ["effects.0.name = 'slidr_spring'", "no such effect", "did you mean 'slider_spring'"],
+        ),
+        ([{"parameters": {}}], ["effects.0.name' is missing"]),
+        ([effect("gravity", acceleration=9)], ["parameters.acceleration'", "did you mean 'acceleration_m_s2'"]),
+        ([effect("pin_friction", coefficient=0.1)], ["site' is missing"]),
+        (
+            [effect("pin_friction", "crank_pivot", coefficient=0.1)],
+            ["site = 'crank_pivot'", "'crank_pin' or 'piston_pin'"],
+        ),
+        ([effect("gravity"), effect("gravity")], ["gravity at all bodies is listed more than once"]),
+        (
+            [effect("pin_friction", "crank_pin", coefficient=0.1)] * 2,
+            ["pin_friction at crank_pin is listed more than once"],
+        ),
+        ([effect("discovered_slider_force", formula="a*v")], ["formula 'a*v'", "unknown name 'a'"]),
+        ([effect("added_slider_mass", mass_kg=-1)], ["effects added_slider_mass", "slider.mass", "greater than 0"]),
+        ([effect("slider_offset", offset_m=0.5)], ["effects slider_offset", "cannot turn"]),
+        ([effect("link_length_error", rod_m=-0.42)], ["effects link_length_error", "cannot turn"]),
+        ([effect("link_length_error", crank_m=-0.2)], ["effects link_length_error", "crank.length"]),
+        (
+            [effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01, least_film_m=6e-4)],
+            ["lubricated_joint at crank_pin", "more than 0.5 of the clearance 0.001 m"],
+        ),
+        (
+            [
+                effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01),
+                effect("crank_pin_clearance", clearance_m=0),
+            ],
+            ["crank_pin_clearance", "lubricated_joint at crank_pin needs a loose joint"],
+        ),
+    ],
+)
+def test_an_effect_that_makes_no_sense_is_refused(effects, words):
+    with pytest.raises(InputError) as caught:
+        mechanism(*effects)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_clearance_needs_the_data_of_its_joint():
+    with pytest.raises(InputError, match="crank_pivot_clearance needs the data of crank_pivot"):
+        mechanism(effect("crank_pivot_clearance", clearance_m=1e-4), joints={"crank_pivot": "ideal"})
+
+
+def bending(**rod):
+    return mechanism(effect("rod_flexibility", frequency_Hz=250, damping_ratio=0.01), rod=rod)
+
+
+def test_a_rod_bends_as_a_uniform_beam_only_where_its_mass_centre_is_near_the_middle():
+    rod = paper().rod
+    # of a rod that turns, a_n = alpha (s - centre), the mode takes the projection of this on sin(pi s / l), which moves the
+    # mass centre in turn: in numbers, the inertia that is left with the modal coordinate free
+    s = (np.arange(20_000) + 0.5) / 20_000 * rod.length
+    dm, mode = rod.mass / len(s), np.sin(np.pi * s / rod.length)
+    off = 0.02
+    shift = np.array([[rod.mass, dm * mode.sum()], [dm * mode.sum(), dm * (mode**2).sum()]])
+    coupling = np.array([0.0, dm * (mode * (s - rod.length / 2 + off)).sum()])
+    taken = coupling @ np.linalg.solve(shift, coupling)
+    farthest = off * math.sqrt(0.5 * rod.inertia / taken)
+    for side in (-1, 1):
+        assert bending(mass_centre=rod.length / 2 + side * 0.999 * farthest)
+        with pytest.raises(InputError, match=r"rod_flexibility .*uniform beam.*rod\.mass_centre .*rod\.inertia"):
+            bending(mass_centre=rod.length / 2 + side * 1.001 * farthest)
+    assert mechanism(rod={"mass_centre": 0.1}).rod.mass_centre == 0.1  # a rigid one may have it anywhere
+
+
+def test_one_effect_may_act_in_both_pins():
+    both = mechanism(
+        effect("pin_friction", "crank_pin", coefficient=0.1), effect("pin_friction", "piston_pin", coefficient=0.2)
+    )
+    assert both.effect("pin_friction", "crank_pin").coefficient == 0.1
+    assert both.effect("pin_friction", "piston_pin").coefficient == 0.2
+
+
+def test_mass_offset_and_lengths_become_data():
+    applied = mechanism(
+        effect("added_slider_mass", mass_kg=0.05),
+        effect("slider_offset", offset_m="-10 mm"),
+        effect("link_length_error", crank_m="1 mm", rod_m="-4 mm"),
+        effect("gravity"),
+        slider={"offset": "2 mm"},
+    ).applied()
+    assert applied.slider.mass == pytest.approx(0.4982)
+    assert applied.slider.offset == pytest.approx(-0.008)
+    assert (applied.crank.length, applied.rod.length) == pytest.approx((0.151, 0.560))
+    assert (applied.crank.mass_centre, applied.rod.mass_centre) == pytest.approx((0.0755, 0.280))  # half way, as before
+    assert [one.name for one in applied.effects] == ["gravity"]
+    assert applied.applied() == applied
+
+
+def test_a_clearance_is_the_whole_clearance_and_none_makes_the_joint_ideal():
+    applied = mechanism(
+        effect("crank_pivot_clearance", clearance_m="0.2 mm"),
+        effect("crank_pin_clearance", clearance_m=0),
+        effect("piston_pin_clearance", clearance_m="1.5 mm"),
+        joints={"crank_pivot": PIVOT | {"loose": False}},
+    ).applied()
+    assert applied.loose == ("crank_pivot", "piston_pin")
+    assert applied.clearance("crank_pivot") == pytest.approx(2e-4)
+    assert applied.clearance("piston_pin") == pytest.approx(1.5e-3)
+    assert applied.joint("piston_pin").journal_radius == paper().joint("piston_pin").journal_radius
+
+
+def test_friction_in_a_loose_pin_is_its_contacts_and_in_an_ideal_one_an_effect():
+    loose, ideal = (
+        effect("pin_friction", "crank_pin", coefficient=0.1),
+        effect("pin_friction", "piston_pin", coefficient=0.2),
+    )
+    applied = mechanism(loose, ideal, joints={"piston_pin": {"loose": False}}).applied()
+    assert applied.joint("crank_pin").contact.friction == 0.1
+    assert applied.effect("pin_friction", "crank_pin") is None
+    assert applied.effect("pin_friction", "piston_pin").coefficient == 0.2
+    assert applied.joint("piston_pin").contact.friction == 0.05
+
+
+def test_a_clearance_decides_what_friction_in_its_pin_is():
+    friction = effect("pin_friction", "crank_pin", coefficient=0.1)
+    ideal = mechanism(friction, effect("crank_pin_clearance", clearance_m=0)).applied()
+    assert ideal.effect("pin_friction", "crank_pin").coefficient == 0.1
+    loose = mechanism(
+        friction, effect("crank_pin_clearance", clearance_m=1e-4), joints={"crank_pin": {"loose": False}}
+    ).applied()
+    assert loose.effect("pin_friction") is None
+    assert loose.joint("crank_pin").contact.friction == 0.1
+
+
+def test_friction_in_an_ideal_pin_needs_its_radius():
+    with pytest.raises(InputError, match="pin_friction at crank_pin needs the joint's journal_radius"):
+        mechanism(effect("pin_friction", "crank_pin", coefficient=0.1), joints={"crank_pin": "ideal"})

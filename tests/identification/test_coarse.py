@@ -1,0 +1,147 @@
+"""Fits that come from afar: they find valleys that fits among samples do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.identification import baseline as recalibrating
+from jointgap.identification import coarse_search as seek
+from jointgap.identification import smoother as coarse
+from jointgap.identification.baseline import other_numerics, recalibrate
+from jointgap.identification.coarse_search import PARTNERS, sought, sought_pairs
+from jointgap.identification.finite_differences import Differences
+from jointgap.identification.fit import FAILED, fit
+from jointgap.identification.hypothesis_fits import doubles, singles
+from jointgap.identification.model_selection import fitted, shortlist, verdict
+from jointgap.identification.problem import Problem
+from jointgap.identification.screening import signatures
+from jointgap.identification.smoother import descended, views
+from jointgap.identification.thresholds import thresholds
+from tests.identification.knocks import knocking
+from tests.identification.toy import stated_noise, toy
+
+
+def problem_of(model) -> Problem:
+    return Problem(model, stated_noise(model))
+
+
+def test_noise_keeps_its_variance_in_every_view():
+    problem = problem_of(toy(samples=360))
+    noise = np.random.default_rng(0).standard_normal((problem.size, 40))
+    for view in views(problem):
+        assert np.mean(np.square(view(noise))) == pytest.approx(1.0, abs=0.05)
+        assert view(noise[:, 0]) == pytest.approx(view(noise)[:, 0])
+
+
+def test_a_view_keeps_what_is_slow_and_loses_what_is_sharp():
+    problem = problem_of(toy(samples=360))
+    spike = np.zeros(problem.size)
+    spike[200] = 1.0
+    slow = np.sin(np.arange(problem.size) * 2 * np.pi / 360)
+    for view, samples in zip(views(problem), (24, 6), strict=True):
+        assert np.abs(view(spike)).max() == pytest.approx((np.sqrt(np.pi) * samples) ** -0.5, rel=0.01)
+        assert np.abs(view(slow)).max() == pytest.approx((2.0 * np.sqrt(np.pi) * samples) ** 0.5, rel=0.1)
+
+
+def test_nothing_is_seen_from_afar_where_no_angle_is_known_or_statistics_are_compared():
+    model = toy()
+    for change in ({"angle": np.full(360, np.nan)}, {"statistic": True}):
+        assert views(problem_of(replace(model, series=tuple(replace(one, **change) for one in model.series)))) == ()
+
+
+@pytest.mark.parametrize("clearance", [0.93, 0.97, 1.04, 1.08])
+def test_a_fit_from_afar_ends_in_the_valley_of_the_truth(clearance):
+    problem = problem_of(knocking(clearance=clearance))
+    differences = Differences(problem)
+    near = fit(problem, differences=differences)
+    far = descended(problem, (), {}, differences, views(problem))
+    found = fit(problem, start=far.mapping, differences=differences)
+    assert near.chi2 > 3.0 * problem.size
+    assert found.chi2 < 1.1 * problem.size
+    assert found.mapping["clearance"] == pytest.approx(clearance, abs=1e-3)
+
+
+def test_a_descent_that_fails_in_a_finer_view_ends_with_the_coarser_fit(monkeypatch):
+    problem, made = problem_of(knocking(clearance=1.04)), []
+
+    def once(*args, **options):
+        made.append(fit(*args, **options))
+        return made[0] if len(made) == 1 else replace(made[-1], status=FAILED)
+
+    monkeypatch.setattr(coarse, "fit", once)
+    assert descended(problem, (), {}, Differences(problem), views(problem)) is made[0]
+    assert len(made) == 2
+
+
+def test_without_views_a_poor_fit_is_tried_from_every_drawn_start(monkeypatch):
+    model = toy(hidden=lambda x, v, angle, time: -0.3 * v**3, seed=1)
+    model = replace(model, series=tuple(replace(one, statistic=True) for one in model.series))
+    problem, starts = problem_of(model), []
+
+    def counted(*args, **options):
+        starts.append(dict(options.get("start") or args[2]))
+        return fit(*args, **options)
+
+    monkeypatch.setattr(recalibrating, "fit", counted)
+    recalibrating.best_of(problem, Differences(problem))
+    assert len(starts) == recalibrating.STARTS
+    assert len({start["slider_mass"] for start in starts}) == len(starts)
+
+
+@pytest.mark.parametrize("clearance", [0.92, 1.06])
+def test_recalibration_finds_parameters_whose_valley_is_narrow(clearance):
+    model = knocking(clearance=clearance, seed=1)
+    base = recalibrate(model, stated_noise(model)).base
+    assert base.chi2 < 1.1 * base.residual.size
+    assert base.mapping["clearance"] == pytest.approx(clearance, abs=1e-3)
+
+
+def test_an_effect_that_moves_every_knock_is_found_by_the_second_look_alone():
+    model = knocking({"spring": {"stiffness_N_m": 2.0}}, clearance=1.05, seed=2)
+    base = recalibrate(model, stated_noise(model))
+    known = signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    first = [fitted(base, known, one) for one in shortlist(known, limits)]
+    assert min(one.chi2 for one in first) > 2.0 * base.problem.size
+    best, *_ = sought(base, limits)
+    assert best.label == "spring"
+    assert best.chi2 < 1.1 * base.problem.size
+    fits, _ = singles(base, known, limits)
+    more, seconds = doubles(base, known, limits, fits)
+    assert len({one.label for one in more}) == len(more) == len(seconds)
+    again = [one for part in (1, 0) for one in doubles(base, known, limits, fits[::-1], part, 2)[0]]
+    assert [one.label for one in again] == [one.label for one in more]
+    assert [one.chi2 for one in again] == [one.chi2 for one in more]
+    decision = verdict(base, known, [*fits, *more], limits)
+    assert decision.verdict == "named"
+    assert decision.chosen.label == "spring"
+    assert decision.chosen.mapping["spring.stiffness_N_m"] == pytest.approx(2.0, rel=0.02)
+
+
+def test_two_effects_that_move_every_knock_are_found_among_few_pairs(monkeypatch):
+    hidden = {"spring": {"stiffness_N_m": 2.0}, "coulomb": {"force_N": 0.3}}
+    model = knocking(hidden, clearance=1.05, seed=3)
+    base = recalibrate(model, stated_noise(model))
+    known = signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    fits = [*singles(base, known, limits)[0], *sought(base, limits)]
+    assert min(one.chi2 for one in fits) > 100.0 * base.problem.size
+    tried, race = [], seek.raced
+
+    def raced(base, chosen, *rest):
+        tried.extend([candidate.label for candidate in pair.explanation] for pair, _ in chosen)
+        return race(base, chosen, *rest)
+
+    monkeypatch.setattr(seek, "raced", raced)
+    best, *_ = sought_pairs(base, fits, limits)
+    assert {candidate.label for candidate in best.explanation} == hidden.keys()
+    assert best.chi2 < 1.1 * base.problem.size
+    leading = tried[0][0]
+    assert [
+        leading,
+        "added_mass",
+    ] in tried  # small sizes say little of it, but every pair costs: beside the best one alone
+    others = [first for first, _ in tried if first != leading]
+    assert others and all(others.count(first) <= PARTNERS for first in others)
+    assert not any("added_mass" in pair for pair in tried if leading not in pair)

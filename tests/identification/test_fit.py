@@ -1,0 +1,143 @@
+"""Fits against what linear algebra and other optimisers say."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from jointgap.identification.bounded_step import bounded_step, compressed
+from jointgap.identification.finite_differences import Differences
+from jointgap.identification.fit import CONVERGED, FAILED, bounds_of, fit
+from jointgap.identification.problem import Problem
+from jointgap.identification.protocol import Candidate, Parameter
+from tests.identification.toy import stated_noise, toy
+
+
+def problem(model):
+    return Problem(model, stated_noise(model))
+
+
+def candidate(model, label):
+    return next(one for one in model.candidates if one.label == label)
+
+
+def test_compression_keeps_all_inner_products():
+    generator = np.random.default_rng(0)
+    a, b = generator.standard_normal((40, 3)), generator.standard_normal(40)
+    small_a, small_b = compressed(a, b)
+    assert small_a.shape == (4, 3)
+    np.testing.assert_allclose(small_a.T @ small_a, a.T @ a)
+    np.testing.assert_allclose(small_a.T @ small_b, a.T @ b)
+
+
+def test_a_bounded_step_is_the_best_within_the_bounds():
+    generator = np.random.default_rng(1)
+    a, b = generator.standard_normal((30, 2)), generator.standard_normal(30)
+    low, high = np.array([-0.01, -1.0]), np.array([0.01, 1.0])
+    step, left = bounded_step(a, b, low, high)
+    grid = np.array([[x, y] for x in np.linspace(low[0], high[0], 41) for y in np.linspace(low[1], high[1], 401)])
+    assert left <= np.sum((b[:, None] + a @ grid.T) ** 2, axis=0).min() + 1e-9
+    assert left == pytest.approx(np.sum((b + a @ step) ** 2))
+    assert (step >= low).all() and (step <= high).all()
+
+
+def test_a_column_that_changes_nothing_takes_no_step():
+    step, _ = bounded_step(
+        np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([1.0, 1.0]), *(np.full(2, s) for s in (-5.0, 5.0))
+    )
+    np.testing.assert_allclose(step, [-1.0, 0.0])
+
+
+def test_the_fit_is_where_another_optimiser_ends():
+    model = toy({"viscous": {"damping_N_s_m": 0.5}}, {"slider_mass": 0.51}, seed=1)
+    here, explanation = problem(model), (candidate(model, "viscous"),)
+    found = fit(here, explanation)
+    parameters = here.parameters(explanation)
+    peer = least_squares(
+        lambda x: here.residual({p.key: v for p, v in zip(parameters, x, strict=True)}, explanation),
+        [p.nominal for p in parameters],
+        bounds=bounds_of(parameters),
+        x_scale=[p.step for p in parameters],
+        xtol=1e-12,
+    )
+    assert found.status == CONVERGED
+    assert found.chi2 == pytest.approx(2 * peer.cost, abs=0.05)
+    assert found.simulations < peer.nfev * (1 + len(parameters))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_true_parameters_lie_within_their_errors(seed):
+    truth = {"slider_mass": 0.512, "viscous.damping_N_s_m": 0.5}
+    model = toy({"viscous": {"damping_N_s_m": 0.5}}, {"slider_mass": 0.512}, seed=seed)
+    found = fit(problem(model), (candidate(model, "viscous"),), refresh=True)
+    errors = dict(zip((p.key for p in found.parameters), np.sqrt(np.diag(found.covariance())), strict=True))
+    for key, value in truth.items():
+        assert abs(found.mapping[key] - value) < 4 * errors[key]
+
+
+def test_what_is_left_is_noise():
+    model = toy({"coulomb": {"force_N": 0.4}}, seed=7)
+    here = problem(model)
+    found = fit(here, (candidate(model, "coulomb"),))
+    dof = here.size - len(found.parameters)
+    assert abs(found.chi2 - dof) < 4 * np.sqrt(2 * dof)
+    assert here.gap(found.residual) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_fit_that_cannot_be_simulated_fails_with_its_reason():
+    model = toy(seed=0)
+    found = fit(problem(model), start={"crank_length": -0.1}, vary=())
+    assert found.status == FAILED and "does not turn" in found.reason
+    assert found.chi2 == np.inf
+
+
+def test_bounds_hold_and_a_parameter_at_its_bound_has_no_error():
+    model = toy({"added_mass": {"mass_kg": 0.3}}, seed=0)
+    found = fit(problem(model))
+    low, high = bounds_of(found.parameters)
+    assert (found.values >= low).all() and (found.values <= high).all()
+    at = [p.key for p in found.parameters].index("slider_mass")
+    assert found.values[at] == high[at]
+    assert found.covariance()[at, at] == 0.0
+
+
+def test_known_derivatives_save_simulations():
+    model = toy({"viscous": {"damping_N_s_m": 0.5}}, seed=3)
+    here = problem(model)
+    differences, explanation = Differences(here), (candidate(model, "viscous"),)
+    first = fit(here, explanation, differences=differences, refresh=True)
+    known = {p.key: column for p, column in zip(first.parameters, first.jacobian.T, strict=True)}
+    again = fit(here, explanation, first.mapping, known, differences)
+    assert again.simulations <= 2 * len(here.runs)
+    assert again.chi2 == pytest.approx(first.chi2, abs=0.2)
+
+
+def test_a_difference_is_taken_over_a_step_that_noise_could_just_hide():
+    model = toy(seed=0)
+    here = problem(model)
+    differences = Differences(here)
+    at = {p.key: p.nominal for p in here.nuisances}
+    residual = here.residual(at)
+    clumsy = Parameter("slider_mass", 0.5, 0.0, 10.0, step=5.0, unit="kg")
+    column = differences.column(clumsy, at, residual, ())
+    fine = Parameter("slider_mass", 0.5, 0.0, 10.0, step=1e-4, unit="kg")
+    np.testing.assert_allclose(column, Differences(here).column(fine, at, residual, ()), rtol=1e-6, atol=1e-6)
+
+
+def test_an_effect_takes_the_place_of_the_nuisance_that_is_its_own_parameter():
+    model = toy(seed=0)
+    keys = [p.key for p in problem(model).parameters((candidate(model, "added_mass"),))]
+    assert "slider_mass" not in keys and "added_mass.mass_kg" in keys
+
+
+def test_labels_name_the_site_where_there_is_a_choice():
+    size = Parameter("bias", 0.0)
+    assert Candidate("sensor_bias", "torque", (size,), ("bias",), choice=True).label == "sensor_bias:torque"
+    assert Candidate("gravity", "all", (size,), ("bias",)).label == "gravity"
+
+
+def test_what_the_data_leave_open_is_as_uncertain_as_its_bounds_say():
+    model = toy(seed=0, channels=("acceleration",))  # no force is read: the mass changes nothing
+    found = fit(problem(model), refresh=True)
+    at = [p.key for p in found.parameters].index("slider_mass")
+    mass = found.parameters[at]
+    assert np.sqrt(found.covariance()[at, at]) == pytest.approx((mass.high - mass.low) / np.sqrt(12.0))

@@ -1,0 +1,155 @@
+"""The map shows where model and data disagree, and nothing where they do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap.identification.disagreement import adjusted, circular_spans, ljung_box, locate
+from jointgap.identification.problem import Problem
+from jointgap.identification.unwhitening import coloured
+from jointgap.identification.whitening import Noise, whitened
+from tests.identification.toy import coloured as noise_of
+from tests.identification.toy import stated_noise, toy
+
+
+def mapped(model, memory: float = 0.0, order: int = 0):
+    """Map of the nominal model's residual."""
+    problem = Problem(model, stated_noise(model, memory, order))
+    return locate(problem, problem.residual({p.key: p.nominal for p in problem.nuisances}))
+
+
+def with_bump(model, key: tuple[str, str], begin: float, end: float, height: float):
+    """The model with what a channel reads raised by `height` standard deviations between two angles [deg]."""
+    series = []
+    for one in model.series:
+        if one.key == key:
+            place = np.mod(np.degrees(one.angle) - begin, 360.0) < np.mod(end - begin, 360.0)
+            one = replace(one, value=one.value + place * height * one.stated_noise)
+        series.append(one)
+    return replace(model, series=tuple(series))
+
+
+@pytest.mark.parametrize(("memory", "order"), [(0.0, 0), (0.8, 1)])
+def test_noise_alone_makes_windows_as_rarely_as_stated(memory, order):
+    maps = [mapped(toy(seed=seed, autocorrelation=memory, cycles=2.0), memory, order) for seed in range(25)]
+    assert sum(len(one.windows) > 0 for one in maps) <= 2  # 0.25 expected at a rate of 1 %
+    p = np.concatenate([one.bins["p"] for one in maps])
+    assert np.mean(p < 0.05) < 0.06
+    assert 0.02 < np.mean(np.concatenate([one.tests["p_chi2"] for one in maps]) < 0.05) < 0.09
+
+
+@pytest.mark.parametrize(("memory", "order"), [(0.0, 0), (0.8, 1)])
+@pytest.mark.parametrize(("begin", "end"), [(352.0, 15.0), (100.0, 140.0)])
+def test_a_bump_is_found_within_a_bin_of_its_place_and_nowhere_else(memory, order, begin, end):
+    for seed in range(3):
+        model = with_bump(toy(seed=seed, autocorrelation=memory), ("slow", "torque"), begin, end, 5.0)
+        windows = mapped(model, memory, order).windows
+        assert list(zip(windows["run"], windows["channel"], strict=True)) == [("slow", "torque")]
+        found = windows.iloc[0]
+        assert abs(np.mod(found["start_deg"] - begin + 180.0, 360.0) - 180.0) <= 10.0
+        assert abs(np.mod(found["end_deg"] - end + 180.0, 360.0) - 180.0) <= 10.0
+        width = np.mod(found["end_deg"] - found["start_deg"], 360.0)
+        assert found["mean"] == pytest.approx(5.0 * min(1.0, np.mod(end - begin, 360.0) / width), abs=1.5)
+
+
+def test_what_a_bump_leaves_in_the_memory_of_noise_does_not_widen_its_window():
+    # From one sample to the next a long memory expects the bump to go on: the sample after it looks like -8 standard deviations.
+    model = with_bump(toy(seed=1, autocorrelation=0.95, samples=360), ("slow", "torque"), 100.0, 140.0, 10.0)
+    windows = mapped(model, 0.95, 1).windows
+    assert (windows["start_deg"].tolist(), windows["end_deg"].tolist()) == ([100.0], [140.0])
+
+
+def test_hardly_a_window_is_shown_where_data_without_noise_would_agree():
+    heights, windows, wrong = (0.5, 1.0, 2.0, 4.0), 0, 0
+    for seed, height in enumerate(heights * 3):
+        model = with_bump(toy(seed=seed, autocorrelation=0.5), ("mid", "torque"), 205.0, 255.0, height)
+        found = mapped(model, 0.5, 1).windows
+        windows += len(found)
+        there = (found["channel"] == "torque") & (found["run"] == "mid") & found["start_deg"].between(200, 250)
+        wrong += int((~there).sum())
+    assert windows >= 6  # all of the larger two
+    assert wrong <= 0.05 * windows
+
+
+def test_a_bias_without_end_is_one_window_around_the_circle():
+    windows = mapped(with_bump(toy(seed=2), ("mid", "torque"), 0.0, 359.9999, 6.0)).windows
+    assert windows[["run", "channel", "start_deg", "end_deg"]].to_numpy().tolist() == [["mid", "torque", 0.0, 360.0]]
+
+
+def test_the_whole_residual_and_every_channel_are_tested():
+    model = toy({"coulomb": {"force_N": 0.5}}, seed=3)
+    found = mapped(model)
+    assert found.p < 1e-6
+    assert found.chi2 == pytest.approx(found.tests["chi2"].sum())
+    assert found.samples == found.tests["samples"].sum() == 2 * 3 * 360
+    clean = found.tests.set_index("channel").loc["acceleration"]  # a force does not change a prescribed motion
+    assert (clean["p_chi2"] > 1e-3).all()
+    assert (clean["p_ljung_box"] > 1e-3).all()
+    assert (found.tests.set_index("channel").loc["guide_force"]["p_ljung_box"] < 1e-6).all()
+
+
+def test_ljung_box_is_flat_for_independent_numbers_with_gaps_and_sees_memory():
+    p = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        index = np.flatnonzero(rng.random(300) < 0.8)
+        p.append(ljung_box(rng.standard_normal(index.size), index))
+    assert np.mean(np.array(p) < 0.1) == pytest.approx(0.1, abs=0.06)
+    assert ljung_box(noise_of(300, 0.5, np.random.default_rng(0)), np.arange(300)) < 1e-6
+
+
+def test_adjusted_probabilities_are_those_of_a_hand_calculation():
+    assert adjusted(np.array([0.04, 0.01, 0.03, 0.5])) == pytest.approx([4 / 75, 0.04, 4 / 75, 0.5])
+    assert adjusted(np.array([])).size == 0
+
+
+def test_rows_on_a_circle_run_across_its_beginning():
+    assert circular_spans(np.array([True, False, True, True, False, True])) == [(2, 2), (5, 2)]
+    assert circular_spans(np.ones(4, bool)) == [(0, 4)]
+    assert circular_spans(np.zeros(4, bool)) == []
+
+
+def test_whitened_residuals_are_turned_back_exactly():
+    residual = np.random.default_rng(0).standard_normal(50)
+    residual[[7, 8, 20, 22]] = np.nan
+    noise = Noise(np.full(50, 2.0), (0.6, 0.5, 0.2))
+    assert coloured(whitened(residual, noise), noise) == pytest.approx(residual / 2.0, nan_ok=True)
+
+
+def test_the_spectrum_shows_the_order_of_a_disagreement():
+    model = toy(seed=4)
+    series = [replace(s, value=s.value + 2.0 * s.stated_noise * np.cos(3.0 * s.angle + 0.4)) for s in model.series]
+    orders = mapped(replace(model, series=tuple(series))).orders
+    first = orders.loc[orders.groupby(["run", "channel"])["amplitude"].idxmax()]
+    assert first["order"].to_numpy() == pytest.approx(np.full(6, 3.0))
+    assert first["amplitude"].to_numpy() == pytest.approx(np.full(6, 2.0), abs=0.3)
+    assert np.mean(orders.loc[~np.isclose(orders["order"], 3.0), "p"] < 0.05) == pytest.approx(0.05, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("effect", "exponent"),
+    [
+        ({"coulomb": {"force_N": 3.0}}, 0.0),
+        ({"viscous": {"damping_N_s_m": 3.0}}, 1.0),
+        ({"centrifugal": {"mass_kg": 0.1}}, 2.0),
+    ],
+)
+def test_the_growth_with_speed_tells_the_kind_of_force(effect, exponent):
+    scaling = mapped(toy(effect, seed=5, held_out=())).scaling.set_index("channel")
+    assert set(scaling.index) == {"torque", "guide_force"}
+    assert scaling["exponent"].to_numpy() == pytest.approx([exponent, exponent], abs=0.05)
+    assert (scaling["low"] < scaling["high"]).all()
+    assert (scaling["runs"] == 3).all()
+
+
+def test_channels_without_crank_angle_are_tested_but_not_mapped():
+    model = toy(seed=6)
+    blind = replace(model, series=tuple(replace(s, angle=np.full(s.angle.size, np.nan)) for s in model.series))
+    problem = Problem(model, stated_noise(model))
+    residual = problem.residual({p.key: p.nominal for p in problem.nuisances})
+    found = locate(Problem(blind, stated_noise(model)), residual)
+    assert len(found.tests) == 6
+    assert found.bins.empty and found.windows.empty and found.orders.empty
+    assert isinstance(found.scaling, pd.DataFrame) and found.scaling.empty

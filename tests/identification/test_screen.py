@@ -1,0 +1,125 @@
+"""Screening: what signatures foretell of fits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.identification.finite_differences import Differences
+from jointgap.identification.fit import fit
+from jointgap.identification.problem import Problem
+from jointgap.identification.screening import Screen, signatures
+from jointgap.identification.signature_subspaces import Subspaces
+from tests.identification.toy import stated_noise, toy
+
+
+def screened(effects, **how):
+    model = toy(effects, **how)
+    problem = Problem(model, stated_noise(model))
+    differences = Differences(problem)
+    base = fit(problem, differences=differences, refresh=True)
+    return problem, differences, base, signatures(problem, base, differences)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"viscous": {"damping_N_s_m": 0.1}},
+        {"spring": {"stiffness_N_m": 1.0}},
+        {"sensor_bias:torque": {"bias": 0.01}},
+        {"sensor_lag:torque": {"lag_s": 1e-3}},
+        {"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.1, "frequency_Hz": 5.3}},
+    ],
+    ids=lambda effects: next(iter(effects)),
+)
+def test_the_hidden_effect_is_first(effects):
+    *_, known = screened(effects, seed=1)
+    assert Screen(known).singles()[0].label == next(iter(effects))
+
+
+def test_what_signatures_foretell_is_what_a_fit_finds():
+    """Sizes act linearly here, so both must agree."""
+    problem, differences, _, known = screened({"viscous": {"damping_N_s_m": 0.3}}, seed=2)
+    first = Screen(known).singles()[0]
+    found = fit(problem, first.explanation, first.start, known.known(first.signatures), differences)
+    assert first.chi2 == pytest.approx(found.chi2, abs=0.5)
+    assert first.bic == pytest.approx(found.bic, abs=0.5)
+    assert found.mapping["viscous.damping_N_s_m"] == pytest.approx(first.start["viscous.damping_N_s_m"], rel=1e-2)
+
+
+def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal():
+    model = toy({"added_mass": {"mass_kg": 0.05}}, seed=5)
+    problem = Problem(model, stated_noise(model))
+    differences = Differences(problem)
+    base = fit(problem, differences=differences, refresh=True)
+    mass = next(p for p in model.nuisances if p.name == "slider_mass")
+    assert base.mapping["slider_mass"] != pytest.approx(mass.nominal, rel=1e-3)
+    (one,) = signatures(problem, base, differences).of("added_mass")
+    at = base.mapping | {"slider_mass": mass.nominal}
+    np.testing.assert_allclose(one.origin, problem.residual(at), atol=1e-9)
+    heavier = problem.residual(at | {"slider_mass": mass.nominal + 0.1})
+    np.testing.assert_allclose(one.origin + 0.1 * one.columns[:, 0], heavier, atol=1e-6)
+
+
+def test_resistance_cannot_push():
+    """A force that pushes along is not explained by a negative friction."""
+    *_, known = screened({"viscous": {"damping_N_s_m": -0.3}}, seed=3)
+    by_label = {one.label: one for one in Screen(known).singles()}
+    assert by_label["viscous"].start["viscous.damping_N_s_m"] == 0.0
+    assert by_label["viscous"].chi2 == pytest.approx(by_label["coulomb"].chi2)
+
+
+def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows():
+    *_, known = screened({"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.0, "frequency_Hz": 6.37}}, seed=4)
+    tried = [one.shapes["frequency_Hz"] for one in known.of("harmonic_force")]
+    assert min(abs(np.array(tried) - 6.37)) < 0.1
+
+
+def test_beside_one_of_two_hidden_effects_the_other_is_first():
+    problem, differences, _, known = screened({"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}, seed=5)
+    coulomb = next(one for one in Screen(known).singles() if one.label == "coulomb")
+    found = fit(problem, coulomb.explanation, coulomb.start, known.known(coulomb.signatures), differences)
+    partners = Screen(known.about(found), found.explanation).singles()
+    assert partners[0].label == "coulomb + spring"
+    assert partners[0].start["spring.stiffness_N_m"] == pytest.approx(5.0, rel=0.1)
+    assert "coulomb + coulomb" not in {one.label for one in partners}
+
+
+def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():
+    model = toy(seed=0)
+    problem = Problem(model, stated_noise(model))
+    differences = Differences(problem)
+    base = fit(problem, differences=differences)
+    real = model.simulate
+
+    def failing(run, values, effects=(), numerics=0):
+        if any(candidate.name == "spring" for candidate, _ in effects):
+            raise problem_with_springs
+        return real(run, values, effects, numerics)
+
+    from jointgap.errors import SimulationError
+
+    problem_with_springs = SimulationError("the spring breaks")
+    object.__setattr__(model, "simulate", failing)
+    known = signatures(problem, base, differences)
+    assert known.failed == {"spring": "the spring breaks"}
+    assert "viscous" in {one.candidate.label for one in known.found}
+
+
+def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it():
+    *_, known = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
+    spaces = Subspaces(known)
+    by_label = {one.candidate.label: (one.candidate,) for one in known.found}
+    both = (*by_label["viscous"], *by_label["coulomb"])
+    assert spaces.within(by_label["viscous"], both)
+    assert not spaces.within(by_label["quadratic"], both)
+    assert not spaces.within(by_label["spring"], by_label["centrifugal"])  # the same, and neither can do more
+
+
+def test_an_effect_that_could_not_be_simulated_about_the_base_is_like_none():
+    *_, known = screened({}, seed=6)
+    (first, *rest) = known.found
+    lost = (first.candidate,)
+    spaces = Subspaces(replace(known, found=[one for one in rest if one.candidate.label != lost[0].label]))
+    assert spaces.nearest(lost)[1] == 0.0
+    assert not spaces.within(lost, (rest[-1].candidate,))

@@ -1,0 +1,231 @@
+"""A mechanism in closed form for tests: a slide driven by a crank that turns evenly, with effects that act on the slide.
+
+x = r (cos(angle) + L/4 cos(2 angle)) with L = 0.25; the drive holds the slide against inertia and the sum F of the effects:
+force = m a - F, of which the sensors read ``torque`` = force dx/dangle, ``guide_force`` = force L sin(angle), and ``acceleration``
+= a. A simulation takes 0.1 ms.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointgap.errors import SimulationError
+from jointgap.identification.protocol import Candidate, Effects, Parameter, Series
+from jointgap.identification.whitening import Noise
+
+ROD_RATIO = 0.25
+SPEEDS = {"slow": 10.0, "mid": 16.0, "fast": 24.0}  # rad/s
+UNITS = {"torque": "N*m", "guide_force": "N", "acceleration": "m/s**2"}
+Law = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""A force [N] on the slide from x [m], v [m/s], crank angle [rad] and time [s]."""
+
+
+def _effect(name: str, coordinate: str, step: float, unit: str, low: float = -np.inf, **more) -> Candidate:
+    return Candidate(name, "slider", (Parameter(coordinate, 0.0, low, step=step, unit=unit),), (coordinate,), **more)
+
+
+def _harmonic() -> Candidate:
+    amplitudes = tuple(Parameter(part, 0.0, step=0.3, unit="N") for part in ("cosine_N", "sine_N"))
+    frequency = Parameter("frequency_Hz", 7.0, 1.0, 20.0, step=0.05, unit="Hz")
+    starts = tuple({"frequency_Hz": float(value)} for value in (3.0, 7.0, 11.0))
+    return Candidate(
+        "harmonic_force", "slider", (*amplitudes, frequency), ("cosine_N", "sine_N"), starts, carrier="constant_force"
+    )
+
+
+def _sensor(name: str, channel: str, coordinate: str, step: float, unit: str) -> Candidate:
+    size = Parameter(coordinate, 0.0, step=step, unit=unit)
+    return Candidate(name, channel, (size,), (coordinate,), sensor=True, choice=True)
+
+
+CANDIDATES = (
+    _effect("coulomb", "force_N", 0.3, "N", low=0.0),
+    _effect("viscous", "damping_N_s_m", 0.3, "N*s/m", low=0.0),
+    _effect("quadratic", "drag_N_s2_m2", 0.3, "N*s**2/m**2", low=0.0),
+    _effect("constant_force", "force_N", 0.3, "N"),
+    _effect("spring", "stiffness_N_m", 3.0, "N/m", low=0.0),
+    _effect("centrifugal", "mass_kg", 0.01, "kg"),  # -mass w^2 x: at one speed the same force as the spring's
+    _effect("added_mass", "mass_kg", 0.01, "kg", replaces={"slider_mass": "mass_kg"}),
+    _harmonic(),
+    _sensor("sensor_bias", "torque", "bias", 0.02, "N*m"),
+    _sensor("sensor_gain", "acceleration", "gain_error", 0.01, "1"),
+    _sensor("sensor_lag", "torque", "lag_s", 0.001, "s"),
+)
+
+
+RINGING = _effect(
+    "ringing", "size", 0.01, "1", low=0.0, starts=({"size": 0.1},), grid=tuple(0.02 * 1.35**i for i in range(13))
+)
+"""Not among those: a hit that rings, whose phase tells a size to some percent and beyond that nothing."""
+
+
+def ringing(size: float, angle: np.ndarray) -> np.ndarray:
+    """Its force [N]."""
+    since = np.mod(angle, 2 * np.pi)
+    return 3.0 * np.sqrt(size) * np.exp(-since) * np.cos(17.0 * since + 40.0 * size * since**2)
+
+
+@dataclass(frozen=True)
+class Toy:
+    """A `jointgap.identification.protocol.Model`."""
+
+    series: Sequence[Series]
+    nuisances: Sequence[Parameter]
+    candidates: Sequence[Candidate]
+    speeds: Mapping[str, float]
+    hidden: Law | None = None
+    name: str = "toy"
+    numerics: Sequence[str] = ("friction of another width at rest",)
+
+    def simulate(
+        self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
+    ) -> Mapping[str, np.ndarray]:
+        """What the sensors read."""
+        here = next(series for series in self.series if series.run == run)
+        angle, r, w = here.angle, values["crank_length"], values["speed"]
+        if r <= 0.0:
+            raise SimulationError(f"run {run}: a crank of {r:g} m does not turn")
+        time = here.time
+        x = r * (np.cos(angle) + ROD_RATIO / 4 * np.cos(2 * angle))
+        slope = -r * (np.sin(angle) + ROD_RATIO / 2 * np.sin(2 * angle))
+        v, a = slope * w, -r * w**2 * (np.cos(angle) + ROD_RATIO * np.cos(2 * angle))
+        mass, force = values["slider_mass"], np.zeros(angle.size)
+        width = 0.01 if numerics == 0 else 0.02  # m/s
+        for candidate, at in effects:
+            if candidate.name == "added_mass":
+                mass = mass + at["mass_kg"]
+            elif not candidate.sensor:
+                force = force + _force(candidate.name, at, x, v, w, time, width, angle)
+        if self.hidden is not None:
+            force = force + self.hidden(x, v, angle, time)
+        drive = mass * a - force
+        read = {"torque": drive * slope, "guide_force": drive * ROD_RATIO * np.sin(angle), "acceleration": a}
+        for candidate, at in effects:
+            if candidate.sensor and candidate.site in read:
+                read[candidate.site] = _read(candidate.name, at, read[candidate.site], angle, w)
+        return {series.channel: read[series.channel] for series in self.series if series.run == run}
+
+
+def _force(name: str, at: Mapping[str, float], x, v, w: float, time, width: float, angle) -> np.ndarray:
+    match name:
+        case "ringing":
+            return ringing(at["size"], angle)
+        case "coulomb":
+            return -at["force_N"] * np.tanh(v / width)
+        case "viscous":
+            return -at["damping_N_s_m"] * v
+        case "quadratic":
+            return -at["drag_N_s2_m2"] * v * np.abs(v)
+        case "constant_force":
+            return np.full(x.shape, at["force_N"])
+        case "spring":
+            return -at["stiffness_N_m"] * x
+        case "centrifugal":
+            return -at["mass_kg"] * w**2 * x
+        case "harmonic_force":
+            phase = 2 * np.pi * at["frequency_Hz"] * time
+            return at["cosine_N"] * np.cos(phase) + at["sine_N"] * np.sin(phase)
+    raise KeyError(name)
+
+
+def _read(name: str, at: Mapping[str, float], value: np.ndarray, angle: np.ndarray, w: float) -> np.ndarray:
+    match name:
+        case "sensor_bias":
+            return value + at["bias"]
+        case "sensor_gain":
+            return value * (1.0 + at["gain_error"])
+        case "sensor_lag":
+            return value - at["lag_s"] * w * np.gradient(value, angle)
+    raise KeyError(name)
+
+
+def toy(
+    effects: Mapping[str, Mapping[str, float]] | None = None,
+    nuisances: Mapping[str, float] | None = None,
+    noise: float = 0.02,
+    seed: int = 0,
+    *,
+    speeds: Mapping[str, float] = SPEEDS,
+    held_out: Sequence[str] = ("fast",),
+    channels: Sequence[str] = tuple(UNITS),
+    candidates: Sequence[str] | None = None,
+    autocorrelation: float = 0.0,
+    samples: int = 72,
+    cycles: float = 5.0,
+    stated: bool = True,
+    planned: bool = False,
+    hidden: Law | None = None,
+) -> Toy:
+    """A toy and data measured on it.
+
+    Parameters
+    ----------
+    effects : mapping of label to mapping of coordinate to value
+        What acts in truth.
+    nuisances : mapping of key to float
+        True values; nominal where not named. Keys: slider_mass, crank_length, speed@run.
+    noise : float
+        Standard deviation as a share of the channel's own in that run.
+    seed : int
+    speeds : mapping of run to rad/s
+    held_out : sequence of str
+        Runs that take no part in fitting.
+    channels : sequence of str
+    candidates : sequence of str, optional
+        Labels of the effects that the analyst knows; all by default.
+    autocorrelation : float
+        Of the noise, from one sample to the next (a first-order process).
+    samples, cycles : number
+        Samples per cycle; cycles per run.
+    stated : bool
+        Whether the user states the noise.
+    planned : bool
+        Whether nothing has been measured yet (all values NaN).
+    hidden : function, optional
+        A force that is on nobody's list; it acts in truth alone.
+    """
+    mass, length = 0.5, 0.15
+    uncertain = [
+        Parameter("slider_mass", mass, 0.95 * mass, 1.05 * mass, 0.01 * mass, "kg"),
+        Parameter("crank_length", length, 0.98 * length, 1.02 * length, 0.002 * length, "m"),
+        *(Parameter("speed", w, 0.995 * w, 1.005 * w, 0.001 * w, "rad/s", run) for run, w in speeds.items()),
+    ]
+    angle = 0.1 + 2 * np.pi * np.arange(round(samples * cycles)) / samples
+    empty = np.full(angle.size, np.nan)
+    series = tuple(
+        Series(run, channel, UNITS[channel], empty, angle / w, angle, np.full(angle.size, run in held_out))
+        for run, w in speeds.items()
+        for channel in channels
+    )
+    known = tuple(c for c in CANDIDATES if candidates is None or c.label in candidates)
+    model = Toy(series, tuple(uncertain), known, dict(speeds))
+    truth, rng, measured = replace(model, hidden=hidden), np.random.default_rng(seed), []
+    acting = [(candidate_of(label), at) for label, at in (effects or {}).items()]
+    for run in speeds:
+        values = {p.name: (nuisances or {}).get(p.key, p.nominal) for p in uncertain if p.run in (None, run)}
+        clean = truth.simulate(run, values, acting)
+        for one in (s for s in series if s.run == run):
+            sd = noise * float(np.std(clean[one.channel]))
+            value = empty if planned else clean[one.channel] + sd * coloured(angle.size, autocorrelation, rng)
+            measured.append(replace(one, value=value, stated_noise=np.full(angle.size, sd) if stated else None))
+    return replace(model, series=tuple(measured))
+
+
+def candidate_of(label: str) -> Candidate:
+    """The candidate of that label."""
+    return next(c for c in CANDIDATES if c.label == label)
+
+
+def coloured(count: int, autocorrelation: float, rng: np.random.Generator) -> np.ndarray:
+    """Noise of variance 1 that remembers `autocorrelation` of its last sample, shape (count,)."""
+    found = rng.standard_normal(count)
+    for i in range(1, count):
+        found[i] = autocorrelation * found[i - 1] + np.sqrt(1.0 - autocorrelation**2) * found[i]
+    return found
+
+
+def stated_noise(model: Toy, autocorrelation: float = 0.0, order: int = 0) -> dict[tuple[str, str], Noise]:
+    """The noise as stated, with the given memory over `order` samples."""
+    memory = tuple(autocorrelation**lag for lag in range(1, order + 1))
+    return {series.key: Noise(series.stated_noise, memory) for series in model.series}

@@ -1,0 +1,220 @@
+"""The comparison puts every printed number and claim beside ours, and judges by rules that are stated."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap import tables
+from jointgap.config import read_yaml, resolve
+from jointgap.paper.claims import _contact, _deviations, _distinct, _networks, _optimisers, _real_gain, _superposed
+from jointgap.paper.comparison_page import html, markdown
+from jointgap.paper.comparison_row import FAILS, HOLDS, UNKNOWN, Row, claim
+from jointgap.paper.printed import OPTIMA, TRAINING_MSE
+from jointgap.paper.printed_numbers import _optimum
+from jointgap.tables import OUTPUTS
+
+PINS = ("crank_pin", "piston_pin")
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return resolve(read_yaml("config/config.yaml"))["paper"]
+
+
+def test_a_number_agrees_within_a_percent_and_says_its_ratio():
+    assert Row("number", "x", "1", 2.0, 2.019, "").record() | {"ratio": 0} == {
+        "kind": "number",
+        "item": "x",
+        "unit": "1",
+        "paper": 2.0,
+        "ours": 2.019,
+        "ratio": 0,
+        "verdict": "agrees",
+        "sentence": "",
+    }
+    assert Row("number", "x", "1", 2.0, 2.021, "").record()["verdict"] == "differs"
+    assert Row("number", "x", "1", 2.0, None, "").record()["verdict"] == UNKNOWN
+
+
+def test_a_claim_holds_does_not_hold_or_cannot_be_told():
+    verdicts = [claim("x", None, 1.0, "", holds, "").record()["verdict"] for holds in (True, False, None)]
+    assert verdicts == [HOLDS, FAILS, UNKNOWN]
+
+
+def test_the_printed_points_share_one_ratio_of_lengths_and_one_valley():
+    ratios = [point.crank_length / point.rod_length for point in OPTIMA]
+    assert max(ratios) - min(ratios) < 1.1e-5
+    invariants = [(1 - point.reduction) * point.rod_length for point in OPTIMA]
+    assert max(invariants) - min(invariants) < 6e-5
+
+
+def test_an_mse_is_printed_for_each_of_the_eight_outputs():
+    assert tuple(TRAINING_MSE) == OUTPUTS
+
+
+def test_end_points_closer_than_a_micrometre_count_as_one():
+    points = np.array([[0.15, 0.564], [0.15 + 5e-7, 0.564], [0.15, 0.5640021]])
+    assert _distinct(points) == 2
+
+
+def _revolution(scenario, **columns):
+    turned = np.radians(np.arange(0.0, 360.1, 0.1))
+    return pd.DataFrame({"crank_angle": turned} | {name: function(turned) for name, function in columns.items()})
+
+
+def test_the_angle_at_which_contact_is_last_lost_is_found(scenario):
+    first = _revolution(
+        scenario,
+        r2=lambda angle: np.where(angle < np.radians(20.05), 0.5e-3, 1.001e-3),
+        r3=lambda angle: np.where(np.abs(angle - np.radians(100.0)) < np.radians(0.05), 0.9e-3, 1.001e-3),
+        gamma2=lambda angle: angle + 0.3,
+    )
+    contact, follows = _contact(first, np.degrees(first["crank_angle"].to_numpy()), scenario)
+    assert contact.ours == pytest.approx(100.0)
+    assert contact.verdict == FAILS
+    assert follows.verdict == HOLDS
+    assert follows.ours == pytest.approx(1.0)
+
+
+def test_a_piston_moved_by_both_clearances_is_seen_as_superposed_and_one_moved_by_neither_is_not(scenario):
+    first = _revolution(
+        scenario,
+        r2=lambda angle: 1e-3 + 0 * angle,
+        gamma2=lambda angle: angle,
+        r3=lambda angle: 1e-3 + 0 * angle,
+        gamma3=lambda angle: 2 * angle,
+    )
+    ideal = pd.DataFrame({"slider_position": np.zeros(len(first))})
+    both = 1e-3 * (np.cos(first["crank_angle"]) - np.cos(2 * first["crank_angle"]))
+    assert _superposed(first.assign(slider_position=both), ideal, PINS).ours == pytest.approx(1.0)
+    neither = 1e-3 * np.sin(3 * first["crank_angle"])
+    assert _superposed(first.assign(slider_position=neither), ideal, PINS).verdict == FAILS
+
+
+def test_pages_hold_every_row_and_escape_what_is_not_text(scenario):
+    rows = [Row("number", "a < b", "1", 1.0, 2.0, "because & so"), claim("c | d", None, None, "", None, "who knows")]
+    comparison = pd.DataFrame([row.record() for row in rows])
+    tables.to_arrow(tables.COMPARISON, comparison)
+    page, text = html(comparison, scenario), markdown(comparison, scenario)
+    assert "a &lt; b" in page
+    assert "because &amp; so" in page
+    assert "| c / d |" in text
+    assert "of its other numbers 0 agree and 1 differ. Of 1 claims 0 hold, 0 do not, and 1 cannot be told." in text
+
+
+def _moved(scenario, **amplitudes):
+    """A revolution whose columns deviate from an ideal motion of zeros by these amplitudes, most at 10 deg."""
+    shape = {
+        name: lambda angle, size=size: size * np.exp(-((angle - 0.1745) ** 2)) for name, size in amplitudes.items()
+    }
+    first = _revolution(scenario, **shape)
+    return first, np.degrees(first["crank_angle"].to_numpy()), first * 0.0
+
+
+QUIET = {f"rod_{name}_{axis}": 1e-3 for name in ("position", "velocity", "acceleration") for axis in "xy"} | {
+    "slider_position": 1e-3,
+    "slider_acceleration": 1e-3,
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "row", "verdict"),
+    [
+        ({"rod_position_x": 1.13e-3}, 0, HOLDS),
+        ({"rod_position_y": 1.21e-3}, 0, FAILS),
+        ({"slider_position": 2.07e-3}, 1, HOLDS),
+        ({"slider_position": 2.5e-3}, 1, FAILS),
+        ({"rod_velocity_y": 2e-3}, 2, HOLDS),
+        ({"rod_velocity_y": 0.5e-3}, 2, FAILS),
+        ({"rod_velocity_y": 1.01e-3}, 2, UNKNOWN),
+        ({"rod_acceleration_x": 2e-3}, 3, FAILS),
+        ({}, 4, HOLDS),
+    ],
+)
+def test_deviations_are_judged_by_their_size(scenario, change, row, verdict):
+    assert list(_deviations(*_moved(scenario, **QUIET | change)))[row].verdict == verdict
+
+
+def test_one_late_peak_of_an_acceleration_is_enough_to_fail(scenario):
+    first, turned, ideal = _moved(scenario, **QUIET)
+    first.loc[2000, "rod_acceleration_y"] = 1.0
+    late = list(_deviations(first, turned, ideal))[4]
+    assert (late.verdict, late.ours) == (FAILS, pytest.approx(200.0))
+
+
+def _errors(training, held_out):
+    rows = {"output": OUTPUTS, "model": "network", "region": "all", "seed": 0}
+    return pd.DataFrame(
+        rows | {"training_mse": training, "held_out_mse": held_out, "paper_mse": list(TRAINING_MSE.values())}
+    )
+
+
+def test_networks_that_miss_between_their_points_are_told_from_ones_that_stopped_short(scenario):
+    good = _networks(_errors(1e-8, 1e-8), scenario)
+    assert good.verdict == HOLDS and "8 of 8" in good.sentence and "ring" not in good.sentence
+    short = _networks(_errors(1e-2, 1.1e-2), scenario)
+    assert short.verdict == FAILS and "stopped short" in short.sentence and "ring" not in short.sentence
+    assert "ring" in _networks(_errors(1e-6, 1e-2), scenario).sentence
+
+
+def _search(genetic, local):
+    """Tables of a search with these RMS reductions and calls until within 1 %."""
+    found = [
+        {"method": method, "rms_reduction": reduction, "evaluations": 100, "evaluations_within_1_percent": calls}
+        for method, (reduction, calls) in (("genetic", genetic), ("local", local))
+    ]
+    ends = pd.DataFrame(
+        {"tolerance": [1e-8] * 2 + [1e-1] * 2, "crank_length": [0.15] * 3 + [0.149], "rod_length": 0.564}
+    )
+    marks = {"source": "networks", "box": "paper"}
+    return {"optimise_optima": pd.DataFrame(found).assign(**marks), "optimise_tolerance": ends.assign(**marks)}
+
+
+@pytest.mark.parametrize(("lead", "verdict"), [(1e-3, HOLDS), (1e-7, FAILS), (-1e-3, FAILS)])
+def test_an_optimiser_has_to_lead_by_more_than_rounding(scenario, lead, verdict):
+    beats, minima, _ = _optimisers(_search((0.05 + lead, 30), (0.05, 10)), scenario)
+    assert beats.verdict == verdict
+    assert (minima.ours, minima.verdict) == (1.0, FAILS)
+
+
+@pytest.mark.parametrize(
+    ("calls", "verdict", "words"),
+    [
+        ((30, 10), HOLDS, "genetic after 30 calls, best local start after 10 calls."),
+        ((pd.NA, 10), FAILS, "genetic never,"),
+    ],
+)
+def test_evaluations_until_near_the_optimum_are_judged(scenario, calls, verdict, words):
+    enough = list(_optimisers(_search((0.05, calls[0]), (0.05, calls[1])), scenario))[2]
+    assert enough.verdict == verdict and words in enough.sentence
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "verdict"), [(0.01, 0.03, HOLDS), (-0.01, 0.03, UNKNOWN), (-0.03, -0.01, FAILS)]
+)
+def test_a_gain_is_real_where_the_ensemble_leaves_no_doubt_and_says_what_it_is_worth(scenario, low, high, verdict):
+    row = {"point": "networks_paper_genetic", "measure": "rms", "reduction_low": low, "reduction_high": high}
+    row |= {"reduction": (low + high) / 2, "frozen_reduction": 0.03, "members": 3, "share_better": 0.5}
+    row |= {"original_error": np.radians(0.05), "error": np.radians(0.049)}
+    worth = {"point": row["point"], "cycle": "simulated", "smallest_transmission_angle": np.radians(74.6)}
+    worth |= {"largest_departure": np.radians(15.4), "smallest_transmission_angle_change": np.radians(0.034)}
+    worth |= {"stroke_change": -1e-3, "outer_dead_centre_change": -1.3e-3, "inner_dead_centre_change": -0.3e-3}
+    again = pd.DataFrame([row | {"stretch": stretch} for stretch in ("window", "settled")])
+    for gain in _real_gain(again, pd.DataFrame([worth]), scenario):
+        assert gain.verdict == verdict
+        assert "RMS error 0.0500 before and 0.0490 after" in gain.sentence
+        assert "74.600 deg (+0.034 deg), 15.400 deg from 90 deg" in gain.sentence
+        assert "stroke changes by -1.000 mm" in gain.sentence
+
+
+def test_an_optimum_says_whether_it_lies_at_a_bound():
+    ours = {"crank_length": 0.1495, "rod_length": 0.563, "ratio": 0.2655, "rms": 1e-3, "evaluations": 10}
+    ours |= {f"{name}_reduction": 0.1 for name in ("rms", "mean_absolute", "peak", "sum_of_squares")}
+    ours |= {"status": "stopped: done", "evaluations_within_1_percent": 5}
+    rods = []
+    for bounds in ("none", "rod length at its upper bound 563 mm"):
+        _, rod, reduction, _ = _optimum(OPTIMA[0], pd.Series(ours | {"active_bounds": bounds}, name="genetic"))
+        assert "0.0637 deg before and 0.0573 deg after" in reduction.sentence
+        rods.append(rod.sentence)
+    assert "no bound is active" in rods[0] and "lies at" not in rods[0]
+    assert "lies at: rod length at its upper bound 563 mm" in rods[1]

@@ -1,0 +1,125 @@
+"""Scenarios that differ in their loose joints alone, and mechanisms that are not the paper's."""
+
+import pandas as pd
+import pytest
+
+from jointgap import tables
+from jointgap.config import read_yaml, resolve
+from jointgap.paper import scenario_overview as overview
+from jointgap.paper.comparison_page import markdown
+from jointgap.paper.comparison_row import FAILS, HOLDS, UNKNOWN, claim
+from jointgap.paper.joint_count import joints_claim
+from jointgap.paper.looseness_variants import Member, family, member, more_is_better
+from jointgap.paper.printed import departures
+from jointgap.paper.printed_numbers import numbers
+
+
+@pytest.fixture(scope="module")
+def scenarios():
+    return resolve(read_yaml("config/config.yaml"))
+
+
+def a_member(name, count, low, high):
+    loose = ("crank_pivot", "crank_pin", "piston_pin")[:count]
+    return Member(name, loose, (low + high) / 2, low, high, 0.1, 1e-3, 5e-4)
+
+
+def test_scenarios_that_differ_in_their_loose_joints_alone_are_a_family(scenarios):
+    together = {"paper", "loose_crank_pivot", "loose_crank_pin", "loose_piston_pin", "three_loose"}
+    for name in together:
+        assert set(family(name, scenarios)) == together
+    for name in ("frictionless", "offset_slider", "lugre", "motor"):
+        assert family(name, scenarios) == (name,)
+
+
+def test_training_networks_for_longer_does_not_part_a_family_and_another_speed_does(scenarios):
+    paper = scenarios["paper"]
+    longer = paper.model_copy(update={"surrogate": paper.surrogate.model_copy(update={"iterations": 7})})
+    faster = paper.model_copy(update={"simulate": paper.simulate.model_copy(update={"speed": 70.0})})
+    assert family("paper", {"paper": paper, "longer": longer, "faster": faster}) == ("paper", "longer")
+
+
+@pytest.mark.parametrize(
+    ("three", "verdict", "says"),
+    [
+        ((0.30, 0.31), HOLDS, "Every scenario with more loose joints gains more"),
+        (
+            (0.01, 0.02),
+            FAILS,
+            "The count does not decide: b with 2 loose joints gains most and c with 3 loose joints least.",
+        ),
+        ((0.19, 0.30), UNKNOWN, "cannot be told"),
+    ],
+)
+def test_more_joints_are_better_only_if_every_scenario_with_more_gains_more_spreads_included(three, verdict, says):
+    members = [a_member("c", 3, *three), a_member("a", 1, 0.05, 0.1), a_member("b", 2, 0.19, 0.2)]
+    row = joints_claim(members)
+    assert row.verdict == verdict and says in row.sentence
+    assert row.sentence.index("with 1 loose joint ") < row.sentence.index("with 2 loose joints ")
+    assert row.ours == pytest.approx(100 * (sum(three) / 2 - 0.075))
+
+
+def test_one_count_of_loose_joints_tells_nothing():
+    assert more_is_better([a_member("a", 2, 0.1, 0.2), a_member("b", 2, 0.3, 0.4)]) is None
+    assert joints_claim([a_member("a", 2, 0.1, 0.2)]).verdict == UNKNOWN
+
+
+def resimulated(box="paper"):
+    rows = [
+        {"point": f"{source}_{box}_genetic", "measure": measure, "stretch": stretch, "frozen_reduction": 0.2}
+        | {"reduction": size, "reduction_low": size - 0.01, "reduction_high": size + 0.01}
+        | {"original_error": 2e-3, "error": 1e-3, "members": 3, "share_better": 1.0}
+        for source, size in (("networks", 0.1), ("simulation", 0.3))
+        for measure in ("rms", "peak")
+        for stretch in ("window", "settled")
+    ]
+    return pd.DataFrame(rows)
+
+
+def test_a_member_is_judged_at_the_lengths_found_on_its_own_simulation(scenarios):
+    one = member("three_loose", scenarios["three_loose"], resimulated())
+    assert (one.reduction, one.low, one.high, one.error) == (0.3, 0.29, pytest.approx(0.31), 1e-3)
+    assert one.loose == ("crank_pivot", "crank_pin", "piston_pin")
+
+
+def test_the_overview_lists_scenarios_in_their_order_and_families_by_count(scenarios):
+    errors = {"output": ["r2", "r1"] * 2, "model": ["network", "network", "clearance", "clearance"], "region": "all"}
+    errors |= {"seed": [0, 0, None, None], "training_mse": 1e-9, "held_out_mse": 1.0, "paper_mse": [1e-5, None] * 2}
+    optima = {"point": ["networks_paper_genetic"], "crank_length": 0.149, "rod_length": 0.564, "rms_reduction": 0.1}
+    frames = {"fit_errors": pd.DataFrame(errors), "optimise_optima": pd.DataFrame(optima)}
+    frames["optimise_resimulated"] = resimulated()
+    names = ("three_loose", "paper", "motor", "loose_crank_pin")
+    found = overview.overview({name: (frames, scenarios[name]) for name in names})
+    tables.to_arrow(tables.OVERVIEW, found)
+    assert tuple(found["scenario"]) == names
+    assert tuple(found["family"]) == ("three_loose", "three_loose", "motor", "three_loose")
+    text = overview.markdown(found)
+    assert "| 1 of 1 | 0 of 1 | 0 of 1 |" in text
+    section = text[text.index("By count of loose joints") :]
+    assert (
+        section.index("| 1 | loose_crank_pin |") < section.index("| 2 | paper |") < section.index("| 3 | three_loose |")
+    )
+    assert "motor" not in section
+    assert "By count of loose joints" in overview.html(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("three_loose", "loose: crank pivot and crank pin and piston pin"),
+        ("offset_slider", "offset: 20 mm, not 0 mm"),
+        ("motor", "the crank's speed is not constant"),
+    ],
+)
+def test_printed_numbers_are_not_held_against_another_mechanism_which_says_why(scenarios, name, words):
+    scenario = scenarios[name]
+    assert any(words in found for found in departures(scenario.mechanism, scenario.simulate))
+    assert not list(numbers({}, scenario))
+    comparison = pd.DataFrame([claim("x", None, 1.0, "", True, "").record()])
+    text = markdown(comparison, scenario)
+    assert words in text and "Of 1 claims 1 hold" in text and "## Printed numbers" not in text
+
+
+@pytest.mark.parametrize("name", ["paper", "frictionless", "printed_optimum", "journals_on_rod", "lugre"])
+def test_what_the_paper_does_not_print_makes_no_other_mechanism(scenarios, name):
+    assert not departures(scenarios[name].mechanism, scenarios[name].simulate)

@@ -1,0 +1,257 @@
+"""Random damage to good files ends in a message that names the file, or in the right reading of what was left alone."""
+
+import datetime
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from jointgap.config.load_campaign import load_campaign
+from jointgap.errors import InputError
+from jointgap.recordings import read_measurements, to_frame
+from jointgap.recordings.inspection import _numbers
+from tests.recordings.rig import CAMPAIGN, table, write_rig
+
+COUNT = 48
+GOOD = table(200, count=COUNT)
+LINES = GOOD.to_csv(index=False).splitlines()
+JUNK = [
+    "",
+    "nan",
+    "inf",
+    "-inf",
+    "1e400",
+    "1e300",
+    "-1e15",
+    "1e-320",
+    "--",
+    "x",
+    "1_0",
+    "1,5",
+    "1;5",
+    '"',
+    "'",
+    "#",
+    "\t",
+    "\x00",
+    "5 mm",
+    "٣",
+]
+ENCODINGS = ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "latin-1", "utf-32"]
+
+seeded = settings(
+    derandomize=True,
+    max_examples=25,
+    deadline=None,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("rig")
+
+
+@pytest.fixture(scope="module")
+def campaign(folder):
+    return load_campaign(write_rig(folder))
+
+
+def read_or_refused(folder, campaign, content: bytes, touched: set[int] | None):
+    """Read the slow run from `content`: refused by its name, or right in all samples but the `touched` (None: all are)."""
+    (folder / "slow.csv").write_bytes(content)
+    try:
+        measurements = read_measurements(campaign)
+    except InputError as error:
+        assert str(folder / "slow.csv") in str(error)
+        return
+    to_frame(measurements)
+    recording = measurements.runs["slow"]
+    _numbers(campaign, recording)  # the look at it stands
+    assert np.isfinite(recording.time).all()
+    assert (np.diff(recording.time) > 0).all()
+    if touched is None:
+        return
+    for sample, time in enumerate(recording.time):
+        origin = int(np.argmin(np.abs(GOOD.t - time)))
+        if GOOD.t[origin] == time and origin not in touched:
+            assert recording.channels["crank_torque"][sample] == GOOD.M[origin]
+            assert recording.channels["slider_position"][sample] == pytest.approx(1e-3 * GOOD.x[origin], rel=1e-14)
+            assert np.isclose(np.cos(recording.crank_angle[sample]), np.cos(np.radians(GOOD.theta[origin])), atol=1e-9)
+
+
+def joined(lines) -> bytes:
+    return ("\n".join(lines) + "\n").encode()
+
+
+rows = st.integers(0, COUNT - 1)
+
+
+@seeded
+@given(
+    st.lists(st.tuples(rows, st.integers(0, 3), st.sampled_from(JUNK) | st.text(max_size=6)), min_size=1, max_size=4)
+)
+def test_text_put_into_cells(folder, campaign, damages):
+    lines = list(LINES)
+    for row, column, text in damages:
+        cells = lines[row + 1].split(",")
+        cells[min(column, len(cells) - 1)] = text
+        lines[row + 1] = ",".join(cells)
+    content = ("\n".join(lines) + "\n").encode("utf-8", "surrogatepass")
+    read_or_refused(folder, campaign, content, {row for row, _, _ in damages})
+
+
+@seeded
+@given(st.integers(0, len(joined(LINES))))
+def test_a_file_cut_short(folder, campaign, length):
+    content = joined(LINES)[:length]
+    read_or_refused(folder, campaign, content, {content.count(b"\n") - 1})
+
+
+@seeded
+@given(st.sets(st.integers(0, COUNT), max_size=COUNT))
+def test_lines_lost(folder, campaign, lost):
+    read_or_refused(folder, campaign, joined(line for place, line in enumerate(LINES) if place not in lost), set())
+
+
+@seeded
+@given(rows, rows)
+def test_lines_repeated_and_out_of_order(folder, campaign, one, other):
+    lines = list(LINES)
+    lines.insert(other + 1, lines[one + 1])
+    with pytest.raises(InputError, match=r"slow\.csv, column t, row \d+: time (repeats|falls)"):
+        (folder / "slow.csv").write_bytes(joined(lines))
+        read_measurements(campaign)
+
+
+@seeded
+@given(st.permutations(range(4)), st.booleans())
+def test_columns_swapped(folder, campaign, order, with_headings):
+    """With their headings nothing changes; without them nobody can know, but nothing breaks."""
+    lines = [",".join(line.split(",")[i] for i in order) for line in LINES]
+    if not with_headings:
+        lines[0] = LINES[0]
+    read_or_refused(folder, campaign, joined(lines), set() if with_headings or order == list(range(4)) else None)
+
+
+@seeded
+@given(st.sampled_from([";", "\t", "|", " ", ":", "%", ",,", " , "]), st.booleans(), st.sampled_from(ENCODINGS))
+def test_other_separators_decimal_marks_and_encodings(folder, campaign, separator, comma, encoding):
+    lines = [line.replace(",", separator) for line in LINES]
+    if comma:
+        lines = [line.replace(".", ",") for line in lines]
+    read_or_refused(folder, campaign, ("\n".join(lines) + "\n").encode(encoding), set())
+
+
+@seeded
+@given(st.lists(st.tuples(st.integers(0, len(joined(LINES)) - 1), st.integers(0, 255)), min_size=1, max_size=5))
+def test_bytes_overwritten(folder, campaign, damages):
+    content = bytearray(joined(LINES))
+    touched = set()
+    for place, byte in damages:
+        touched |= {content[:place].count(b"\n") - 1 + shift for shift in (-1, 0, 1)}
+        content[place] = byte
+    read_or_refused(folder, campaign, bytes(content), touched)
+
+
+@seeded
+@given(st.integers(0, 3), st.floats(allow_nan=False) | st.integers(-(10**20), 10**20))
+def test_a_column_scaled_by_any_factor(folder, campaign, column, factor):
+    """Wrong units and huge numbers never end in anything but a message or a reading."""
+    with np.errstate(all="ignore"):
+        frame = GOOD.assign(**{GOOD.columns[column]: GOOD.iloc[:, column] * float(factor)})
+    read_or_refused(folder, campaign, frame.to_csv(index=False).encode(), None)
+
+
+@seeded
+@given(st.integers(0, 4000), st.integers(0, 255), st.booleans())
+def test_parquet_damaged(folder, campaign, place, byte, cut):
+    GOOD.to_parquet(folder / "whole.parquet")
+    content = (folder / "whole.parquet").read_bytes()
+    place %= len(content)
+    damaged = content[:place] if cut else content[:place] + bytes([byte]) + content[place + 1 :]
+    read_or_refused(folder, campaign, damaged, None)
+
+
+JUNK_VALUES = [
+    None, "", [], {}, -1, 0, 1e400, float("nan"), True, "abc", "7 furlongs", "5 %", 10**400, datetime.date(2020, 1, 1), b"\xff", {1: 2},
+    [[1]], {"a": {"b": "c"}}, "1,5", "x" * 500, [1, "a"], ["2 m", "1 m"], "9" * 40 + " m", "é", "../..", "a b",
+]  # fmt: skip
+
+
+def places(node, path=()):
+    """Paths to every value of a nested structure."""
+    yield path
+    children = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for key, child in children:
+        yield from places(child, (*path, key))
+
+
+FULL = CAMPAIGN | {
+    "drive": "motor",
+    "motor": {"stall_torque": "12 N*m", "no_load_speed": "700 rpm", "inertia": 0.1},
+    "nuisance": {"slider_mass": "5 %", "restitution": [0.3, 0.9], "speed": "1 %"},
+    "csv": {"separator": ",", "decimal": "."},
+}
+PLACES = [path for path in places(FULL) if path]
+
+
+def laid(node, path, change):
+    """A copy of `node` with `change(container, key)` done at `path`."""
+    copy = dict(node) if isinstance(node, dict) else list(node)
+    if len(path) == 1:
+        change(copy, path[0])
+    else:
+        copy[path[0]] = laid(node[path[0]], path[1:], change)
+    return copy
+
+
+def loaded_or_refused(folder, text: str):
+    path = folder / "damaged.yaml"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    try:
+        campaign = load_campaign(path)
+        read_measurements(campaign)
+    except InputError as error:
+        assert str(folder) in str(error)
+
+
+def replaced(value):
+    return lambda container, key: container.__setitem__(key, value)
+
+
+@seeded
+@given(st.sampled_from(PLACES), st.sampled_from(JUNK_VALUES))
+def test_any_value_of_a_campaign_file_replaced(folder, path, value):
+    write_rig(folder)
+    loaded_or_refused(folder, yaml.safe_dump(laid(FULL, path, replaced(value))))
+
+
+@seeded
+@given(st.sampled_from(PLACES), st.text(max_size=5) | st.integers())
+def test_any_key_of_a_campaign_file_lost_or_renamed(folder, path, name):
+    write_rig(folder)
+
+    def renamed(container, key):
+        if isinstance(container, dict):
+            container[name] = container.pop(key)
+        else:
+            container.pop(key)
+
+    loaded_or_refused(folder, yaml.safe_dump(laid(FULL, path, renamed)))
+
+
+@seeded
+@given(
+    st.integers(0, 10**4),
+    st.integers(0, 30),
+    st.sampled_from(["", "\t", ":", "- ", "{", "]", "'", "&a ", "*a ", "!!x ", "\x07", "é", "\n"]),
+)
+def test_the_text_of_a_campaign_file_damaged(folder, place, length, text):
+    write_rig(folder)
+    good = yaml.safe_dump(FULL)
+    place %= len(good)
+    loaded_or_refused(folder, good[:place] + text + good[place + length :])

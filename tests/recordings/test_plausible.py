@@ -1,0 +1,106 @@
+"""Channels that cannot be what they are said to be are named, and noise is not taken for such."""
+
+import numpy as np
+import pytest
+
+from jointgap.recordings.plausibility import clipped
+from tests.recordings.rig import read_rig, samples, table
+
+UNITS = {
+    "slider_velocity": "m/s",
+    "slider_acceleration": "m/s^2",
+    "rod_angle": "rad",
+    "rod_angular_velocity": "rad/s",
+    "crank_speed": "rad/s",
+}
+OVER = {"channels": {name: {"column": name, "unit": unit} for name, unit in UNITS.items()}}
+
+
+def full(rpm, noise=0.0, count=60, **factors):
+    """All channels with noise of a share of their standard deviation, some multiplied by a factor."""
+    rng = np.random.default_rng(1)
+    frame, si = table(rpm, count=count, turns=3.3), samples(rpm, count=count, turns=3.3)
+    for name in UNITS:
+        frame[name] = si[name] * factors.get(name, 1.0)
+    for column in frame.columns[2:]:
+        frame[column] += noise * frame[column].std() * rng.standard_normal(count)
+    return frame
+
+
+def remarks(folder, slow):
+    return read_rig(folder, OVER, slow=slow, fast=full(600)).remarks
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.1])
+@pytest.mark.parametrize("count", [40, 300])
+def test_consistent_channels_are_not_remarked_whatever_their_noise(tmp_path, noise, count):
+    assert remarks(tmp_path, full(200, noise, count)) == ()
+
+
+def test_gains_that_a_sensor_may_have_are_left_to_the_analysis(tmp_path):
+    assert remarks(tmp_path, full(200, 0.02, slider_velocity=1.1, crank_speed=0.95)) == ()
+
+
+@pytest.mark.parametrize("name", sorted(UNITS))
+def test_a_channel_with_the_opposite_sign_is_named(tmp_path, name):
+    found = remarks(tmp_path, full(200, 0.03, **{name: -1.0}))
+    assert any("has the opposite sign" in remark and name in remark for remark in found)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "unit"),
+    [
+        ("slider_velocity", 1e3, "mm/s"),
+        ("slider_acceleration", 1 / 9.80665, "g_n"),
+        ("crank_speed", 60 / (2 * np.pi), "rpm"),
+        ("rod_angular_velocity", 180 / np.pi, "deg/s"),
+    ],
+)
+def test_a_wrong_unit_is_named_with_the_one_that_fits(tmp_path, name, factor, unit):
+    found = remarks(tmp_path, full(200, 0.01, **{name: factor}))
+    assert any(f"did you mean '{unit}' by channels.{name}.unit" in remark for remark in found)
+
+
+def test_an_unexplained_factor_is_told(tmp_path):
+    assert any("slider_velocity is 3 times" in remark for remark in remarks(tmp_path, full(200, slider_velocity=3.0)))
+
+
+def test_a_channel_that_is_something_else_is_named(tmp_path):
+    frame = full(200).assign(slider_velocity=lambda f: f.x)
+    assert any("slider_velocity is not the rate of slider_position" in remark for remark in remarks(tmp_path, frame))
+
+
+def test_a_clipped_channel_is_named_with_how_many_samples_stand_at_the_extreme(tmp_path):
+    wave = np.sin(np.linspace(0.0, 40.0, 1000))
+    limited = np.minimum(wave, 0.9)
+    count = int((wave >= 0.9).sum())
+    assert f"{count} of 1000 samples are 0.9" in clipped(limited)
+    assert "are -0.9" in clipped(-limited)
+    assert clipped(np.append(limited, np.nan)) == clipped(limited)
+    given = table(200).assign(M=lambda t: np.maximum(t.M, -0.4))
+    assert any("crank_torque is clipped" in remark for remark in read_rig(tmp_path, slow=given).remarks)
+
+
+@pytest.mark.parametrize("levels", [10, 50, 1000])
+def test_a_coarse_reading_is_not_taken_for_a_clipped_one(levels):
+    wave = np.sin(np.linspace(0.0, 400.0, 10000))
+    assert clipped(np.round(wave * levels) / levels) is None
+    assert clipped(wave) is None
+
+
+def test_a_value_that_stands_for_no_data_is_named_with_its_row(tmp_path):
+    given = table(200)
+    given.loc[[50, 60], "M"] = -9999.0
+    found = read_rig(tmp_path, slow=given).remarks
+    assert any("column M, row 52: -9999 N*m is far from all else (so are 2 samples)" in remark for remark in found)
+
+
+def test_an_angle_that_the_encoder_misread_is_named_with_its_row(tmp_path):
+    given = table(200)
+    given["theta"] += 0.3 * np.random.default_rng(0).standard_normal(len(given))  # deg
+    assert read_rig(tmp_path, slow=given).remarks == ()
+    given.loc[50, "theta"] += 90.0
+    assert any(
+        "column theta, row" in remark and "encoder misread" in remark
+        for remark in read_rig(tmp_path, slow=given).remarks
+    )

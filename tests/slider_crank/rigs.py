@@ -1,0 +1,84 @@
+"""Small campaigns for the tests of the slider-crank as a model, and recordings made by the package's plain simulation."""
+
+import numpy as np
+
+from jointgap.config import Simulate
+from jointgap.config.campaign_file import Campaign
+from jointgap.dynamics import simulate
+from jointgap.recordings import Measurements, Recording
+
+CHANNELS = {
+    "time": {"column": "t", "unit": "s"},
+    "crank_angle": {"column": "theta", "unit": "rad"},
+    "crank_speed": {"column": "w", "unit": "rad/s"},
+    "slider_position": {"column": "x", "unit": "m"},
+    "slider_acceleration": {"column": "a", "unit": "m/s^2"},
+    "rod_acceleration_y": {"column": "ay", "unit": "m/s^2"},
+    "crank_torque": {"column": "m", "unit": "N*m"},
+    "guide_force": {"column": "n", "unit": "N"},
+    "frame_force_y": {"column": "fy", "unit": "N"},
+}
+
+
+def mechanism(loose: tuple[str, ...] = (), friction: float = 0.1, effects=(), **changes) -> dict:
+    """A mechanism file's content: every joint has data, `loose` ones 0.5 mm of clearance."""
+    carriers = {"crank_pivot": "crank", "crank_pin": "crank", "piston_pin": "slider"}
+    joints = {
+        name: {
+            "loose": name in loose,
+            "journal": carrier,
+            "journal_radius": 7e-3,
+            "bearing_radius": 7.5e-3,
+            "contact": "steel",
+        }
+        for name, carrier in carriers.items()
+    }
+    return {
+        "crank": {"length": 0.15, "mass": 0.3704, "inertia": 1.458e-3, "mass_centre": 0.075},
+        "rod": {"length": 0.564, "mass": 0.773, "inertia": 2.482e-2, "mass_centre": 0.282},
+        "slider": {"mass": 0.4482, "offset": 0.0},
+        "joints": joints,
+        "contacts": {"steel": {"restitution": 0.46, "friction": friction}},
+        "effects": list(effects),
+    } | changes
+
+
+def campaign(content: dict, channels=tuple(CHANNELS), speeds=(30.0, 45.0), **keys) -> Campaign:
+    """A campaign with a run for fitting and one held out."""
+    run = keys.pop("run", {})
+    runs = [
+        {"id": name, "file": f"{name}.csv", "speed": speed, "role": role} | run
+        for name, speed, role in zip(("slow", "fast"), speeds, ("identify", "confirm"), strict=True)
+    ]
+    own = {name: CHANNELS[name] | keys.get("sensors", {}).get(name, {}) for name in channels}
+    keys.pop("sensors", None)
+    return Campaign.model_validate({"name": "rig", "mechanism": content, "runs": runs, "channels": own} | keys)
+
+
+def recorded(own: Campaign, dropped: int = 2, kept: int = 2, per_turn: int = 90, tolerance: float = 1e-9, **options):
+    """What sensors without noise read of `own`'s mechanism: the last `kept` of `dropped + kept` simulated revolutions."""
+    runs = {}
+    for run in own.runs:
+        asked = {"speed": run.speed, "revolutions": dropped + kept, "samples_per_revolution": per_turn}
+        frame = simulate(own.mechanism, Simulate(**asked | {"tolerance": tolerance} | options)).samples
+        frame = frame.iloc[dropped * per_turn :]
+        # read as recorded by a clock that was set some time before
+        time, angle = frame["time"].to_numpy() - frame["time"].iloc[0], frame["crank_angle"].to_numpy(copy=True)
+        known = {name: frame[name].to_numpy(copy=True) for name in own.channels if name not in ("time", "crank_angle")}
+        nothing = np.full(time.size, np.nan)
+        runs[run.id] = Recording(
+            run.id,
+            time if "time" in own.channels else nothing,
+            angle if "crank_angle" in own.channels else nothing,
+            known,
+            dict.fromkeys([*known, "crank_angle"]),
+            np.full(time.size, run.role == "confirm"),
+        )
+    return Measurements(runs)
+
+
+def worst(found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> float:
+    """Largest difference between two sets of channels, in standard deviations of the channel (or of 1 where it is steady)."""
+    return max(
+        float(np.max(np.abs(found[name] - expected[name])) / max(np.std(expected[name]), 1e-3)) for name in expected
+    )

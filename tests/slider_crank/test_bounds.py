@@ -1,0 +1,76 @@
+"""Bounds of nuisances are refused where nothing can be simulated, before anything is."""
+
+import pytest
+
+from jointgap.config.campaign_file import Campaign
+from jointgap.errors import InputError
+from jointgap.slider_crank import rig_model
+from jointgap.slider_crank.nuisances import check_ends
+from tests.slider_crank.rigs import campaign, mechanism
+
+PINS = ("crank_pin", "piston_pin")
+
+
+def with_nuisances(nuisance: dict) -> Campaign:
+    content = mechanism(PINS, friction=0.5)
+    content["contacts"]["steel"]["restitution"] = 0.9
+    return campaign(content, speeds=(30.0, 31.0), nuisance=nuisance)
+
+
+@pytest.mark.parametrize(
+    ("key", "said", "words"),
+    [
+        ("restitution", "20 %", "restitution = 20.0 % of 0.9 reaches from 0.72 to 1.08"),
+        ("joint_friction", "50 %", "joint_friction = 50.0 % of 0.5 reaches from 0.25 to 0.75"),
+        ("restitution_piston_pin", [0.3, 1.0], "leaves what is possible, 0.001 to below 1; narrow it"),
+        ("crank_pin_clearance", [0.0, "2 mm"], "leaves what is possible, 1e-09 m or more; narrow it"),
+        ("slider_mass", [0.0, 1.0], "leaves what is possible, more than 0 kg; narrow it"),
+        ("speed", [0.0, 40.0], "leaves what is possible, more than 0 rad/s; narrow it"),
+    ],
+)
+def test_bounds_at_which_nothing_is_possible_are_refused_with_what_is(key, said, words):
+    with pytest.raises(ValueError, match="nuisance") as caught:
+        with_nuisances({key: said})
+    assert words in str(caught.value)
+
+
+def test_bounds_up_to_the_ends_of_what_is_possible_are_accepted():
+    ends = {"restitution": [0.001, 0.999], "joint_friction": [0.0, 0.6], "crank_pin_clearance": [1e-9, 1e-3]}
+    check_ends(with_nuisances(ends))
+
+
+@pytest.mark.parametrize(
+    ("nuisance", "words"),
+    [
+        ({"crank_length": [0.1, 0.8]}, "at the bound crank_length = 0.8 m: crank.length 0.8 m plus"),
+        (
+            {"crank_length": [0.1, 0.4], "rod_length": [0.3, 0.6]},
+            "at the bound crank_length = 0.4 m, rod_length = 0.3 m: crank.length 0.4 m plus",
+        ),
+    ],
+)
+def test_bounds_at_which_the_crank_cannot_turn_are_refused_by_the_model(nuisance, words):
+    with pytest.raises(InputError, match=r"cannot turn.*; or give narrower bounds") as caught:
+        rig_model(with_nuisances(nuisance))
+    assert words in str(caught.value)
+
+
+def test_a_restitution_that_pins_share_is_that_of_those_whose_law_of_contact_has_one():
+    content = mechanism(PINS)
+    content["contacts"]["soft"] = {
+        "law": "penalty",
+        "stiffness": 1e8,
+        "penalty_damping": 1e3,
+        "penalty_depth": 1e-5,
+        "friction": 0.1,
+    }
+    content["joints"]["crank_pin"]["contact"] = "soft"
+    check_ends(campaign(content, nuisance={"restitution": "20 %"}))
+
+
+def test_a_film_thicker_than_the_least_clearance_is_refused():
+    film = {"viscosity_Pa_s": 0.05, "length_m": 0.01, "least_film_m": 1e-5}
+    content = mechanism(PINS, effects=[{"name": "lubricated_joint", "site": "crank_pin", "parameters": film}])
+    check_ends(campaign(content, nuisance={"crank_pin_clearance": [3e-5, 6e-4]}))
+    with pytest.raises(InputError, match=r"crank_pin_clearance = 1.5e-05 m: .*least_film_m.*narrower bounds"):
+        check_ends(campaign(content, nuisance={"crank_pin_clearance": [1.5e-5, 6e-4]}))

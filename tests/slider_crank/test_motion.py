@@ -1,0 +1,102 @@
+"""Motion at the samples: where revolutions repeat one stands for all, and next to no change changes next to nothing."""
+
+import numpy as np
+import pytest
+
+from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.slider_crank import channel_kinematics as motion
+from jointgap.slider_crank import rig_model
+from jointgap.slider_crank.driven_run import constant_passage
+from jointgap.slider_crank.modified_mechanism import with_effects
+from tests.slider_crank.rigs import campaign, mechanism, recorded
+
+TURN = 2 * np.pi
+SEEN = ("slider_acceleration", "crank_torque", "guide_force", "frame_force_y")
+
+
+def passage(loose, effects=(), **keys):
+    own = campaign(mechanism(loose, effects=effects), **keys)
+    plan = rig_model(own, recorded(own, kept=5)).plans["slow"]
+    mechanism_ = with_effects(own.mechanism, ()).applied()
+    return constant_passage(mechanism_, plan.run, plan.clock, {}, 0.0, motion.TOLERANCE)
+
+
+def marched(p, angles):
+    """Every sample of the record simulated, one after the other."""
+    march = run_march(p, start_state(p), np.append(p.drive.start_angle, angles), motion.TOLERANCE)
+    return {name: values[1:] for name, values in march.observed(p).items()} | {"time": march.times[1:]}
+
+
+def apart(one, other):
+    return max(np.sqrt(np.mean((one[name] - other[name]) ** 2)) / np.std(other[name]) for name in SEEN)
+
+
+@pytest.fixture
+def marches(monkeypatch):
+    """How many revolutions each simulation takes."""
+    found = []
+
+    def counted(p, start, angles, tolerance):
+        found.append(np.ptp(angles) / TURN)
+        return run_march(p, start, angles, tolerance)
+
+    monkeypatch.setattr(motion, "run_march", counted)
+    return found
+
+
+@pytest.mark.parametrize("loose", [("piston_pin",), ("crank_pin", "piston_pin")])
+def test_one_settled_revolution_stands_for_the_record(loose, marches):
+    run = passage(loose)
+    marches.clear()
+    found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
+    assert marches == [pytest.approx(3.0, abs=0.1)]
+    later = marched(run.numbers, np.sort(run.angles) + 6 * TURN)  # long after the start nothing else is seen
+    assert apart(found, later) < 2e-3
+    assert found["crank_angle"] == pytest.approx(run.angles)
+    assert found["time"] == pytest.approx((run.angles - run.numbers.drive.start_angle) / run.numbers.drive.speed)
+
+
+def test_a_force_with_a_frequency_of_its_own_is_simulated_throughout(marches):
+    effect = {"name": "harmonic_force", "parameters": {"force_N": 20.0, "frequency_Hz": 7.3, "phase_rad": 0.0}}
+    run = passage(("piston_pin",), [effect])
+    marches.clear()
+    found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
+    assert len(marches) == 1 and marches[0] > 6.5
+    assert apart(found, marched(run.numbers, run.angles)) < 1e-6
+
+
+def test_a_motion_that_does_not_repeat_is_simulated_throughout(marches):
+    own = campaign(mechanism(("crank_pin", "piston_pin"), friction=0.0))
+    plan = rig_model(own, recorded(own)).plans["slow"]
+    run = constant_passage(own.mechanism.applied(), plan.run, plan.clock, {}, 0.0, motion.TOLERANCE)
+    marches.clear()
+    found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
+    assert len(marches) == 2
+    assert apart(found, marched(run.numbers, run.angles)) < 1e-6
+
+
+def test_a_record_from_the_start_shows_how_the_motion_settles(marches):
+    run = passage(("piston_pin",), run={"start": "dead_centre"})
+    marches.clear()
+    found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
+    assert len(marches) == 1
+    assert apart(found, marched(run.numbers, run.angles)) < 1e-6
+
+
+def test_a_film_answers_smoothly_to_a_mass():
+    effect = {
+        "name": "lubricated_joint",
+        "site": "piston_pin",
+        "parameters": {"viscosity_Pa_s": 0.05, "length_m": 0.014},
+    }
+    own = campaign(mechanism(("piston_pin",), effects=[effect]))
+    plan = rig_model(own, recorded(own)).plans["slow"]
+    model, seen = own.mechanism.applied(), []
+    for share in (0.0, 1e-8):
+        heavier = model.model_copy(
+            update={"slider": model.slider.model_copy(update={"mass": model.slider.mass * (1 + share)})}
+        )
+        run = constant_passage(heavier, plan.run, plan.clock, {}, 0.0, motion.tolerance_for(heavier))
+        seen.append(motion.observed(run.numbers, run.angles, motion.tolerance_for(heavier)))
+    assert apart(*seen) < 2e-3  # a tenth of a noise of 2 %

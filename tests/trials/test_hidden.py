@@ -1,0 +1,184 @@
+"""What is hidden is what the truth says, and as large as was asked for."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from jointgap.config import EFFECTS
+from jointgap.config.load_campaign import load_campaign
+from jointgap.recordings import read_measurements
+from jointgap.trials.batches import kept, of_files
+from jointgap.trials.draw_rigs import design
+from jointgap.trials.injected_effects import LISTED, OFF_LIST, Hidden
+from jointgap.trials.make_trial import autoregressive, beyond_nominal, conceal, drawn
+from jointgap.trials.sensor_readings import Turn, faulty, read
+from jointgap.trials.size_calibration import NEAR, SIZING, Gauge, sized
+from jointgap.trials.trial_plan import EXUDYN, SIZES, Plan, Sizes, batches, plans
+
+SET = Sizes(seed=3, single=60, nothing=50, pairs=10, off_list=11, exudyn=4, batch=9)
+
+
+@pytest.fixture(scope="module")
+def rig():
+    made = design(np.random.default_rng(4), "ideal")
+    return made, Gauge(made, [run for run in made.runs if run != made.confirm])
+
+
+def test_every_effect_of_the_catalogue_but_formulas_and_the_faults_of_sensors_can_be_hidden():
+    names = {name.partition(":")[0] for name in LISTED}
+    physical = {name for name in EFFECTS if not name.startswith("discovered")}
+    assert names == physical | {"encoder_offset", "sensor_bias", "sensor_gain", "sensor_lag"}
+    assert set(EXUDYN) <= set(LISTED)
+    assert not names & set(OFF_LIST)
+
+
+def test_a_set_holds_what_it_says_and_its_names_tell_nothing():
+    found = plans(SET)
+    kinds = [plan.kind for plan in found]
+    assert {kind: kinds.count(kind) for kind in set(kinds)} == {
+        "single": 60, "nothing": 50, "pair": 10, "off_list": 11, "exudyn": 4,
+    }  # fmt: skip
+    assert found == plans(SET)
+    assert len({plan.id for plan in found}) == len(found)
+    assert all(len(plan.id) == 12 and int(plan.id, 16) >= 0 for plan in found)
+    assert {plan.size for plan in found if plan.kind != "nothing"} == set(SIZES)
+    loose = [plan for plan in found if plan.base != "ideal" and plan.kind != "exudyn"]
+    assert len(loose) >= 0.5 * (len(found) - 4)
+    assert sum(plan.base == "chaotic" for plan in found) >= 5
+    assert batches(SET) == 15
+
+
+def test_every_effect_of_the_list_is_hidden_about_as_often():
+    names = [plan.effects[0] for plan in plans(SET) if plan.kind == "single"]
+    counts = [names.count(name) for name in LISTED]
+    assert max(counts) - min(counts) <= 1
+
+
+@pytest.mark.parametrize("name", ["slider_coulomb_friction", "gravity", "crank_viscous_friction", "sensor_gain"])
+def test_the_gap_is_what_was_asked_for(rig, name):
+    made, gauge = rig
+    one = LISTED[name](made.rig(gauge.spread()), np.random.default_rng(0))
+    for target in SIZES:
+        size, gap = sized(gauge, one, target)
+        if size < one.most:
+            assert gap == pytest.approx(target, rel=2 * NEAR)
+        assert gauge.gap([(one, size)]) == gap
+
+
+def test_nothing_hidden_leaves_the_gap_of_the_noise(rig):
+    assert rig[1].gap([]) == 1.0
+
+
+def test_other_numerics_leave_a_gap_where_an_effect_rests_on_them(rig):
+    made, gauge = rig
+    friction = LISTED["slider_coulomb_friction"](made.rig(gauge.spread()), np.random.default_rng(1))
+    hidden = [(friction, 20 * friction.first)]
+    assert gauge.numerics_gap(hidden, SIZING) == 1.0
+    assert 1.0 < gauge.numerics_gap(hidden, replace(SIZING, sign_factor=3.0))
+    assert gauge.numerics_gap([], replace(SIZING, sign_factor=3.0)) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_what_a_nuisance_can_take_up_is_no_gap(rig):
+    made, gauge = rig
+    heavier = LISTED["added_slider_mass"](made.rig(gauge.spread()), None)
+    low, high = made.nuisance["slider_mass"]
+    within = 0.9 * (high - made.values["slider_mass"])
+    assert gauge.gap([(heavier, within)]) < 1.02
+    assert gauge.gap([(heavier, within + 5 * (high - low))]) > gauge.gap([(heavier, within + (high - low))]) > 1.02
+
+
+def test_sensors_err_as_their_faults_say(rig):
+    made, gauge = rig
+    run, turn = next(iter(made.runs.items()))
+    channel = next(iter(made.sensors))
+    true = gauge.base.get(run) or read(made.true, turn, SIZING, [channel])
+    times = turn.times
+    assert faulty("sensor_bias", {"bias": 2.0}, true[channel], times) == pytest.approx(true[channel] + 2.0)
+    assert faulty("sensor_gain", {"gain_error": 0.1}, true[channel], times) == pytest.approx(1.1 * true[channel])
+    assert np.ptp(faulty("saturation", {"saturation": 0.3}, true[channel], times)) == pytest.approx(
+        0.7 * np.ptp(true[channel])
+    )
+
+
+def test_a_slow_sensor_lags_behind_a_slow_signal_by_its_time(rig):
+    made, _ = rig
+    lag = LISTED["sensor_lag"](made.rig(dict.fromkeys(made.sensors, 1.0)), np.random.default_rng(0))
+    speed, channel = 20.0, lag.sensor
+    times = np.linspace(0.0, 0.3, 200)
+    late = 1e-4  # the lag of a signal much slower than it is a delay, to the second order
+    seen = read(made.true, Turn(speed, 1.0, times), SIZING, [channel], [(lag, late)])[channel]
+    delayed = read(made.true, Turn(speed, 1.0 - speed * late, times), SIZING, [channel])[channel]
+    true = read(made.true, Turn(speed, 1.0, times), SIZING, [channel])[channel]
+    assert np.abs(seen - delayed).max() < 0.02 * np.abs(seen - true).max()
+
+
+def test_noise_with_a_memory_has_the_variance_and_the_correlation_it_should_have():
+    seen = autoregressive(np.random.default_rng(0), 200_000, 0.7)
+    assert seen.var() == pytest.approx(1.0, rel=0.02)
+    assert np.mean(seen[1:] * seen[:-1]) == pytest.approx(0.7, rel=0.02)
+
+
+def test_a_campaign_can_be_read_and_tells_nothing_of_the_truth(tmp_path):
+    plan = Plan("0123456789ab", 3, "single", "ideal", 5.0, ("slider_spring",))
+    truth = conceal(plan, 5, tmp_path / plan.id)
+    assert truth == conceal(plan, 5, tmp_path / "again")
+    json.dumps(truth, allow_nan=False)
+    folder = tmp_path / plan.id
+    content = yaml.safe_load((folder / "campaign.yaml").read_text())
+    assert content["name"] == plan.id
+    assert yaml.safe_load((folder / "mechanism.yaml").read_text())["effects"] == []
+    for file in folder.iterdir():
+        assert file.stat().st_mtime == 1_577_836_800
+        assert b"spring" not in file.read_bytes()
+    measured = read_measurements(load_campaign(folder / "campaign.yaml"))
+    assert set(measured.runs) == {"run1", "run2", "run3"}
+    assert measured.runs[truth["confirm"]].held_out.all()
+    assert set(measured.runs["run1"].channels) == set(truth["channels"])
+
+
+def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(tmp_path):
+    plan = Plan("0123456789ab", 2, "single", "ideal", 5.0, ("added_slider_mass",))
+    truth = conceal(plan, 11, tmp_path)
+    file = yaml.safe_load((tmp_path / "mechanism.yaml").read_text())
+    made, _, ((hidden, size),), _ = drawn(plan, np.random.default_rng([11, 1, plan.number]))
+    (stated,) = truth["effects"]
+    off = truth["nuisances"]["slider_mass"] - file["slider"]["mass"]
+    assert stated["parameters"]["mass_kg"] == pytest.approx(hidden.parameters(size)["mass_kg"] + off, rel=1e-12)
+    assert abs(off) > 1e-4
+    lengths = Hidden("link_length_error", "crank, rod", lambda size: {"rod_m": size}, 1e-4, 0.02)
+    known = beyond_nominal(made, lengths, 1e-3)
+    assert list(known) == ["rod_m", "crank_m"]
+    assert known["rod_m"] == 1e-3 + made.true["rod"]["length"] - made.nominal["rod"]["length"]
+
+
+def test_a_trial_is_done_again_where_it_failed_or_its_files_or_code_are_others(tmp_path):
+    (tmp_path / "campaign").mkdir()
+    (tmp_path / "campaign" / "run1.csv").write_text("1")
+
+    def done(code, **outcome):
+        return kept(tmp_path / "trial.json", f"{code} {of_files(tmp_path / 'campaign')}", lambda: outcome)
+
+    assert done("a", error="no memory")["error"] == "no memory"
+    assert done("a", verdict=1)["verdict"] == 1
+    assert done("a", verdict=2)["verdict"] == 1
+    assert done("b", verdict=3)["verdict"] == 3
+    (tmp_path / "campaign" / "run1.csv").write_text("2")
+    assert done("b", verdict=4)["verdict"] == 4
+
+
+def test_readings_are_the_truth_with_its_effect_and_noise(tmp_path):
+    plan = Plan("0123456789ab", 3, "single", "ideal", 5.0, ("slider_spring",))
+    rng = np.random.default_rng([5, 1, plan.number])
+    from jointgap.trials.make_trial import drawn
+
+    made, _, hidden, _ = drawn(plan, rng)
+    conceal(plan, 5, tmp_path)
+    measured = read_measurements(load_campaign(tmp_path / "campaign.yaml"))
+    for run, recording in measured.runs.items():
+        clean = read(made.true, made.runs[run], made.numerics, list(made.sensors), hidden)
+        for channel, sensor in made.sensors.items():
+            off = recording.channels[channel] - clean[channel]
+            assert np.nanstd(off) == pytest.approx(sensor.share * clean[channel].std(), rel=0.3), (run, channel)

@@ -1,0 +1,71 @@
+"""Data of blind trials come from another integrator; where the motion repeats it agrees with the package's."""
+
+import math
+
+import numpy as np
+import pytest
+
+from jointgap.config import Simulate
+from jointgap.dynamics import simulate
+from jointgap.trials.sensor_readings import Numerics, Turn, moved
+from tests.independent.cases import mechanism
+
+SPEED = 40.0
+SEEN = ("slider_position", "slider_acceleration", "crank_torque", "guide_force", "frame_force_x")
+
+
+def content(loose=(), **contact) -> dict:
+    made = mechanism(loose, **{"friction": 0.1, **contact}).model_dump()
+    steel = {"law": "lankarani_nikravesh", "youngs_modulus": 207e9, "poisson_ratio": 0.3, "restitution": 0.46}
+    made["contacts"] = {"steel": steel | {"friction": 0.1}}
+    made["joints"] = {name: joint | {"contact": "steel"} for name, joint in made["joints"].items()}
+    return made
+
+
+@pytest.mark.parametrize("loose", [(), ("piston_pin",), ("crank_pin", "piston_pin")], ids=["ideal", "one pin", "both"])
+def test_both_integrators_give_the_same_motion(loose):
+    ours = simulate(
+        mechanism(loose, friction=0.1), Simulate(speed=SPEED, revolutions=2, samples_per_revolution=60, tolerance=1e-13)
+    ).samples.iloc[60:]
+    times = ours["time"].to_numpy() - 2 * math.pi / SPEED
+    other = moved(content(loose), Turn(SPEED, 0.0, times), Numerics(1e-12), settling=1)
+    for name in SEEN:
+        spread = float(ours[name].std())
+        assert np.abs(other[name] - ours[name]).max() < 2e-3 * spread, name
+    assert other["crank_angle"] == pytest.approx(ours["crank_angle"] - 2 * math.pi, abs=1e-9)
+
+
+def test_a_smaller_tolerance_changes_the_motion_less():
+    times = np.linspace(0.0, 2 * math.pi / SPEED, 60)
+    exact = moved(content(("piston_pin",)), Turn(SPEED, 0.0, times), Numerics(1e-13), settling=0)
+    off = [
+        np.abs(moved(content(("piston_pin",)), Turn(SPEED, 0.0, times), Numerics(t), settling=0)["slider_velocity"] - exact["slider_velocity"]).max()
+        for t in (1e-8, 1e-10, 1e-12)
+    ]  # fmt: skip
+    assert off[0] > off[1] > off[2]
+
+
+def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for():
+    pytest.importorskip("exudyn", reason="needs Exudyn: pip install 'jointgap[peers]'")
+    from jointgap.trials.exudyn_model import simulate as by_exudyn
+    from jointgap.trials.trial_plan import EXUDYN
+
+    made = content() | {
+        "effects": [
+            {"name": "gravity", "parameters": {"acceleration_m_s2": 9.8}},
+            {"name": "slider_coulomb_friction", "parameters": {"force_N": 5.0}},
+            {"name": "slider_viscous_friction", "parameters": {"damping_N_s_m": 5.0}},
+            {"name": "slider_quadratic_drag", "parameters": {"drag_N_s2_m2": 1.0}},
+            {"name": "slider_constant_force", "parameters": {"force_N": 7.0}},
+            {"name": "slider_spring", "parameters": {"stiffness_N_m": 200.0, "rest_position_m": 0.6}},
+            {"name": "crank_coulomb_friction", "parameters": {"torque_N_m": 0.3}},
+            {"name": "crank_viscous_friction", "parameters": {"damping_N_m_s": 0.02}},
+            {"name": "added_slider_mass", "parameters": {"mass_kg": 0.05}},
+            {"name": "link_length_error", "parameters": {"crank_m": 0.002, "rod_m": -0.001}},
+        ]
+    }
+    assert {effect["name"] for effect in made["effects"]} == set(EXUDYN)
+    times = np.linspace(0.0, 2 * math.pi / SPEED, 61)
+    ours = moved(made, Turn(SPEED, 1.0, times), Numerics(), settling=1)
+    for name, values in by_exudyn(made, SPEED, 1.0, times, settling=1).items():
+        assert np.abs(values - ours[name]).max() < 1e-4 * ours[name].std(), name
