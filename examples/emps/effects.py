@@ -47,7 +47,7 @@ CANDIDATES = (
         ("cosine_N", "sine_N"),
         ({"frequency_Hz": 1.0},),
         _harmonic,
-        carrier="slider_constant_force",
+        steady_counterpart="slider_constant_force",
     ),
-    _one("sensor_lag", "lag_s", 5e-4, "s", site="force", sensor=True, choice=True),
+    _one("sensor_lag", "lag_s", 5e-4, "s", site="force", sensor=True, has_site=True),
 )

@@ -131,7 +131,7 @@ def test_an_effect_takes_the_place_of_the_nuisance_that_is_its_own_parameter():
 
 def test_labels_name_the_site_where_there_is_a_choice():
     size = Parameter("bias", 0.0)
-    assert Candidate("sensor_bias", "torque", (size,), ("bias",), choice=True).label == "sensor_bias:torque"
+    assert Candidate("sensor_bias", "torque", (size,), ("bias",), has_site=True).label == "sensor_bias:torque"
     assert Candidate("gravity", "all", (size,), ("bias",)).label == "gravity"
 
 

@@ -64,7 +64,7 @@ def test_an_effect_whose_samples_answer_from_near_alone_is_found_from_afar(size)
 @pytest.mark.parametrize("size", [0.15, 0.2, 0.35])
 def test_a_fit_from_a_finite_size_begins_at_the_size_that_the_secant_says(size):
     law = next(one for one in CANDIDATES if one.label == "quadratic")
-    finite = replace(law, starts=({"drag_N_s2_m2": 0.2},))
+    finite = replace(law, initial_guesses=({"drag_N_s2_m2": 0.2},))
     model = toy(hidden=lambda x, v, angle, time: -size * v * np.abs(v), seed=2)
     model = replace(model, candidates=(finite,))
     base = recalibrate(model, stated_noise(model))
@@ -80,7 +80,7 @@ def test_finite_starts_are_of_a_single_size_above_zero(sizes, starts):
 
 def test_the_change_of_something_known_has_finite_bounds():
     with pytest.raises(ValueError, match="finite bounds"):
-        Candidate("odd", "slider", (Parameter("change", 0.0, low=-1.0),), ("change",), change=True)
+        Candidate("odd", "slider", (Parameter("change", 0.0, low=-1.0),), ("change",), is_perturbation=True)
 
 
 def test_another_choice_of_numerics_is_no_second_effect():

@@ -36,7 +36,7 @@ def test_effects_that_are_one_force_at_one_speed_are_merged_and_three_speeds_tel
 def test_a_one_sided_effect_and_a_two_sided_one_that_are_the_same_are_merged():
     either_way = candidate_of("constant_force")
     force = replace(either_way.coordinates[0], low=0.0)
-    push = replace(either_way, site="push", choice=True, coordinates=(force,))
+    push = replace(either_way, site="push", has_site=True, coordinates=(force,))
     found = preflight(replace(planned(), candidates=(push, either_way, candidate_of("viscous"))))
     assert found.merged == [["constant_force:push", "constant_force"]]
 

@@ -71,7 +71,7 @@ def test_resistance_cannot_push():
 
 def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows():
     *_, known = screened({"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.0, "frequency_Hz": 6.37}}, seed=4)
-    tried = [one.shapes["frequency_Hz"] for one in known.of("harmonic_force")]
+    tried = [one.shape_parameters["frequency_Hz"] for one in known.of("harmonic_force")]
     assert min(abs(np.array(tried) - 6.37)) < 0.1
 
 

@@ -30,13 +30,18 @@ def _harmonic() -> Candidate:
     frequency = Parameter("frequency_Hz", 7.0, 1.0, 20.0, step=0.05, unit="Hz")
     starts = tuple({"frequency_Hz": float(value)} for value in (3.0, 7.0, 11.0))
     return Candidate(
-        "harmonic_force", "slider", (*amplitudes, frequency), ("cosine_N", "sine_N"), starts, carrier="constant_force"
+        "harmonic_force",
+        "slider",
+        (*amplitudes, frequency),
+        ("cosine_N", "sine_N"),
+        starts,
+        steady_counterpart="constant_force",
     )
 
 
 def _sensor(name: str, channel: str, coordinate: str, step: float, unit: str) -> Candidate:
     size = Parameter(coordinate, 0.0, step=step, unit=unit)
-    return Candidate(name, channel, (size,), (coordinate,), sensor=True, choice=True)
+    return Candidate(name, channel, (size,), (coordinate,), sensor=True, has_site=True)
 
 
 CANDIDATES = (
@@ -55,7 +60,13 @@ CANDIDATES = (
 
 
 RINGING = _effect(
-    "ringing", "size", 0.01, "1", low=0.0, starts=({"size": 0.1},), grid=tuple(0.02 * 1.35**i for i in range(13))
+    "ringing",
+    "size",
+    0.01,
+    "1",
+    low=0.0,
+    initial_guesses=({"size": 0.1},),
+    grid=tuple(0.02 * 1.35**i for i in range(13)),
 )
 """Not among those: a hit that rings, whose phase tells a size to some percent and beyond that nothing."""
 

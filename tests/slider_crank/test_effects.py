@@ -83,8 +83,8 @@ def test_every_candidate_changes_something_and_nothing_at_zero_size(loose):
     labels = [one.label for one in model.candidates]
     assert len(set(labels)) == len(labels)
     for candidate in model.candidates:
-        shapes = dict(candidate.starts[0])
-        sizes = {p.name: p.step for p in candidate.seen_in(("slow",)) if p.key in candidate.sizes}
+        shapes = dict(candidate.initial_guesses[0])
+        sizes = {p.name: p.step for p in candidate.coordinates_in(("slow",)) if p.key in candidate.amplitudes}
         absent = shapes | dict.fromkeys(sizes, 0.0)
         assert worst(model.simulate("slow", values, [(candidate, absent)]), base) == 0.0, candidate.label
         for name, step in sizes.items():
@@ -195,7 +195,7 @@ def test_numerics_that_are_as_good_hardly_differ():
 def test_a_swinging_force_has_a_phase_of_its_own_in_each_run():
     model = rig_model(campaign(mechanism(), speeds=(30.0, 31.0)))
     candidate = chosen(model, "harmonic_force")
-    assert [p.key for p in candidate.seen_in(("slow",))] == ["cosine@slow", "sine@slow", "frequency_Hz"]
+    assert [p.key for p in candidate.coordinates_in(("slow",))] == ["cosine@slow", "sine@slow", "frequency_Hz"]
     stated = candidate.parameters(
         {"cosine@slow": 3.0, "sine@slow": 0.0, "cosine@fast": 0.0, "sine@fast": -3.0, "frequency_Hz": 7.3}
     )

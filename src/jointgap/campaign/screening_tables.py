@@ -74,10 +74,10 @@ def to_frames(known: Signatures) -> tuple[pd.DataFrame, pd.DataFrame]:
     for one in known.found:
         label = one.candidate.label
         start = count[label] = count.get(label, -1) + 1
-        columns += [(label, start, p.key, column) for p, column in zip(one.sizes, one.columns.T, strict=True)]
+        columns += [(label, start, p.key, column) for p, column in zip(one.amplitudes, one.columns.T, strict=True)]
         if one.origin is not known.residual:
             columns.append((label, start, _ORIGIN, one.origin))
-        shapes += [(label, start, name, value) for name, value in one.shapes.items()]
+        shapes += [(label, start, name, value) for name, value in one.shape_parameters.items()]
     frames = [
         pd.DataFrame(
             {"label": label, "start": start, "name": name, "sample": np.arange(column.size), "derivative": column}
@@ -113,7 +113,7 @@ def from_frames(
     signatures = []
     for (label, start), own in columns.items():
         candidate = by_label.get(label)
-        sizes = [p.key for p in candidate.seen_in(runs) if p.key in candidate.sizes] if candidate else []
+        sizes = [p.key for p in candidate.coordinates_in(runs) if p.key in candidate.amplitudes] if candidate else []
         if candidate is None or not own.keys() >= set(sizes):
             raise InputError(
                 f"screen/signatures.parquet: holds {label} of another model than the campaign file and its mechanism now give; run "

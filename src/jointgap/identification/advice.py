@@ -238,8 +238,8 @@ def _stated(candidate: Candidate, size: float) -> tuple[str, str, float, bool]:
 
     The value is NaN at infinity; the unit is empty where the parameter is not the coordinate itself, or that and a constant.
     """
-    first = next(p for p in candidate.coordinates if p.key in candidate.sizes)
-    shapes = {p.key: p.nominal for p in candidate.coordinates} | dict(candidate.starts[0])
+    first = next(p for p in candidate.coordinates if p.key in candidate.amplitudes)
+    shapes = {p.key: p.nominal for p in candidate.coordinates} | dict(candidate.initial_guesses[0])
     amount = size if np.isfinite(size) else first.step
 
     def named(value: float) -> dict[str, float]:

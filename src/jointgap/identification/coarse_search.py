@@ -95,7 +95,7 @@ def _shortlist(
 def _untold(one: Screened) -> bool:
     """Whether small sizes say little of an effect, so that how much it would explain does not rank it."""
     candidates = [new.candidate for new in one.signatures]
-    return any(candidate.replaces or candidate.grid or candidate.change for candidate in candidates)
+    return any(candidate.replaces or candidate.grid or candidate.is_perturbation for candidate in candidates)
 
 
 def raced(

@@ -172,7 +172,9 @@ def _objection(one: Fit, nuisance_bounds) -> str:
     values, errors = one.mapping, None
     for candidate in one.explanation:
         sizes = {
-            key: values[f"{candidate.label}.{key}"] for key in candidate.sizes if f"{candidate.label}.{key}" in values
+            key: values[f"{candidate.label}.{key}"]
+            for key in candidate.amplitudes
+            if f"{candidate.label}.{key}" in values
         }
         if not any(sizes.values()):
             return f"{candidate.label} is fitted with no size"

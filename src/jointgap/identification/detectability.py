@@ -73,7 +73,7 @@ class Survey:
 
     def _usual(self, label: str, sizes: list[float]) -> float:
         """Of the sizes that the signatures of one effect say: their median, or the least where each holds for other sizes."""
-        finite = any(one.sizes[0].key in one.shapes for one in self.known.of(label))
+        finite = any(one.amplitudes[0].key in one.shape_parameters for one in self.known.of(label))
         return float(min(sizes) if finite else np.median(sizes))
 
     def cosine(self, label: str, other: str) -> float:
@@ -99,7 +99,7 @@ class Survey:
 
     def _noncentrality(self, one: Signature) -> float:
         """Of the gain in chi2, so that it exceeds with `POWER` what the search among all candidates asks for."""
-        dimensions = len(one.sizes)
+        dimensions = len(one.amplitudes)
         asked = max(
             stats.chi2.isf(self.rate / len(self.labels), dimensions),
             len(one.coordinates) * np.log(self.size) + RIVAL,
@@ -127,8 +127,8 @@ class Survey:
 
     def _smallest(self, one: Signature, size: int, measure, target: float) -> float:
         """Amount of which at least `target` is left; infinite where bounds forbid it. A secant says nothing below its reach."""
-        p = one.sizes[size]
-        if p.key in one.shapes and self._left(one, size, one.reach(p)[0], measure) >= target:
+        p = one.amplitudes[size]
+        if p.key in one.shape_parameters and self._left(one, size, one.reach(p)[0], measure) >= target:
             return float(one.reach(p)[0])
         reach = [abs(bound) for bound in (p.low, p.high) if np.isfinite(bound) and bound != 0.0]
         most = max(reach) if np.isfinite(p.high) and reach else _MOST_STEPS * p.step
@@ -161,7 +161,7 @@ class Survey:
         the shapes and signs: a bias that may go both ways is mistaken for a friction that goes one way.
         """
         known = self.known.of(label)
-        for size, p in enumerate(known[0].sizes):
+        for size, p in enumerate(known[0].amplitudes):
             amounts = [(one, self._smallest(one, size, self._gap, GAP**2 - 1.0)) for one in known]
             signs = (1.0, -1.0) if p.low < 0.0 else (1.0,)
             mistaken = [
@@ -181,7 +181,7 @@ class Survey:
         for rival in self.known.of(other):
             kept = self._kept(rival)
             low, high = self._room(kept)
-            rival_low, rival_high = bounds_of(rival.sizes)
+            rival_low, rival_high = bounds_of(rival.amplitudes)
             matrix = np.hstack([jacobian[:, kept], columns[id(rival)]])
             bounds = np.concatenate([low, rival_low]), np.concatenate([high, rival_high])
             left.append(bounded_step(matrix, -amount * columns[id(one)][:, size], *bounds)[1])

@@ -173,7 +173,7 @@ def law_of(explanation: Explanation, values: Mapping[str, float]) -> Law:
         By key, as in `Fit.mapping`.
     """
     named = dict(zip(COEFFICIENTS, explanation, strict=False))
-    keys = {name: f"{candidate.label}.{candidate.sizes[0]}" for name, candidate in named.items()}
+    keys = {name: f"{candidate.label}.{candidate.amplitudes[0]}" for name, candidate in named.items()}
     terms = {name: term_of(candidate) for name, candidate in named.items()}
     coefficients = {name: values[key] for name, key in keys.items()}
     return Law(effect_of(explanation[0]), explanation[0].site, terms, coefficients, keys)

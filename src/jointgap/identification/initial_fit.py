@@ -59,7 +59,9 @@ def fit_screened(
                     f"no size of {new.candidate.label} that was tried comes nearer to the data than none"
                 )
             return fit(problem, one.explanation, start, differences=differences, enough=enough, view=view)
-    if any(p.key in new.shapes for new in one.signatures for p in new.sizes):  # it starts far from the base already
+    if any(
+        p.key in new.shape_parameters for new in one.signatures for p in new.amplitudes
+    ):  # it starts far from the base already
         return fit(problem, one.explanation, one.start, differences=differences, enough=enough, view=view)
     start, multiple = _stretched(problem, one, view)
     near = multiple <= 1.0  # derivatives at the base are good enough
@@ -70,7 +72,7 @@ def _stretched(
     problem: Problem, one: Screened, view: Callable[[np.ndarray], np.ndarray] | None
 ) -> tuple[dict[str, float], float]:
     """The best of 1, 2, 4 ... times the linear answer, as a start, and which it is."""
-    sizes = {f"{new.candidate.label}.{p.key}" for new in one.signatures for p in new.sizes}
+    sizes = {f"{new.candidate.label}.{p.key}" for new in one.signatures for p in new.amplitudes}
     bounds = {p.key: (p.low, p.high) for p in problem.parameters(one.explanation)}
     start, best, multiple, least = dict(one.start), 1.0, 1.0, np.inf
     while multiple <= _FARTHEST:
@@ -97,7 +99,7 @@ def _from_grid(
     Samples answer to sizes that are some percent off alone; where over the cycle the motion departs from what it is without the
     effect, and how far, says more from afar. So sizes are told apart by that first, and by samples beside the best one.
     """
-    (size,) = new.sizes
+    (size,) = new.amplitudes
     key = f"{new.candidate.label}.{size.key}"
     # nuisances stay where the origin was seen from: the answer to a secant that does not hold would lead them astray
     start = {name: one.near.get(name, value) for name, value in one.start.items()}

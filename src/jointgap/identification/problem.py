@@ -84,7 +84,7 @@ class Problem:
         replaced = {name for candidate in explanation for name in candidate.replaces}
         kept = [p for p in self.nuisances if p.name not in replaced]
         for candidate in explanation:
-            for p in candidate.seen_in(self.runs):
+            for p in candidate.coordinates_in(self.runs):
                 kept.append(Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high, p.step, p.unit, p.run))
         return tuple(kept)
 
@@ -94,7 +94,7 @@ class Problem:
         """What the model reads in `run`, by channel; `values` by key, absent nuisances at nominal."""
         nuisances = {p.name: values.get(p.key, p.nominal) for p in self.model.nuisances if p.run in (None, run)}
         effects = [
-            (candidate, {p.name: values[f"{candidate.label}.{p.key}"] for p in candidate.seen_in((run,))})
+            (candidate, {p.name: values[f"{candidate.label}.{p.key}"] for p in candidate.coordinates_in((run,))})
             for candidate in explanation
         ]
         self.simulations += 1

@@ -57,15 +57,15 @@ class Candidate:
     name, site : str
         As a verdict states them.
     coordinates : tuple of Parameter
-        What a fit varies; those with a run belong to that run alone, such as a phase. Near the effect's absence the motion should depend on the `sizes` about linearly: an amplitude with
+        What a fit varies; those with a run belong to that run alone, such as a phase. Near the effect's absence the motion should depend on the `amplitudes` about linearly: an amplitude with
         a phase has two coordinates, its cosine and sine parts.
-    sizes : tuple of str
+    amplitudes : tuple of str
         Keys of the coordinates that are 0 where the effect is absent; the rest are shapes (an exponent, a frequency).
-    starts : tuple of mappings
+    initial_guesses : tuple of mappings
         Values of all shapes to start from; one empty mapping where there are none. Where the motion does not depend on a size
         about linearly from 0 on, such as the clearance of a joint that was ideal, starts hold the size too, if it is the only
         one: what the effect changes is then told from there.
-    change : bool
+    is_perturbation : bool
         Whether its size is the change of something known, such as a clearance, down to the lower bound where nothing is left of
         that: small changes then say little of large ones. Both bounds are finite.
     grid : tuple of float
@@ -78,9 +78,9 @@ class Candidate:
         effect is fitted, and the size is what it is beyond that.
     sensor : bool
         Whether it is a fault of a sensor: it acts on what is read, not on the motion.
-    choice : bool
+    has_site : bool
         Whether the effect could be at another site too, so that its label needs the site.
-    carrier : str
+    steady_counterpart : str
         Label of a steady effect that this one is, but for swinging at its shape ``frequency_Hz``: its sizes are the parts with
         the cosine and with the sine. Frequencies to start from are then sought in the residual.
     """
@@ -88,32 +88,34 @@ class Candidate:
     name: str
     site: str
     coordinates: tuple[Parameter, ...]
-    sizes: tuple[str, ...]
-    starts: tuple[Mapping[str, float], ...] = ({},)
+    amplitudes: tuple[str, ...]
+    initial_guesses: tuple[Mapping[str, float], ...] = ({},)
     parameters: Callable[[Mapping[str, float]], dict[str, float]] = field(default=dict, compare=False)
     replaces: Mapping[str, str] = field(default_factory=dict)
     sensor: bool = False
-    choice: bool = False
-    carrier: str = ""
-    change: bool = False
+    has_site: bool = False
+    steady_counterpart: str = ""
+    is_perturbation: bool = False
     grid: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse finite sizes that nothing could be told from."""
-        finite = [start[key] for start in self.starts for key in self.sizes if key in start] + list(self.grid)
-        if finite and (len(self.sizes) > 1 or min(finite) <= 0.0):
+        finite = [start[key] for start in self.initial_guesses for key in self.amplitudes if key in start] + list(
+            self.grid
+        )
+        if finite and (len(self.amplitudes) > 1 or min(finite) <= 0.0):
             raise ValueError(f"{self.name}: starts and grids hold values of a single size, above 0; got {finite}")
-        if self.change and not all(
-            np.isfinite((p.low, p.high)).all() for p in self.coordinates if p.name in self.sizes
+        if self.is_perturbation and not all(
+            np.isfinite((p.low, p.high)).all() for p in self.coordinates if p.name in self.amplitudes
         ):
             raise ValueError(f"{self.name}: the change of something known needs finite bounds")
 
     @property
     def label(self) -> str:
         """``name``, or ``name:site`` where there is a choice; unique among a model's candidates."""
-        return f"{self.name}:{self.site}" if self.choice else self.name
+        return f"{self.name}:{self.site}" if self.has_site else self.name
 
-    def seen_in(self, runs: Sequence[str]) -> tuple[Parameter, ...]:
+    def coordinates_in(self, runs: Sequence[str]) -> tuple[Parameter, ...]:
         """The coordinates that matter to `runs`."""
         return tuple(p for p in self.coordinates if p.run in (None, *runs))
 

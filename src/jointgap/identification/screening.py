@@ -24,10 +24,10 @@ class Signature:
     Attributes
     ----------
     candidate : Candidate
-    shapes : mapping of str to float
+    shape_parameters : mapping of str to float
         Shapes by name, and sizes that are not small.
     columns : (n, m) array
-        Derivatives with respect to its sizes, per unit [1/unit]: at 0, or secants from there to sizes among `shapes`.
+        Derivatives with respect to its sizes, per unit [1/unit]: at 0, or secants from there to sizes among `shape_parameters`.
     origin : (n,) array
         Residuals at zero size: the base's, unless the candidate replaces a nuisance.
     runs : tuple of str
@@ -35,7 +35,7 @@ class Signature:
     """
 
     candidate: Candidate
-    shapes: Mapping[str, float]
+    shape_parameters: Mapping[str, float]
     columns: np.ndarray
     origin: np.ndarray
     runs: tuple[str, ...]
@@ -43,18 +43,18 @@ class Signature:
     @property
     def coordinates(self) -> tuple[Parameter, ...]:
         """What a fit varies."""
-        return self.candidate.seen_in(self.runs)
+        return self.candidate.coordinates_in(self.runs)
 
     @property
-    def sizes(self) -> tuple[Parameter, ...]:
+    def amplitudes(self) -> tuple[Parameter, ...]:
         """The coordinates that `columns` belong to."""
-        return tuple(p for p in self.coordinates if p.key in self.candidate.sizes)
+        return tuple(p for p in self.coordinates if p.key in self.candidate.amplitudes)
 
     def reach(self, size: Parameter) -> tuple[float, float]:
         """Between what values `columns` say what a size changes."""
-        if size.key not in self.shapes:
+        if size.key not in self.shape_parameters:
             return size.low, size.high
-        at = self.shapes[size.key]
+        at = self.shape_parameters[size.key]
         return max(at / _SECANT, size.low), min(at * _SECANT, size.high)
 
 
@@ -99,7 +99,7 @@ class Signatures:
         """Derivatives by key, for a fit that starts near the base."""
         columns = {p.key: column for p, column in zip(self.parameters, self.jacobian.T, strict=True)}
         for one in chosen:
-            for p, column in zip(one.sizes, one.columns.T, strict=True):
+            for p, column in zip(one.amplitudes, one.columns.T, strict=True):
                 columns[f"{one.candidate.label}.{p.key}"] = column
         return columns
 
@@ -159,12 +159,12 @@ def signatures(
     candidates = problem.model.candidates if candidates is None else candidates
     taken = {name for one in base.explanation for name in (one.label, *one.replaces)}
     candidates = [one for one in candidates if not taken & {one.label, *one.replaces}]
-    for candidate in sorted(candidates, key=lambda one: bool(one.carrier)):  # carriers come first
-        carriers = [one for one in found if one.candidate.label == candidate.carrier]
+    for candidate in sorted(candidates, key=lambda one: bool(one.steady_counterpart)):  # carriers come first
+        carriers = [one for one in found if one.candidate.label == candidate.steady_counterpart]
         try:
             origin = base.residual
             if candidate.replaces:
-                absent = _absent(candidate, candidate.starts[0], base)
+                absent = _absent(candidate, candidate.initial_guesses[0], base)
                 origin = problem.residual(absent, (*base.explanation, candidate))
             for shapes in _starts(problem, base, candidate, carriers):
                 try:
@@ -180,26 +180,26 @@ def signatures(
 
 def _starts(problem, base, candidate, carriers) -> Sequence[Mapping[str, float]]:
     if not carriers:
-        return candidate.starts
+        return candidate.initial_guesses
     frequency = next(p for p in candidate.coordinates if p.name == "frequency_Hz")
     tried = frequencies(
         problem.parts, base.residual, base.jacobian, carriers[0].columns[:, 0], frequency, MOST_FREQUENCIES
     )
-    return [{**candidate.starts[0], "frequency_Hz": value} for value in tried] or candidate.starts
+    return [{**candidate.initial_guesses[0], "frequency_Hz": value} for value in tried] or candidate.initial_guesses
 
 
 def _absent(candidate: Candidate, shapes: Mapping[str, float], base: Fit) -> dict[str, float]:
     """The base's values with the candidate there at zero size; nuisances that it replaces are left out, and so at nominal."""
-    at = {p.key: 0.0 if p.key in candidate.sizes else shapes[p.key] for p in candidate.coordinates}
+    at = {p.key: 0.0 if p.key in candidate.amplitudes else shapes[p.key] for p in candidate.coordinates}
     kept = {key: value for key, value in base.mapping.items() if key.partition("@")[0] not in candidate.replaces}
     return kept | {f"{candidate.label}.{key}": value for key, value in at.items()}
 
 
 def _signature(problem, base, differences, candidate, shapes, origin) -> Signature:
     values = _absent(candidate, shapes, base)
-    sizes = {f"{candidate.label}.{key}" for key in candidate.sizes}
+    sizes = {f"{candidate.label}.{key}" for key in candidate.amplitudes}
     both = (*base.explanation, candidate)
-    if finite := [key for key in candidate.sizes if key in shapes]:
+    if finite := [key for key in candidate.amplitudes if key in shapes]:
         (key,) = finite
         away = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, both) - origin
         return Signature(candidate, dict(shapes), away[:, None] / shapes[key], origin, problem.runs)
@@ -243,18 +243,20 @@ class Screen:
         places = [self._place[id(one)] for one in chosen]
         matrix = np.hstack([self._jacobian[:, kept], *(self._columns[i] for i in places)])
         target = self._residual + sum((self._origins[i] for i in places), np.zeros(self._residual.size))
-        sizes = [(one, p) for one in chosen for p in one.sizes]
+        sizes = [(one, p) for one in chosen for p in one.amplitudes]
         low, high = bounds_of([known.parameters[i] for i in kept])
         reach = np.array([one.reach(p) for one, p in sizes]).reshape(-1, 2).T
         low, high = np.append(low, reach[0]), np.append(high, reach[1])
-        here = np.append(known.values[kept], [one.shapes.get(p.key, 0.0) for one, p in sizes])
+        here = np.append(known.values[kept], [one.shape_parameters.get(p.key, 0.0) for one, p in sizes])
         target = target + matrix[:, len(kept) :] @ here[len(kept) :]
         step, chi2 = bounded_step(matrix, target, low - here, high - here)
         start = {known.parameters[i].key: float(value) for i, value in zip(kept, here + step, strict=False)}
         for (one, p), value in zip(sizes, (here + step)[len(kept) :], strict=True):
             start[f"{one.candidate.label}.{p.key}"] = float(value)
         for one in chosen:
-            shapes = {name: value for name, value in one.shapes.items() if name not in one.candidate.sizes}
+            shapes = {
+                name: value for name, value in one.shape_parameters.items() if name not in one.candidate.amplitudes
+            }
             start |= {f"{one.candidate.label}.{name}": value for name, value in shapes.items()}
         effects = (*self.beside, *(one.candidate for one in chosen))
         free = len(kept) + sum(len(one.coordinates) for one in chosen)

@@ -171,7 +171,7 @@ def _left(matrix: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.nd
 
 def _sized(found: Fit) -> dict[str, Candidate]:
     """The sizes of effects among the parameters, by key, and whose they are."""
-    return {f"{candidate.label}.{name}": candidate for candidate in found.explanation for name in candidate.sizes}
+    return {f"{candidate.label}.{name}": candidate for candidate in found.explanation for name in candidate.amplitudes}
 
 
 def _open(found: Fit, view: View, finer: np.ndarray) -> list[tuple[int, np.ndarray]]:
@@ -192,7 +192,7 @@ def _open(found: Fit, view: View, finer: np.ndarray) -> list[tuple[int, np.ndarr
         if not bounded[i] or p.run is not None:
             continue
         if p.key in sized:
-            if sized[p.key].change:
+            if sized[p.key].is_perturbation:
                 places = np.unique(np.clip(p.low + (p.nominal - p.low) * _RATIOS, p.low, p.high))
                 chosen.append((i, places[~np.isclose(places, p.nominal, rtol=0.0, atol=1e-6 * width[i])]))
         elif errors[i] > _OPEN * width[i] and changes[i] > _MATTERS * np.sqrt(finer.shape[0]):

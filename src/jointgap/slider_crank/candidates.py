@@ -99,9 +99,11 @@ def _has(mechanism: Mechanism, candidate: Candidate) -> bool:
     return mechanism.effect(candidate.name, site) is not None
 
 
-def _candidate(name: str, coordinates, sizes, parameters=dict, starts=({},), site=None, **further) -> Candidate:
+def _candidate(
+    name: str, coordinates, amplitudes, parameters=dict, initial_guesses=({},), site=None, **further
+) -> Candidate:
     site = site or EFFECTS[name].SITE
-    return Candidate(name, site, tuple(coordinates), tuple(sizes), tuple(starts), parameters, **further)
+    return Candidate(name, site, tuple(coordinates), tuple(amplitudes), tuple(initial_guesses), parameters, **further)
 
 
 def _one(name: str, coordinate: Parameter, **further) -> Candidate:
@@ -161,7 +163,7 @@ def _forces(scale: Scale, frequency: float, runs: Iterable[str]) -> Iterator[Can
             shape("exponent", 1.2, 0.05, "1", 1.0, 1.4),
         ),
         ("force_N",),
-        starts=[{"dead_length_m": length, "exponent": 1.2} for length in lengths],
+        initial_guesses=[{"dead_length_m": length, "exponent": 1.2} for length in lengths],
     )
     yield _candidate(
         "harmonic_force",
@@ -172,8 +174,8 @@ def _forces(scale: Scale, frequency: float, runs: Iterable[str]) -> Iterator[Can
         ),
         tuple(f"{part}@{run}" for run in runs for part in ("cosine", "sine")),
         _harmonic,
-        starts=({"frequency_Hz": frequency},),
-        carrier="slider_constant_force",
+        initial_guesses=({"frequency_Hz": frequency},),
+        steady_counterpart="slider_constant_force",
     )
 
 
@@ -199,7 +201,7 @@ def _crank(mechanism: Mechanism, scale: Scale, prescribed: bool) -> Iterator[Can
             ),
             ("cosine", "sine"),
             lambda values: (found := parameters(values)) | {"order": round(found["order"])},
-            starts=[{"order": float(order)} for order in range(1, 9)],
+            initial_guesses=[{"order": float(order)} for order in range(1, 9)],
         )
 
 
@@ -225,7 +227,7 @@ def _data(mechanism: Mechanism, scale: Scale, nuisances: Mapping[str, Parameter]
             "frequency_Hz": 1.0 / (2.0 * math.pi * math.sqrt(max(values["compliance_s2"], 1e-300))),
             "damping_ratio": values["damping_ratio"],
         },
-        starts=[
+        initial_guesses=[
             {"damping_ratio": 0.02},
             *({"damping_ratio": 0.02, "compliance_s2": (order * scale.turning) ** -2.0} for order in _BENDING_ORDERS),
         ],
@@ -244,17 +246,17 @@ def _pin(mechanism: Mechanism, pin: str, scale: Scale, nuisances: Mapping[str, P
         # The effect takes this pin out of what both share: what is left is the other pin's.
         both = nuisances["joint_friction"]
         coordinates.append(shape("joint_friction", both.nominal, both.step, "1", both.low, both.high))
-    starts = ({p.name: p.nominal for p in coordinates[1:]},)
+    initial_guesses = ({p.name: p.nominal for p in coordinates[1:]},)
     yield _candidate(
         "pin_friction",
         coordinates,
         ("change",),
         lambda values: {"coefficient": max(known + values["change"], 0.0)},
-        starts,
+        initial_guesses,
         pin,
         replaces=replaces,
-        choice=True,
-        change=joint.loose and known > 0.0,
+        has_site=True,
+        is_perturbation=joint.loose and known > 0.0,
     )
     if joint.loose:
         length = 2.0 * joint.journal_radius
@@ -266,7 +268,7 @@ def _pin(mechanism: Mechanism, pin: str, scale: Scale, nuisances: Mapping[str, P
             lambda values: {"viscosity_Pa_s": values["viscosity_Pa_s"], "length_m": length},
             [{"viscosity_Pa_s": value} for value in _VISCOSITIES],
             site=pin,
-            choice=True,
+            has_site=True,
         )
 
 
@@ -278,9 +280,9 @@ def _clearance(mechanism: Mechanism, joint: str, nuisances: Mapping[str, Paramet
         name,
         size("change_m", 0.05 * known if known else 2e-5, "m", -0.95 * known, 0.05 * mechanism.crank.length),
         parameters=lambda values: {"clearance_m": known + values["change_m"]},
-        starts=({},) if known else [{"change_m": value} for value in _FIRST_CLEARANCES],
+        initial_guesses=({},) if known else [{"change_m": value} for value in _FIRST_CLEARANCES],
         grid=() if known else _CLEARANCES,
-        change=known > 0.0,
+        is_perturbation=known > 0.0,
         site=joint,
         replaces=replaced_by(name, joint, nuisances),
     )

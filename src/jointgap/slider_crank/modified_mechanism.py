@@ -97,7 +97,7 @@ def with_effects(mechanism: Mechanism, effects: Sequence[tuple[Candidate, Mappin
 
 def _names(candidate: Candidate) -> set[str]:
     """Keys of an effect's sizes, and their names within a run."""
-    return {name for key in candidate.sizes for name in (key, key.partition("@")[0])}
+    return {name for key in candidate.amplitudes for name in (key, key.partition("@")[0])}
 
 
 def _effect(name: str, site: str, parameters: Mapping[str, Any]) -> Effect:
@@ -114,7 +114,7 @@ def _formula(name: str, terms: Sequence[tuple[Candidate, Mapping[str, float]]]) 
         if not term:
             raise InputError(f"{candidate.name}: has no term; name it such as {name}[v^3]")
         parts.append(f"c{place}*({term})")
-        coefficients[f"c{place}"] = values[candidate.sizes[0]]
+        coefficients[f"c{place}"] = values[candidate.amplitudes[0]]
     return _effect(name, "", {"formula": " + ".join(parts), "coefficients": coefficients})
 
 

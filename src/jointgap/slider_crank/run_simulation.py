@@ -83,7 +83,7 @@ def channels_read(
 def _read_once(campaign, plan, values, effects, numerics, perturbation) -> dict[str, np.ndarray]:
     faults, nuisances = Faults(effects, plan.run.direction == "clockwise"), dict(values)
     for candidate, own in effects:  # a nuisance that an effect took over in part, such as the other pin's friction
-        nuisances |= {name: own[name] for name in own if name in values and name not in candidate.sizes}
+        nuisances |= {name: own[name] for name in own if name in values and name not in candidate.amplitudes}
     mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()
     if plan.run.direction == "clockwise":
         mechanism = mirrored(mechanism)

@@ -44,7 +44,7 @@ def sensor_candidates(spreads: Mapping[str, tuple[float, str]], encoder: bool, t
 
 
 def _fault(name: str, channel: str, coordinate: Parameter) -> Candidate:
-    return Candidate(name, channel, (coordinate,), (coordinate.name,), sensor=True, choice=True)
+    return Candidate(name, channel, (coordinate,), (coordinate.name,), sensor=True, has_site=True)
 
 
 class Faults:
@@ -64,7 +64,7 @@ class Faults:
             if candidate.name == "encoder_offset":
                 self.offset = -values["offset_rad"] if mirrored else values["offset_rad"]
             elif candidate.sensor:
-                self._found[candidate.name, candidate.site] = values[candidate.sizes[0]]
+                self._found[candidate.name, candidate.site] = values[candidate.amplitudes[0]]
 
     def bias(self, channel: str) -> float:
         """What is added to a reading [unit]."""
