@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from jointgap.config.quantities import to_si
+from jointgap.quantities import to_si
 
 
 @pytest.mark.parametrize(

@@ -18,9 +18,9 @@ from jointgap.config.nuisance_bounds import (
     nominal_values,
     share_or_bounds,
 )
-from jointgap.config.quantities import Angle, PositiveAngularSpeed
-from jointgap.config.section import Section
 from jointgap.errors import did_you_mean
+from jointgap.quantities import Angle, PositiveAngularSpeed
+from jointgap.section import Section
 
 RESERVED_IDS = ("all", "look", "measured", "remarks", "stated")
 """No run may be called so: a sum over runs is, and the tables that stand beside the pictures of the runs are."""

@@ -4,8 +4,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator
 
-from jointgap.config.quantities import quantity, to_si, unit_factor
-from jointgap.config.section import Section
+from jointgap.quantities import quantity, to_si, unit_factor
+from jointgap.section import Section
 
 CHANNELS = {
     "time": "s",

@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from jointgap.config.quantities import (
+from jointgap.quantities import (
     FrictionCoefficient,
     NonNegativeNumber,
     PoissonRatio,
@@ -13,7 +13,7 @@ from jointgap.config.quantities import (
     PositiveSpeed,
     quantity,
 )
-from jointgap.config.section import Section
+from jointgap.section import Section
 
 Law = Literal[
     "hunt_crossley",

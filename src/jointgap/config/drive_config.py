@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from jointgap.config.quantities import PositiveAngle, PositiveAngularSpeed, quantity, unit_factor
-from jointgap.config.section import Section
+from jointgap.quantities import PositiveAngle, PositiveAngularSpeed, quantity, unit_factor
+from jointgap.section import Section
 
 
 class ConstantDrive(Section):

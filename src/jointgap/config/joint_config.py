@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, WrapValidator, model_validator
 
 from jointgap.config.contact_config import FIRM_FORCE, Contact
-from jointgap.config.quantities import PositiveLength, quantity
-from jointgap.config.section import Section
+from jointgap.quantities import PositiveLength, quantity
+from jointgap.section import Section
 
 NAMES = ("crank_pivot", "crank_pin", "piston_pin")
 """All joints, from the frame to the slider."""

@@ -10,10 +10,10 @@ from jointgap.config.applied_effects import apply_effects, changes_data
 from jointgap.config.config_errors import complaints
 from jointgap.config.contact_config import Contact
 from jointgap.config.joint_config import NAMES, Joint, Joints
-from jointgap.config.quantities import Angle, Length, NonNegativeLength, PositiveInertia, PositiveLength, PositiveMass
-from jointgap.config.section import Section
 from jointgap.effects import AnyEffect, Effect
 from jointgap.errors import InputError, did_you_mean
+from jointgap.quantities import Angle, Length, NonNegativeLength, PositiveInertia, PositiveLength, PositiveMass
+from jointgap.section import Section
 
 LEAST_FILM_SHARE = 0.5
 """Largest share of the clearance at which asperities may touch; beyond it there is no bearing to speak of."""

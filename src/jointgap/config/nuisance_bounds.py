@@ -6,9 +6,9 @@ from decimal import Decimal, InvalidOperation
 from typing import Any, NamedTuple
 
 from jointgap.config.mechanism_config import Mechanism
-from jointgap.config.quantities import refuse_comma, to_si
 from jointgap.effects.joint_and_rod_effects import LEAST_CLEARANCE
 from jointgap.errors import did_you_mean
+from jointgap.quantities import refuse_comma, to_si
 
 PINS = ("crank_pin", "piston_pin")
 

@@ -8,7 +8,8 @@ from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_
 from jointgap.config.consistency import check_drive, check_tolerance
 from jointgap.config.drive_config import ConstantDrive, Drive
 from jointgap.config.mechanism_config import Mechanism
-from jointgap.config.quantities import (
+from jointgap.config.sweep_config import Runs, Study
+from jointgap.quantities import (
     Angle,
     OpenFraction,
     PositiveAngularSpeed,
@@ -16,8 +17,7 @@ from jointgap.config.quantities import (
     PositiveNumber,
     quantity,
 )
-from jointgap.config.section import Section
-from jointgap.config.sweep_config import Runs, Study
+from jointgap.section import Section
 
 Interval = tuple[PositiveLength, PositiveLength]
 MOST_SAMPLES = 20_000_000

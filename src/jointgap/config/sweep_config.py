@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, WithJsonSchema, model_validator
 
 from jointgap.config.consistency import TOLERANCE_SHARE
-from jointgap.config.quantities import (
+from jointgap.quantities import (
     FrictionCoefficient,
     OpenFraction,
     PositiveAngularSpeed,
@@ -16,7 +16,7 @@ from jointgap.config.quantities import (
     quantity,
     refuse_comma,
 )
-from jointgap.config.section import Section
+from jointgap.section import Section
 
 _NUMBER = re.compile(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*$")
 _SPAN = {"from", "to", "number"}

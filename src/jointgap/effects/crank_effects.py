@@ -4,9 +4,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from jointgap.config.quantities import quantity
-from jointgap.config.section import Section
 from jointgap.effects.effect import CRANK_SIGN, FRICTION_SURVEY, Effect
+from jointgap.quantities import quantity
+from jointgap.section import Section
 
 
 class CrankCoulombFrictionParameters(Section):

@@ -4,10 +4,10 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from jointgap.config.quantities import quantity
-from jointgap.config.section import Section
 from jointgap.effects.effect import Effect
 from jointgap.formula import compile_formula
+from jointgap.quantities import quantity
+from jointgap.section import Section
 
 REFERENCE = "by regression, e.g. Brunton, Proctor and Kutz, PNAS 113 (2016) 3932-3937"
 

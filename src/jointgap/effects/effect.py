@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from jointgap.config.section import Section
+from jointgap.section import Section
 
 SLIDER_SIGN_SPEED = 0.01
 """Width [m/s] of the sign of the slider's velocity in its friction: sgn v = tanh(v / 0.01 m/s)."""

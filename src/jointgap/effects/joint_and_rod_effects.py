@@ -4,9 +4,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
-from jointgap.config.quantities import quantity
-from jointgap.config.section import Section
 from jointgap.effects.effect import CRANK_SIGN, Effect
+from jointgap.quantities import quantity
+from jointgap.section import Section
 
 Pin = Literal["crank_pin", "piston_pin"]
 CLEARANCE_LAW = "{joint} loose with the radial clearance c; c = 0: ideal"

@@ -4,9 +4,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from jointgap.config.quantities import quantity
-from jointgap.config.section import Section
 from jointgap.effects.effect import FRICTION_SURVEY, SLIDER_SIGN, Effect
+from jointgap.quantities import quantity
+from jointgap.section import Section
 
 
 class SliderCoulombFrictionParameters(Section):

@@ -6,9 +6,9 @@ import numpy as np
 
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.channels import CHANNELS
-from jointgap.config.quantities import unit_factor
 from jointgap.mechanism.linkage import linkage_motion
 from jointgap.mechanism.motion import Motion
+from jointgap.quantities import unit_factor
 from jointgap.recordings.encoder_angle import TURN
 from jointgap.recordings.recording import Recording
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.channels import CHANNELS
-from jointgap.config.quantities import unit_factor
 from jointgap.errors import InputError
+from jointgap.quantities import unit_factor
 from jointgap.recordings.encoder_angle import TURN
 from jointgap.recordings.plausibility import clipped, inconsistent, jerks, wild
 from jointgap.recordings.recording import Measurements, Recording, noise_of

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from jointgap.config import Mechanism, Scenario, Simulate, validate
-from jointgap.config.quantities import to_si
 from jointgap.config.sweep_config import Runs
 from jointgap.dynamics.parallel_runs import Run
 from jointgap.errors import InputError, did_you_mean
+from jointgap.quantities import to_si
 
 WORDS = {"speed": "rad/s", "clearance": "m", "friction": "1", "restitution": "1"}
 """What can be varied by a word, with its unit: the crank's speed, and the data of every loose joint."""

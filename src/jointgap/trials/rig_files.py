@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from jointgap.config.quantities import unit_factor
+from jointgap.quantities import unit_factor
 from jointgap.tables import write_text
 from jointgap.tables.store import write_whole
 from jointgap.trials.draw_rigs import Design

@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import Field, NonNegativeInt, PositiveInt
 
 from jointgap.config.load import read_yaml, validate
-from jointgap.config.section import Section
 from jointgap.errors import InputError, did_you_mean
+from jointgap.section import Section
 from jointgap.trials.injected_effects import LISTED, OFF_LIST
 
 SIZES = (1.5, 5.0)

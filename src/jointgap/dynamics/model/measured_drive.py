@@ -9,9 +9,9 @@ from scipy.interpolate import PPoly, make_smoothing_spline, splrep
 from scipy.optimize import brentq
 
 from jointgap.config import Simulate
-from jointgap.config.quantities import unit_factor
 from jointgap.dynamics.model.parameters import MOST_KNOTS
 from jointgap.errors import InputError, did_you_mean
+from jointgap.quantities import unit_factor
 
 _LEAST = 12  # samples that a smooth angle needs
 _TURN = 2 * math.pi
