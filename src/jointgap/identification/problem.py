@@ -8,6 +8,7 @@ import numpy as np
 
 from jointgap.errors import SimulationError
 from jointgap.identification.protocol import Candidate, Model, Parameter, Series, runs_of
+from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.identification.whitening import Noise, whitened
 
 Explanation = tuple[Candidate, ...]
@@ -40,12 +41,20 @@ class Problem:
         Whether to take the held-out samples instead of those for fitting.
     planned : bool
         Whether the samples are yet to be measured: every sample counts, and what `plan` predicts stands for its value.
+    settings : IdentificationSettings
+        The tuned numbers of everything that works on this problem.
     """
 
     def __init__(
-        self, model: Model, noise: Mapping[tuple[str, str], Noise], held_out: bool = False, planned: bool = False
+        self,
+        model: Model,
+        noise: Mapping[tuple[str, str], Noise],
+        held_out: bool = False,
+        planned: bool = False,
+        settings: IdentificationSettings = DEFAULT_SETTINGS,
     ):
         self.model = model
+        self.settings = settings
         self.simulations = 0
         self.parts: list[Part] = []
         begin = 0

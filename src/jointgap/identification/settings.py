@@ -1,0 +1,293 @@
+"""The tuned numbers of naming, by subject: what each means, its unit, and why it has this value.
+
+Many of them trade simulations for certainty. "(experience)" marks those that were set by what worked on development trials,
+campaigns with a hidden effect; nothing is derived there, and another value near by may do as well. A problem carries its settings (`Problem.settings`), so that trials can
+vary them: ``replace(DEFAULT_SETTINGS, fitting=replace(DEFAULT_SETTINGS.fitting, max_steps=40))``.
+"""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class FiniteDifferenceSettings:
+    """Steps over which derivatives of the whitened residuals are taken.
+
+    Lengths are Euclidean lengths of a change of all whitened residuals, in standard deviations of the noise.
+
+    Attributes
+    ----------
+    target_length : float
+        [1] Length of the change over one step, so a step is about five standard errors of its parameter. Smaller steps meet the
+        numerical noise of impacts, larger ones curvature (experience).
+    target_share_of_residual : float
+        [1] The target is at least this share of the residual's length: far from the solution, impacts that pass samples make the
+        motion rough on a small scale. With much larger shares the fit of a film does not converge (experience).
+    target_per_statistic : float
+        [1] The target is at least this times the root of the number of statistics of chaotic motion: each scatters by about 1,
+        and half as much again keeps the derivative above that.
+    target_over_numerical_noise : float
+        [1] The target is at least this times the numerical noise: an error of a fifth in a derivative still gives a descent.
+    probe_step : float
+        [1, of a parameter's step] A change so small that what it changes in the motion is numerical noise: its true effect is
+        5e-6 of the noise.
+    probed_parameters : int
+        How many parameters are changed so; the largest change counts. Two, because a single one may not move any contact.
+    accepted_factor : float
+        [1] A change within this factor of the target is good enough: another simulation would buy little accuracy.
+    min_step_ratio, max_step_ratio : float
+        [1] A step is shortened or lengthened by at most this factor at once: beyond, the extrapolation says nothing.
+    min_step_change : float
+        [1] A new step has to differ from the old one by this factor to be worth a simulation.
+    max_share_of_range : float
+        [1] A step is at most this share of a bounded parameter's range, so that one of the two directions always fits.
+    """
+
+    target_length: float = 5.0
+    target_share_of_residual: float = 0.05
+    target_per_statistic: float = 1.5
+    target_over_numerical_noise: float = 5.0
+    probe_step: float = 1e-6
+    probed_parameters: int = 2
+    accepted_factor: float = 4.0
+    min_step_ratio: float = 1e-4
+    max_step_ratio: float = 1e4
+    min_step_change: float = 1.5
+    max_share_of_range: float = 0.5
+
+
+@dataclass(frozen=True)
+class DampingSettings:
+    """When a step is accepted, trusted, or damped (Levenberg-Marquardt).
+
+    The gain ratio is the measured decrease of chi2 over the decrease that the linear model predicts.
+
+    Attributes
+    ----------
+    trusted_gain_ratio : float
+        [1] Above it the Jacobian predicts well enough to declare convergence with; half of a perfect prediction.
+    good_gain_ratio : float
+        [1] Above it damping is reduced, below it the Jacobian is made anew or damping is raised; the usual quarter (Fletcher 1971).
+    factor : float
+        [1] By which damping is raised and lowered; the usual ten (Marquardt 1963).
+    first : float
+        [1, of the squared column lengths] The first damping after a bad step.
+    negligible : float
+        [1] Damping at or below it becomes 0 at the next good step: it no longer shortens a step noticeably.
+    rough : float
+        [1] Steps damped more are so short that a decrease predicted and not found is numerical noise: the fit stops, not converged.
+    """
+
+    trusted_gain_ratio: float = 0.5
+    good_gain_ratio: float = 0.25
+    factor: float = 10.0
+    first: float = 1e-3
+    negligible: float = 1e-4
+    rough: float = 10.0
+
+
+@dataclass(frozen=True)
+class StoppingSettings:
+    """When a fit ends.
+
+    Attributes
+    ----------
+    min_decrease : float
+        [chi2] A predicted decrease below this is not worth a step where the fit is good: a two-hundredth of the 10 that tell two
+        hypotheses apart in BIC. It grows with the square of chi2 per sample, because poor fits need less care.
+    max_steps : int
+        Valleys of loose joints may be long; this is a guard, not the usual end (experience).
+    stalled_window : int
+        Steps over which progress is measured.
+    poor_chi2_per_sample : float
+        [1] Above it a fit is poor, and ends where it improves by less than `poor_progress` in the window: it will not be named.
+    poor_progress : float
+        [1, of chi2] As above; at 2 % in four steps it takes more than a hundred to halve chi2.
+    creeping_after : int
+        Steps after which a fit with a corrected Jacobian that creeps has its Jacobian made anew: Broyden's corrections wear out.
+    creeping_decrease : float
+        [chi2] A decrease below this over the window is creeping; below what a BIC decides on, above `min_decrease`.
+    beaten_factor : float
+        [1] A fit whose chi2 is this times that of a sufficient hypothesis is beaten: no rival any more, so it may end early.
+    beaten_window, beaten_progress : int, float
+        As `stalled_window` and `poor_progress` for beaten fits, which get less patience (experience).
+    smoothed_decrease : float
+        [1, of chi2] What a step has to predict in smoothed residuals: such a fit is a start for another.
+    smoothed_max_steps : int
+        The most steps there, for the same reason.
+    """
+
+    min_decrease: float = 0.05
+    max_steps: int = 80
+    stalled_window: int = 4
+    poor_chi2_per_sample: float = 2.0
+    poor_progress: float = 0.02
+    creeping_after: int = 10
+    creeping_decrease: float = 2.0
+    beaten_factor: float = 3.0
+    beaten_window: int = 2
+    beaten_progress: float = 0.2
+    smoothed_decrease: float = 0.01
+    smoothed_max_steps: int = 10
+
+
+@dataclass(frozen=True)
+class BaselineSettings:
+    """How the model as it stands is fitted.
+
+    Attributes
+    ----------
+    max_starts : int
+        Values of the shared nuisances that a fit starts from where it does not leave noise alone: the given ones, and drawn ones.
+        (Experience; each costs a fit.)
+    same_minimum : float
+        [1, of chi2] Two fits that differ by less have reached the same minimum.
+    noise_sigmas : float
+        [standard deviations of chi2] A fit within this of its degrees of freedom leaves noise alone (one in a thousand by chance).
+    """
+
+    max_starts: int = 3
+    same_minimum: float = 1e-3
+    noise_sigmas: float = 3.0
+
+
+@dataclass(frozen=True)
+class SmoothingSettings:
+    """Residuals smoothed over the cycle, and the scans of coordinates that they leave undetermined.
+
+    Attributes
+    ----------
+    widths_deg : tuple of float
+        [deg of the cycle] Standard deviations of the Gaussian weights, coarsest first: the residual then counts what
+        an impact does to the motion rather than at which sample it comes (experience).
+    kernel_reach : float
+        [standard deviations] Where the weights are cut off: 0.3 % of a Gaussian lies beyond.
+    undetermined_error : float
+        [1, of the parameter's range] A standard error beyond it leaves a parameter undetermined; a flat range by itself has 0.29.
+    min_influence : float
+        [1, of the noise, over all samples] A parameter that changes less over its whole range is not scanned.
+    scan_points : int
+        Values over the range of a scanned nuisance or shape: steps of a tenth, as fine as `undetermined_error`.
+    perturbation_scan_factor : float
+        [1] A perturbation of a known quantity is scanned from this part of the quantity to this multiple of it.
+    perturbation_scan_points : int
+        Values of such a scan, evenly in the logarithm: some 10 % apart (experience).
+    """
+
+    widths_deg: tuple[float, ...] = (24.0, 6.0)
+    kernel_reach: float = 3.0
+    undetermined_error: float = 0.1
+    min_influence: float = 0.2
+    scan_points: int = 11
+    perturbation_scan_factor: float = 3.0
+    perturbation_scan_points: int = 25
+
+
+@dataclass(frozen=True)
+class InitialGuessSettings:
+    """From where the fit of a screened hypothesis starts.
+
+    Attributes
+    ----------
+    max_multiple : float
+        [1, of the linear answer] How far an amplitude is doubled: a loose joint answers a small force more than in proportion,
+        so an effect may be several times as large as small steps say.
+    cycle_bins : int
+        Bins of the cycle over which the departure of an amplitude on a grid is compared: 15 deg each (experience).
+    max_departure_share : float
+        [1, of the departure without the effect] A grid whose best amplitude stays above is dropped: it explains nothing.
+    refinement_factor : float
+        [1] How far around the best amplitude on the grid samples are compared: one step of a grid (`Candidate.grid`).
+    refinement_points : int
+        Amplitudes in that comparison: 2 % apart, since samples respond only to amplitudes that are right to some percent.
+    """
+
+    max_multiple: float = 16.0
+    cycle_bins: int = 24
+    max_departure_share: float = 0.5
+    refinement_factor: float = 1.35
+    refinement_points: int = 31
+
+
+@dataclass(frozen=True)
+class CoarseSearchSettings:
+    """The second search, from smoothed residuals, where no hypothesis fitted from the baseline is sufficient.
+
+    Attributes
+    ----------
+    max_singles : int
+        Candidates searched, beside those of which small amplitudes say little (experience).
+    survivors : tuple of int
+        How many hypotheses go on from each smoothing width to the next finer one. Where nothing can be smoothed, the first
+        number is how many pairs are fitted (experience).
+    refitted : int
+        Of the best, how many are fitted once more with all undetermined coordinates scanned, where none is sufficient.
+    leading_singles, partners_per_single : int
+        Single effects that are paired where none is sufficient, and the partners of each: a pair costs some fifty simulations.
+    visible_chi2_per_sample : float
+        [1] chi2 per sample in smoothed residuals above which there is something to be seen; noise alone leaves 1.
+    eliminated_factor : float
+        [1, of the best chi2] Hypotheses beyond are eliminated: too far behind to catch up on a finer level (experience).
+    """
+
+    max_singles: int = 8
+    survivors: tuple[int, ...] = (6, 4)
+    refitted: int = 2
+    leading_singles: int = 3
+    partners_per_single: int = 4
+    visible_chi2_per_sample: float = 1.5
+    eliminated_factor: float = 3.0
+
+
+@dataclass(frozen=True)
+class ModelSelectionSettings:
+    """Which hypotheses are worth a fit, and how fits are made comparable before the decision.
+
+    Attributes
+    ----------
+    max_singles : int
+        Candidates that are fitted alone, beside those that are searched on a grid (experience).
+    unexplained_share : float
+        [1, of the misfit] Where the best signature would leave more, candidates with a grid are fitted too: their signatures
+        say little of them.
+    max_delta_bic : float
+        [BIC] Where the baseline leaves no more than noise, effects are small and signatures nearly exact: candidates this much
+        behind the best are not fitted. Three times the 10 of a very strong preference.
+    min_gain_share : float
+        [1, of the gain that is called an effect] There, candidates that promise less than half of it are not fitted either.
+    min_singles : int
+        Candidates that are fitted there in any case, so that the best one has a rival to be compared with.
+    partners : int
+        Partners of a sufficient effect that are fitted, rivals that are fitted again from the best one's nuisances, and swaps of
+        each effect of a pair.
+    smooth_numerical_noise : float
+        [chi2] With less numerical noise chi2 has no valleys between which fits could differ.
+    baseline_starts : int
+        Values of the nuisances from which the baseline is fitted again before an effect is named that hardly shows. A clearance
+        some percent off has impacts at other instants and a valley of its own.
+    """
+
+    max_singles: int = 8
+    unexplained_share: float = 0.1
+    max_delta_bic: float = 30.0
+    min_gain_share: float = 0.5
+    min_singles: int = 2
+    partners: int = 3
+    smooth_numerical_noise: float = 0.01
+    baseline_starts: int = 4
+
+
+@dataclass(frozen=True)
+class IdentificationSettings:
+    """All tuned numbers of naming, by subject."""
+
+    differences: FiniteDifferenceSettings = field(default_factory=FiniteDifferenceSettings)
+    damping: DampingSettings = field(default_factory=DampingSettings)
+    stopping: StoppingSettings = field(default_factory=StoppingSettings)
+    baseline: BaselineSettings = field(default_factory=BaselineSettings)
+    smoothing: SmoothingSettings = field(default_factory=SmoothingSettings)
+    initial_guess: InitialGuessSettings = field(default_factory=InitialGuessSettings)
+    coarse_search: CoarseSearchSettings = field(default_factory=CoarseSearchSettings)
+    selection: ModelSelectionSettings = field(default_factory=ModelSelectionSettings)
+
+
+DEFAULT_SETTINGS = IdentificationSettings()
