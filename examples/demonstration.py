@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.dynamics import simulate
 
 CAMPAIGN = Path("config/campaigns/demonstration.yaml")

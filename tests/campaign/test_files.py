@@ -15,7 +15,7 @@ from jointgap.campaign.campaign_files import campaigns
 from jointgap.campaign.state import Case
 from jointgap.cli import cli
 from jointgap.config import load_mechanism
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 from jointgap.slider_crank import rig_model
 from jointgap.tables import describe

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from jointgap.campaign.preflight import in_words, preflight
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.recordings import read_measurements
 

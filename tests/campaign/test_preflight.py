@@ -7,7 +7,7 @@ import pytest
 from benchmarks.project import ROOT
 from jointgap import tables
 from jointgap.campaign import preflight
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.identification.advice import Preflight
 
 FOUND = Preflight(

@@ -14,7 +14,7 @@ from jointgap.campaign.folder import MECHANISM
 from jointgap.campaign.outcome import Outcome
 from jointgap.campaign.state import Case
 from jointgap.config import load_mechanism
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.errors import SimulationError
 from jointgap.identification.disagreement import locate
 

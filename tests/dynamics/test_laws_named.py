@@ -2,7 +2,7 @@
 
 from typing import get_args
 
-from jointgap.config.contact_config import FrictionLaw, Law
+from jointgap.config.joint_config import FrictionLaw, Law
 from jointgap.dynamics import LAWS
 from jointgap.dynamics.model.friction import FRICTION_LAWS
 

@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from jointgap.config.load import merge
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign, merge
 from jointgap.mechanism.linkage import linkage_motion
 from jointgap.mechanism.motion import Motion
 from jointgap.recordings import read_measurements

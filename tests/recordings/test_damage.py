@@ -8,7 +8,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 from jointgap.recordings import read_measurements, to_frame
 from jointgap.recordings.inspection import _numbers

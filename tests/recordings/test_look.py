@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap import tables
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.recordings import look, read_measurements
 from tests.recordings.rig import CAMPAIGN, table, write_rig
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 from jointgap.recordings import from_frame, read_measurements, to_frame
 from tests.recordings.rig import CAMPAIGN, SPEEDS, read_rig, samples, table, write_rig

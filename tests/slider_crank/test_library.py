@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from jointgap.config import Simulate, load_mechanism
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.dynamics.simulation import simulate
 from jointgap.formula import compile_formula
 from jointgap.identification.baseline import other_numerics, recalibrate

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from jointgap.config import EFFECTS
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.recordings import read_measurements
 from jointgap.trials.batches import kept, of_files
 from jointgap.trials.draw_rigs import design

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("pysindy", reason="needs pysindy: pip install 'jointgap[peers]'")
 
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.recordings import read_measurements
 from jointgap.trials.make_trial import conceal
 from jointgap.trials.sparse_baseline import sparse

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from jointgap.config import read_yaml
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from jointgap.campaign.campaign_files import plan
 from jointgap.campaign.folder import OF_FITS, OF_NOISE, Folder
 from jointgap.config.campaign_file import Campaign
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 
 if TYPE_CHECKING:  # what a stage does not ask for is not imported: the compiled dynamics take seconds to load

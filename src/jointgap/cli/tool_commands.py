@@ -62,7 +62,7 @@ def schema(path: Path | None, campaign: bool) -> None:
 
     from jointgap import tables
     from jointgap.config import json_schema
-    from jointgap.config.load_campaign import campaign_json_schema
+    from jointgap.config.load import campaign_json_schema
 
     text = json.dumps(campaign_json_schema() if campaign else json_schema(), indent=2, ensure_ascii=False) + "\n"
     if path is None:

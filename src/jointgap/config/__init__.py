@@ -1,13 +1,25 @@
 """Typed, frozen, validated configuration; SI inside."""
 
-from jointgap.config.consistency import check_drive, check_tolerance
-from jointgap.config.contact_config import Contact
-from jointgap.config.drive_config import ConstantDrive, MeasuredDrive, MotorDrive
-from jointgap.config.joint_config import Joint, Joints, hertz_stiffness
+from jointgap.config.joint_config import Contact, Joint, Joints, hertz_stiffness
 from jointgap.config.load import json_schema, load_mechanism, options_for, parse_options, read_yaml, resolve, validate
 from jointgap.config.mechanism_config import Link, Mechanism, Slider
-from jointgap.config.scenario import Box, Ensemble, Figures, Genetic, Optimise, Scenario, Simulate, Surrogate
-from jointgap.config.sweep_config import Runs, Study
+from jointgap.config.scenario import (
+    Box,
+    ConstantDrive,
+    Ensemble,
+    Figures,
+    Genetic,
+    MeasuredDrive,
+    MotorDrive,
+    Optimise,
+    Runs,
+    Scenario,
+    Simulate,
+    Study,
+    Surrogate,
+    check_drive,
+    check_tolerance,
+)
 from jointgap.effects import CRANK_SIGN_SPEED, EFFECTS, SLIDER_SIGN_SPEED, Effect
 
 __all__ = [

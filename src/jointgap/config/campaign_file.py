@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, field_serializer, field_validator, model_validator
 
 from jointgap.config.channels import CHANNELS, Channel, Name, channel_factor
-from jointgap.config.drive_config import MotorDrive
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.nuisance_bounds import (
     PINS,
@@ -18,6 +17,7 @@ from jointgap.config.nuisance_bounds import (
     nominal_values,
     share_or_bounds,
 )
+from jointgap.config.scenario import MotorDrive
 from jointgap.errors import did_you_mean
 from jointgap.quantities import Angle, PositiveAngularSpeed
 from jointgap.section import Section

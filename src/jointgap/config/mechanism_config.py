@@ -8,8 +8,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from jointgap.config.applied_effects import apply_effects, changes_data
 from jointgap.config.config_errors import complaints
-from jointgap.config.contact_config import Contact
-from jointgap.config.joint_config import NAMES, Joint, Joints
+from jointgap.config.joint_config import NAMES, Contact, Joint, Joints
 from jointgap.effects import AnyEffect, Effect
 from jointgap.errors import InputError, did_you_mean
 from jointgap.quantities import Angle, Length, NonNegativeLength, PositiveInertia, PositiveLength, PositiveMass

@@ -1,36 +1,92 @@
-"""The stages' sections and the scenario that joins them to a mechanism."""
+"""A scenario: a mechanism, and the sections that say what each stage does with it."""
 
 import math
-from typing import Annotated, Any
+import re
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
+import numpy as np
+from pydantic import (
+    BeforeValidator,
+    Field,
+    NonNegativeInt,
+    PositiveInt,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
-from jointgap.config.consistency import check_drive, check_tolerance
-from jointgap.config.drive_config import ConstantDrive, Drive
 from jointgap.config.mechanism_config import Mechanism
-from jointgap.config.sweep_config import Runs, Study
+from jointgap.errors import InputError
 from jointgap.quantities import (
     Angle,
+    FrictionCoefficient,
     OpenFraction,
+    PositiveAngle,
     PositiveAngularSpeed,
     PositiveLength,
     PositiveNumber,
     quantity,
+    refuse_comma,
+    unit_factor,
 )
 from jointgap.section import Section
 
 Interval = tuple[PositiveLength, PositiveLength]
+
 MOST_SAMPLES = 20_000_000
 """Samples of a run: with all columns they take some 10 GB."""
 
+TOLERANCE_SHARE = 1e-4
+"""Largest local error of positions as a share of a clearance: with more, steps jump over contacts."""
+
 SampleCount = Annotated[int, Field(ge=1, le=MOST_SAMPLES)]
 
-ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are one length
+_LENGTH_ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are one length
+_CLEARANCE_ROUNDING = 1e-9  # relative: a clearance is the difference of two radii
 
 
-def _upside_down(name: str, low: float, high: float) -> None:
+def _check_order(name: str, low: float, high: float) -> None:
     if low >= high:
         raise ValueError(f"{name} [{low:g}, {high:g}] is upside down or empty; write the lower bound first")
+
+
+class ConstantDrive(Section):
+    """The crank turns at simulate.speed, whatever it takes."""
+
+    kind: Literal["constant"] = "constant"
+
+
+class MeasuredDrive(Section):
+    """The crank follows a measured angle over time, made smooth."""
+
+    kind: Literal["measured"]
+    file: str = Field(description="table of samples, CSV or Parquet; from the working folder or the configuration's")
+    time: str = Field("time", description="column of the times in seconds")
+    angle: str = Field("crank_angle", description="column of the crank angles")
+    angle_unit: str = Field("rad", description="unit of the column of angles, e.g. deg or turn")
+    resolution: PositiveAngle | None = Field(
+        None, description="step of the encoder, to which the smooth angle keeps; null: not known"
+    )
+
+    @field_validator("angle_unit")
+    @classmethod
+    def _is_a_unit_of_angles(cls, unit: str) -> str:
+        unit_factor(unit, "rad")
+        return unit
+
+
+class MotorDrive(Section):
+    """A motor on the crank with a falling torque-speed line: M = stall_torque (1 - w / no_load_speed)."""
+
+    kind: Literal["motor"]
+    stall_torque: quantity("N*m", gt=0) = Field(description="torque at standstill")
+    no_load_speed: PositiveAngularSpeed = Field(description="speed at which the torque is zero")
+    inertia: quantity("kg*m^2", ge=0) = Field(
+        0.0, description="moment of inertia of rotor and flywheel, on the crank's axis"
+    )
+
+
+Drive = Annotated[ConstantDrive | MeasuredDrive | MotorDrive, Field(discriminator="kind")]
 
 
 class Simulate(Section):
@@ -59,6 +115,47 @@ class Simulate(Section):
                 f"{MOST_SAMPLES:g} samples, which memory does not hold; lower one of them"
             )
         return self
+
+
+def check_tolerance(mechanism: Mechanism, options: Simulate) -> None:
+    """Whether the steps resolve the clearances.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Its effects applied.
+    options : Simulate
+
+    Raises
+    ------
+    InputError
+        The tolerance is more than `TOLERANCE_SHARE` of the smallest clearance of a loose joint.
+    """
+    if not mechanism.loose:
+        return
+    name = min(mechanism.loose, key=mechanism.clearance)
+    clearance = mechanism.clearance(name)
+    if options.tolerance > TOLERANCE_SHARE * clearance * (1 + _CLEARANCE_ROUNDING):
+        raise InputError(
+            f"simulate.tolerance {options.tolerance:g} m is more than {TOLERANCE_SHARE:g} of the clearance {clearance:g} m of "
+            f"{name}, the smallest of the loose joints: steps would jump over contacts; give {TOLERANCE_SHARE * clearance:.3g} m "
+            "at most, or make the joint ideal"
+        )
+
+
+def check_drive(mechanism: Mechanism, options: Simulate) -> None:
+    """Whether the effects go with the drive.
+
+    Raises
+    ------
+    InputError
+        A prescribed fluctuation of a speed that is not prescribed, or otherwise.
+    """
+    if mechanism.effect("speed_fluctuation") and options.drive.kind != "constant":
+        raise InputError(
+            f"mechanism.effects: speed_fluctuation goes with simulate.drive.kind constant alone, not with "
+            f"{options.drive.kind}, whose speed is not prescribed so; leave out one of them"
+        )
 
 
 class Surrogate(Section):
@@ -95,8 +192,8 @@ class Box(Section):
 
     @model_validator(mode="after")
     def _bounds_are_ordered(self):
-        _upside_down("crank_length", *self.crank_length)
-        _upside_down("rod_length", *self.rod_length)
+        _check_order("crank_length", *self.crank_length)
+        _check_order("rod_length", *self.rod_length)
         if self.crank_length[1] >= self.rod_length[0]:
             raise ValueError(
                 f"crank_length reaches {self.crank_length[1]:g} m and rod_length goes down to {self.rod_length[0]:g} m: "
@@ -160,7 +257,7 @@ class Optimise(Section):
 
     @model_validator(mode="after")
     def _window_lies_in_the_revolution(self):
-        _upside_down("window", *self.window)
+        _check_order("window", *self.window)
         if self.window[0] < 0 or self.window[1] > 2 * math.pi * (1 + 1e-12):
             raise ValueError(
                 f"window [{self.window[0]:g}, {self.window[1]:g}] rad leaves the first revolution, 0 to 360 deg"
@@ -173,6 +270,97 @@ class Figures(Section):
 
     animation_frames: PositiveInt = Field(120, description="frames of the animation of the first revolution")
     magnification: PositiveNumber = Field(40.0, description="how much the animation magnifies the clearances")
+
+
+_NUMBER = re.compile(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*$")
+_SPAN = {"from", "to", "number"}
+_SPAN_SCHEMA = {
+    "type": "object",
+    "additionalProperties": False,
+    "required": sorted(_SPAN),
+    "properties": {
+        "from": {"type": ["number", "string"]},
+        "to": {"type": ["number", "string"]},
+        "number": {"type": "integer", "minimum": 2},
+    },
+}
+
+
+def spread(values: Any) -> Any:
+    """A list of values as it is; ``{from: 200 rpm, to: 1200 rpm, number: 6}`` as a list of values evenly apart.
+
+    Raises
+    ------
+    ValueError
+        Neither of both, an empty list, ends of different units or with a comma.
+    """
+    if isinstance(values, list | tuple) and values:
+        return values
+    if not isinstance(values, dict) or set(values) != _SPAN:
+        raise ValueError("must be a list of values, or {from: ..., to: ..., number: ...} for values evenly apart")
+    for key in ("from", "to"):
+        refuse_comma(str(values[key]))
+    ends = [_NUMBER.match(str(values[key])) for key in ("from", "to")]
+    number = values["number"]
+    if not all(ends) or not isinstance(number, int) or number < 2:
+        raise ValueError("needs two numbers, with the same unit or none, as from and to, and a number of 2 or more")
+    (low, unit), (high, other) = (end.groups() for end in ends)
+    if unit != other:
+        raise ValueError(f"from has the unit '{unit}' and to the unit '{other}'; give both in one unit")
+    between = [float(f"{value:.12g}") for value in np.linspace(float(low), float(high), number)]
+    return [f"{value!r} {unit}" for value in between] if unit else between
+
+
+def _list_of(kind: Any) -> Any:
+    """Type of some values of one kind, listed or spread evenly."""
+    items = {"type": "array", "minItems": 1}
+    return Annotated[
+        tuple[kind, ...], BeforeValidator(spread), WithJsonSchema({"anyOf": [items, _SPAN_SCHEMA]}), Field(min_length=1)
+    ]
+
+
+class Runs(Section):
+    """What the runs of an ensemble differ in: every combination of values, each from several starts."""
+
+    vary: dict[str, _list_of(Any)] = Field(
+        {},
+        description="lists of values (or from, to, number) by what they set: speed, clearance, friction, restitution, "
+        "or the path of a key such as mechanism.slider.mass",
+    )
+    members: PositiveInt = Field(10, description="starts of each combination; the first is not perturbed")
+    perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed starting positions")
+    seed: NonNegativeInt = Field(0, description="seed of the perturbations")
+
+
+class Study(Section):
+    """The map clearance x speed x friction."""
+
+    clearance: _list_of(PositiveLength) = Field(
+        (5e-5, 1e-4, 2e-4, 5e-4, 1e-3), description="radial clearances of every loose joint"
+    )
+    speed: _list_of(PositiveAngularSpeed) = Field(
+        tuple(rpm * math.tau / 60 for rpm in (200, 400, 600, 800, 1000, 1200)), description="crank speeds"
+    )
+    friction: _list_of(FrictionCoefficient) = Field(
+        (0.0, 0.05, 0.1, 0.2), description="friction coefficients of every loose joint"
+    )
+    transient_revolutions: PositiveInt = Field(4, description="revolutions that do not count")
+    settled_revolutions: PositiveInt = Field(4, description="revolutions after these, which count")
+    members: Annotated[int, Field(ge=2)] = Field(4, description="starts of each point; the first is not perturbed")
+    perturbation: OpenFraction = Field(
+        1e-4, description="length of the change in the perturbed starting positions, as a share of the clearance"
+    )
+    seed: NonNegativeInt = Field(0, description="seed of the perturbations")
+    tolerance: quantity("", gt=0, le=TOLERANCE_SHARE) = Field(
+        1e-6, description="local error of positions that an integration step may make, as a share of the clearance"
+    )
+
+    @model_validator(mode="after")
+    def _no_value_is_listed_twice(self):
+        for name in ("clearance", "speed", "friction"):
+            if len(set(getattr(self, name))) < len(getattr(self, name)):
+                raise ValueError(f"{name} {list(getattr(self, name))} lists a value twice; give each once")
+        return self
 
 
 class Scenario(Section):
@@ -214,7 +402,7 @@ class Scenario(Section):
         lengths = crank, rod = applied.crank.length, applied.rod.length
         for box in self.optimise.boxes.values():
             bounds = zip(lengths, (box.crank_length, box.rod_length), strict=True)
-            if all(low - ROUNDING <= length <= high + ROUNDING for length, (low, high) in bounds):
+            if all(low - _LENGTH_ROUNDING <= length <= high + _LENGTH_ROUNDING for length, (low, high) in bounds):
                 return self
         raise ValueError(
             f"optimise.boxes ({', '.join(self.optimise.boxes)}): none holds the mechanism's own lengths, crank {1e3 * crank:g} mm and "

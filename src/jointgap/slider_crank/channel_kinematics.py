@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.config.consistency import TOLERANCE_SHARE
+from jointgap.config.scenario import TOLERANCE_SHARE
 from jointgap.dynamics.compilation import compiled
 from jointgap.dynamics.model.equations import FURTHER, STATES
 from jointgap.dynamics.model.parameters import CONSTANT, FLUCTUATING, JOINTS, MOTOR, Parameters

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jointgap.config import Mechanism, Scenario, Simulate, validate
-from jointgap.config.sweep_config import Runs
+from jointgap.config.scenario import Runs
 from jointgap.dynamics.parallel_runs import Run
 from jointgap.errors import InputError, did_you_mean
 from jointgap.quantities import to_si

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config.campaign_file import Campaign
-from jointgap.config.load_campaign import load_campaign
+from jointgap.config.load import load_campaign
 from jointgap.recordings import read_measurements
 
 _THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the largest coefficient, columns and target of length 1

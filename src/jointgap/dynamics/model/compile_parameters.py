@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from jointgap.config import Mechanism, Simulate, check_drive, check_tolerance, hertz_stiffness
-from jointgap.config.drive_config import MeasuredDrive, MotorDrive
+from jointgap.config.scenario import MeasuredDrive, MotorDrive
 from jointgap.dynamics.model.friction import FRICTION_LAWS
 from jointgap.dynamics.model.measured_drive import angle_pieces
 from jointgap.dynamics.model.normal_contact import LAWS
