@@ -17,7 +17,7 @@ from jointgap.cli import cli
 from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
-from jointgap.slider_crank import rig_model
+from jointgap.slider_crank import build_model
 from jointgap.tables import describe
 
 DEMONSTRATION = "config/campaigns/demonstration.yaml"
@@ -132,7 +132,7 @@ def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path)
     assert set(recordings) == {"slow", "mid"}  # of the third run there is no file yet
     turns = preflight.revolutions(campaign, recordings)
     assert turns["slow"] == pytest.approx(360 * 4.1237e-3 * 150 / 60, rel=0.01)
-    counts = preflight.counts(rig_model(campaign), recordings)
+    counts = preflight.counts(build_model(campaign), recordings)
     assert counts["slow", "crank_torque"] == counts["slow", "crank_angle"] == 360
     assert counts["mid", "crank_torque"] == pytest.approx(200 * 2 / 3, abs=1)  # the last third is held out
     assert counts["mid", "slider_acceleration"] == counts["mid", "crank_torque"] - 10  # cells of which are empty

@@ -4,7 +4,7 @@ import pytest
 
 from jointgap.config.campaign_file import Campaign
 from jointgap.errors import InputError
-from jointgap.slider_crank import rig_model
+from jointgap.slider_crank import build_model
 from jointgap.slider_crank.nuisances import check_ends
 from tests.slider_crank.rigs import campaign, mechanism
 
@@ -51,7 +51,7 @@ def test_bounds_up_to_the_ends_of_what_is_possible_are_accepted():
 )
 def test_bounds_at_which_the_crank_cannot_turn_are_refused_by_the_model(nuisance, words):
     with pytest.raises(InputError, match=r"cannot turn.*; or give narrower bounds") as caught:
-        rig_model(with_nuisances(nuisance))
+        build_model(with_nuisances(nuisance))
     assert words in str(caught.value)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.config import EFFECTS, Mechanism
-from jointgap.slider_crank import rig_file, rig_model
+from jointgap.slider_crank import augmented_mechanism, build_model
 from jointgap.slider_crank.modified_mechanism import with_nuisances
 from tests.slider_crank.rigs import campaign, mechanism, recorded, worst
 
@@ -42,7 +42,7 @@ def test_an_effect_by_coordinates_is_the_effect_of_a_mechanism_file(name):
     coordinates, parameters = FILE_EFFECTS[name]
     with_it = campaign(mechanism(effects=[{"name": name, "parameters": parameters}]))
     measurements = recorded(with_it)
-    model = rig_model(campaign(mechanism()), measurements)
+    model = build_model(campaign(mechanism()), measurements)
     found = model.simulate("slow", model.nominal("slow"), [(chosen(model, name), coordinates)])
     assert worst(found, {s.channel: s.value for s in model.series if s.run == "slow"}) < 1e-9
     assert chosen(model, name).parameters(coordinates) == pytest.approx(parameters)
@@ -53,7 +53,7 @@ def test_a_speed_that_fluctuates_is_phased_by_the_angles_read():
     measurements = recorded(campaign(mechanism(effects=[effect])))
     for one in measurements.runs.values():  # whole revolutions, so that the mean speed is that of the straight line
         one.time[:] -= one.time[0]
-    model = rig_model(campaign(mechanism()), measurements)
+    model = build_model(campaign(mechanism()), measurements)
     values = {"cosine": 0.05 * math.cos(0.6), "sine": 0.05 * math.sin(0.6), "order": 2.0}
     found = model.simulate("slow", model.nominal("slow"), [(chosen(model, "speed_fluctuation"), values)])
     assert worst(found, {s.channel: s.value for s in model.series if s.run == "slow"}) < 2e-3
@@ -64,7 +64,7 @@ def test_a_harmonic_force_is_phased_by_the_clock_of_the_record():
     measurements = recorded(campaign(mechanism(effects=[effect])))
     before = 2 * 2 * math.pi / 30.0  # the two revolutions that are not recorded
     phase = 0.4 + 2 * math.pi * 7.3 * before
-    model = rig_model(campaign(mechanism()), measurements)
+    model = build_model(campaign(mechanism()), measurements)
     values = {"cosine": 8.0 * math.cos(phase), "sine": -8.0 * math.sin(phase), "frequency_Hz": 7.3}
     candidate = chosen(model, "harmonic_force")
     found = model.simulate("slow", model.nominal("slow"), [(candidate, values)])
@@ -77,7 +77,7 @@ def test_a_harmonic_force_is_phased_by_the_clock_of_the_record():
 @pytest.mark.parametrize("loose", [(), PINS], ids=["ideal", "loose"])
 def test_every_candidate_changes_something_and_nothing_at_zero_size(loose):
     effects = [{"name": "gravity", "parameters": {}}]  # so that an unbalance is seen
-    model = rig_model(campaign(mechanism(loose, effects=effects), speeds=(30.0, 31.0)))
+    model = build_model(campaign(mechanism(loose, effects=effects), speeds=(30.0, 31.0)))
     values = model.nominal("slow")
     base = model.simulate("slow", values)
     labels = [one.label for one in model.candidates]
@@ -94,7 +94,7 @@ def test_every_candidate_changes_something_and_nothing_at_zero_size(loose):
 
 
 def test_every_physical_effect_of_the_catalogue_is_a_candidate_where_it_can_act():
-    loose = rig_model(campaign(mechanism(PINS), speeds=(30.0, 31.0)))
+    loose = build_model(campaign(mechanism(PINS), speeds=(30.0, 31.0)))
     names = {one.name for one in loose.candidates if not one.sensor}
     assert names == {name for name in EFFECTS if not name.startswith("discovered")}
 
@@ -102,7 +102,7 @@ def test_every_physical_effect_of_the_catalogue_is_a_candidate_where_it_can_act(
 def test_what_cannot_act_is_no_candidate():
     content = mechanism(effects=[{"name": "gravity", "parameters": {}}])
     content["joints"]["crank_pivot"] = "ideal"
-    model = rig_model(campaign(content, ["time", "crank_torque"], run={"first_angle": 0.0}))
+    model = build_model(campaign(content, ["time", "crank_torque"], run={"first_angle": 0.0}))
     labels = {one.label for one in model.candidates}
     assert not labels & {"gravity", "crank_pivot_clearance", "lubricated_joint:crank_pin", "encoder_offset"}
     assert {label for label in labels if label.startswith("sensor")} == {
@@ -129,14 +129,14 @@ def test_nuisances_are_the_mechanisms_data():
         "joint_friction": 0.07,
         "restitution_crank_pin": 0.6,
     }
-    made = rig_file(own.mechanism, (), other)
+    made = augmented_mechanism(own.mechanism, (), other)
     assert made.slider.mass == 0.46
     assert made.rod.length == 0.566
     assert made.clearance("piston_pin") == pytest.approx(4e-4)
     assert made.joint("crank_pin").contact.friction == made.joint("piston_pin").contact.friction == 0.07
     assert made.joint("crank_pin").contact.restitution == 0.6
     assert made.joint("piston_pin").contact.restitution == 0.46
-    model, again = rig_model(own), rig_model(own.model_copy(update={"mechanism": made, "nuisance": {}}))
+    model, again = build_model(own), build_model(own.model_copy(update={"mechanism": made, "nuisance": {}}))
     found = model.simulate("slow", model.nominal("slow") | other)
     assert worst(found, again.simulate("slow", again.nominal("slow"))) < 1e-9
 
@@ -147,7 +147,7 @@ def test_an_effect_that_is_a_nuisances_own_parameter_replaces_it():
         nuisance={"slider_mass": "5 %", "crank_pin_clearance": "20 %", "joint_friction": [0.0, 0.2]},
         speeds=(30.0, 31.0),
     )
-    replaces = {one.label: one.replaces for one in rig_model(own).candidates if one.replaces}
+    replaces = {one.label: one.replaces for one in build_model(own).candidates if one.replaces}
     assert replaces == {
         "added_slider_mass": {"slider_mass": "mass_kg"},
         "crank_pin_clearance": {"crank_pin_clearance": "change_m"},
@@ -158,15 +158,15 @@ def test_an_effect_that_is_a_nuisances_own_parameter_replaces_it():
 
 def test_friction_in_one_pin_leaves_the_nuisance_to_the_other():
     own = campaign(mechanism(PINS), nuisance={"joint_friction": [0.0, 0.3]}, speeds=(30.0, 31.0))
-    candidate = chosen(rig_model(own), "pin_friction:crank_pin")
+    candidate = chosen(build_model(own), "pin_friction:crank_pin")
     values = {"pin_friction:crank_pin.change": 0.1, "pin_friction:crank_pin.joint_friction": 0.15}
-    made = rig_file(own.mechanism, (candidate,), values).applied()
+    made = augmented_mechanism(own.mechanism, (candidate,), values).applied()
     assert made.joint("crank_pin").contact.friction == pytest.approx(0.2)
     assert made.joint("piston_pin").contact.friction == pytest.approx(0.15)
 
 
 def test_the_file_has_the_effects_and_can_be_read_again():
-    model = rig_model(campaign(mechanism(), nuisance={"slider_mass": "5 %"}))
+    model = build_model(campaign(mechanism(), nuisance={"slider_mass": "5 %"}))
     explanation = tuple(chosen(model, name) for name in ("slider_spring", "gravity", "sensor_bias:crank_torque"))
     values = {
         "slider_mass": 0.46,
@@ -176,14 +176,14 @@ def test_the_file_has_the_effects_and_can_be_read_again():
         "gravity.acceleration_m_s2": 9.8,
         "sensor_bias:crank_torque.bias": 0.1,
     }
-    made = rig_file(model.campaign.mechanism, explanation, values)
+    made = augmented_mechanism(model.campaign.mechanism, explanation, values)
     assert [effect.name for effect in made.effects] == ["slider_spring", "gravity"]
     assert Mechanism.model_validate(made.model_dump()) == made
     assert with_nuisances(made, {}) == made
 
 
 def test_numerics_that_are_as_good_hardly_differ():
-    model = rig_model(campaign(mechanism(PINS), speeds=(30.0, 31.0)))
+    model = build_model(campaign(mechanism(PINS), speeds=(30.0, 31.0)))
     values = model.nominal("slow")
     base = model.simulate("slow", values)
     for place in range(1, len(model.numerics) + 1):
@@ -193,7 +193,7 @@ def test_numerics_that_are_as_good_hardly_differ():
 
 
 def test_a_swinging_force_has_a_phase_of_its_own_in_each_run():
-    model = rig_model(campaign(mechanism(), speeds=(30.0, 31.0)))
+    model = build_model(campaign(mechanism(), speeds=(30.0, 31.0)))
     candidate = chosen(model, "harmonic_force")
     assert [p.key for p in candidate.coordinates_in(("slow",))] == ["cosine@slow", "sine@slow", "frequency_Hz"]
     stated = candidate.parameters(

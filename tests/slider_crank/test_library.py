@@ -18,7 +18,7 @@ from jointgap.identification.protocol import runs_of
 from jointgap.identification.screening import signatures
 from jointgap.identification.thresholds import thresholds
 from jointgap.recordings import read_measurements
-from jointgap.slider_crank import RigModel, rig_file, rig_model
+from jointgap.slider_crank import SliderCrankModel, augmented_mechanism, build_model
 from jointgap.slider_crank.force_law_terms import library
 
 MECHANISM = {
@@ -32,7 +32,7 @@ CHANNELS = ("slider_acceleration", "crank_torque")
 NOISE = 0.02  # of a channel's own standard deviation
 
 
-def measured(folder: Path, formula: str) -> RigModel:
+def measured(folder: Path, formula: str) -> SliderCrankModel:
     """The ideal slider-crank without effects, and data of one on whose slider the force `formula` acts."""
     hidden = {"name": "discovered_slider_force", "parameters": {"formula": formula}}
     (folder / "base.yaml").write_text(yaml.safe_dump(MECHANISM))
@@ -61,10 +61,10 @@ def measured(folder: Path, formula: str) -> RigModel:
     }
     (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign))
     loaded = load_campaign(folder / "campaign.yaml")
-    return rig_model(loaded, read_measurements(loaded))
+    return build_model(loaded, read_measurements(loaded))
 
 
-def regressed(model: RigModel) -> Regressed:
+def regressed(model: SliderCrankModel) -> Regressed:
     nominal = {run: {p.name: p.nominal for p in model.nuisances if p.run in (None, run)} for run in runs_of(model)}
     missed = {s.key: s.value - model.simulate(s.run, nominal[s.run])[s.channel] for s in model.series}
     base = recalibrate(model, estimate_noise(model, missed))
@@ -80,7 +80,7 @@ def test_a_cubic_resistance_is_found_with_its_size_and_goes_into_a_mechanism_fil
     assert not found.rivals
     assert (found.law.effect, found.law.formula) == ("discovered_slider_force", "c1*v^3")
     assert found.law.coefficients["c1"] == pytest.approx(-0.1, rel=0.05)
-    augmented = rig_file(model.campaign.mechanism, found.fit.explanation, found.fit.mapping)
+    augmented = augmented_mechanism(model.campaign.mechanism, found.fit.explanation, found.fit.mapping)
     law = augmented.effect("discovered_slider_force")
     assert list(law.coefficients.values()) == [found.law.coefficients["c1"]]
 

@@ -5,9 +5,9 @@ import pytest
 
 from jointgap.dynamics.simulation import run_march
 from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.slider_crank import build_model
 from jointgap.slider_crank import channel_kinematics as motion
-from jointgap.slider_crank import rig_model
-from jointgap.slider_crank.driven_run import constant_passage
+from jointgap.slider_crank.driven_run import constant_speed_run
 from jointgap.slider_crank.modified_mechanism import with_effects
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
@@ -15,11 +15,11 @@ TURN = 2 * np.pi
 SEEN = ("slider_acceleration", "crank_torque", "guide_force", "frame_force_y")
 
 
-def passage(loose, effects=(), **keys):
+def driven(loose, effects=(), **keys):
     own = campaign(mechanism(loose, effects=effects), **keys)
-    plan = rig_model(own, recorded(own, kept=5)).plans["slow"]
+    plan = build_model(own, recorded(own, kept=5)).plans["slow"]
     mechanism_ = with_effects(own.mechanism, ()).applied()
-    return constant_passage(mechanism_, plan.run, plan.clock, {}, 0.0, motion.TOLERANCE)
+    return constant_speed_run(mechanism_, plan.run, plan.samples, {}, 0.0, motion.TOLERANCE)
 
 
 def marched(p, angles):
@@ -47,7 +47,7 @@ def marches(monkeypatch):
 
 @pytest.mark.parametrize("loose", [("piston_pin",), ("crank_pin", "piston_pin")])
 def test_one_settled_revolution_stands_for_the_record(loose, marches):
-    run = passage(loose)
+    run = driven(loose)
     marches.clear()
     found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
     assert marches == [pytest.approx(3.0, abs=0.1)]
@@ -59,7 +59,7 @@ def test_one_settled_revolution_stands_for_the_record(loose, marches):
 
 def test_a_force_with_a_frequency_of_its_own_is_simulated_throughout(marches):
     effect = {"name": "harmonic_force", "parameters": {"force_N": 20.0, "frequency_Hz": 7.3, "phase_rad": 0.0}}
-    run = passage(("piston_pin",), [effect])
+    run = driven(("piston_pin",), [effect])
     marches.clear()
     found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
     assert len(marches) == 1 and marches[0] > 6.5
@@ -68,8 +68,8 @@ def test_a_force_with_a_frequency_of_its_own_is_simulated_throughout(marches):
 
 def test_a_motion_that_does_not_repeat_is_simulated_throughout(marches):
     own = campaign(mechanism(("crank_pin", "piston_pin"), friction=0.0))
-    plan = rig_model(own, recorded(own)).plans["slow"]
-    run = constant_passage(own.mechanism.applied(), plan.run, plan.clock, {}, 0.0, motion.TOLERANCE)
+    plan = build_model(own, recorded(own)).plans["slow"]
+    run = constant_speed_run(own.mechanism.applied(), plan.run, plan.samples, {}, 0.0, motion.TOLERANCE)
     marches.clear()
     found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
     assert len(marches) == 2
@@ -77,7 +77,7 @@ def test_a_motion_that_does_not_repeat_is_simulated_throughout(marches):
 
 
 def test_a_record_from_the_start_shows_how_the_motion_settles(marches):
-    run = passage(("piston_pin",), run={"start": "dead_centre"})
+    run = driven(("piston_pin",), run={"start": "dead_centre"})
     marches.clear()
     found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
     assert len(marches) == 1
@@ -91,12 +91,12 @@ def test_a_film_answers_smoothly_to_a_mass():
         "parameters": {"viscosity_Pa_s": 0.05, "length_m": 0.014},
     }
     own = campaign(mechanism(("piston_pin",), effects=[effect]))
-    plan = rig_model(own, recorded(own)).plans["slow"]
+    plan = build_model(own, recorded(own)).plans["slow"]
     model, seen = own.mechanism.applied(), []
     for share in (0.0, 1e-8):
         heavier = model.model_copy(
             update={"slider": model.slider.model_copy(update={"mass": model.slider.mass * (1 + share)})}
         )
-        run = constant_passage(heavier, plan.run, plan.clock, {}, 0.0, motion.tolerance_for(heavier))
+        run = constant_speed_run(heavier, plan.run, plan.samples, {}, 0.0, motion.tolerance_for(heavier))
         seen.append(motion.observed(run.numbers, run.angles, motion.tolerance_for(heavier)))
     assert apart(*seen) < 2e-3  # a tenth of a noise of 2 %

@@ -7,14 +7,14 @@ import pytest
 
 from jointgap.config import MotorDrive
 from jointgap.recordings import Measurements
-from jointgap.slider_crank import rig_model
+from jointgap.slider_crank import build_model
 from tests.slider_crank.rigs import CHANNELS, campaign, mechanism, recorded, worst
 
 PINS = ("crank_pin", "piston_pin")
 
 
 def predicted(own, measurements):
-    model = rig_model(own, measurements)
+    model = build_model(own, measurements)
     expected = {run: {s.channel: s.value for s in model.series if s.run == run} for run in model.plans}
     return model, {run: model.simulate(run, model.nominal(run)) for run in model.plans}, expected
 
@@ -57,7 +57,7 @@ def test_an_unknown_first_angle_is_found_and_left_to_the_fit():
         )
         for name, one in measurements.runs.items()
     }
-    model = rig_model(own, Measurements(later))
+    model = build_model(own, Measurements(later))
     first = next(p for p in model.nuisances if p.key == "first_angle@slow")
     assert first.nominal == pytest.approx(31 / 90 * 2 * np.pi, abs=0.01)
     assert first.low < first.nominal < first.high
@@ -68,7 +68,7 @@ def test_mean_speed_and_phase_come_from_times_and_noisy_angles():
     measurements = recorded(own)
     one, noise = measurements.runs["slow"], np.random.default_rng(1).normal(0.0, 3e-3, 181)
     measurements.runs["slow"] = replace(one, time=one.time * 1.001, crank_angle=one.crank_angle + noise)
-    model = rig_model(own, measurements)
+    model = build_model(own, measurements)
     bounds = {p.key: p for p in model.nuisances}
     assert bounds["speed@slow"].low < 30.0 / 1.001 < bounds["speed@slow"].high
     assert bounds["first_angle@slow"].low < 4 * np.pi < bounds["first_angle@slow"].high
@@ -151,7 +151,7 @@ def test_gaps_are_predicted_too():
 
 def test_a_preflight_plans_samples():
     own = campaign(mechanism(), sensors={"crank_torque": {"noise": 0.02}})
-    model = rig_model(own)
+    model = build_model(own)
     torque = next(s for s in model.series if s.key == ("slow", "crank_torque"))
     assert np.isnan(torque.value).all()
     assert torque.stated_noise == pytest.approx(0.02)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from jointgap.slider_crank import rig_model, sensors
+from jointgap.slider_crank import build_model, sensors
 from tests.slider_crank.rigs import CHANNELS, campaign, mechanism, recorded, worst
 
 CORNER, INTERVAL = 20.0, 1e-4
@@ -13,7 +13,7 @@ CORNER, INTERVAL = 20.0, 1e-4
 
 def model_of(**sensor):
     own = campaign(mechanism(), sensors={"slider_acceleration": sensor})
-    return rig_model(own, recorded(own))
+    return build_model(own, recorded(own))
 
 
 def read(model, label=None, **values):
@@ -78,7 +78,7 @@ def test_an_accelerometer_at_rest_reads_gravity_upwards():
 
 def test_readings_with_gravity_differ_by_it():
     own = campaign(mechanism(gravity_direction=0.0), sensors={"slider_acceleration": {"reads_gravity": True}})
-    with_it, without = read(rig_model(own)), read(rig_model(campaign(mechanism())))
+    with_it, without = read(build_model(own)), read(build_model(campaign(mechanism())))
     assert with_it["slider_acceleration"] == pytest.approx(without["slider_acceleration"] - 9.80665)
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from jointgap.recordings import Measurements, Recording
-from jointgap.slider_crank import rig_model
+from jointgap.slider_crank import build_model
 from jointgap.slider_crank.cycle_statistics import BINS, CycleStatistics, cycle_variance, persistence
 from jointgap.slider_crank.run_simulation import RunPlan, channels_read
-from jointgap.slider_crank.sample_grid import clock
+from jointgap.slider_crank.sample_grid import sample_grid
 from tests.slider_crank.rigs import campaign, mechanism
 
 TURN = 2 * np.pi
@@ -91,7 +91,7 @@ def measured(own, seed=0, cycles=30, per_turn=120, effects=()):
     for run in own.runs:
         time = np.arange(cycles * per_turn) * (TURN / run.speed / per_turn)
         channels = tuple(name for name in own.channels if name != "time")
-        plan = RunPlan(run, clock(time, 1.0 + run.speed * time, run.speed, None), channels)
+        plan = RunPlan(run, sample_grid(time, 1.0 + run.speed * time, run.speed, None), channels)
         start = np.append(random.uniform(-1e-4, 1e-4, 4), [0.0, 0.0])
         found = channels_read(own, plan, {}, effects, 0, start)
         angle = found.pop("crank_angle")
@@ -109,7 +109,7 @@ def chaotic():
         speeds=(25.0, 30.0),
         sensors={name: {"noise": sd} for name, sd in NOISE.items()},
     )
-    return own, rig_model(own, measured(own))
+    return own, build_model(own, measured(own))
 
 
 def test_chaotic_channels_alone_are_compared_by_statistics(chaotic):
@@ -154,7 +154,7 @@ def test_a_missing_force_stands_out_of_the_statistics(chaotic):
 def test_a_preflight_expects_the_scatter_of_the_cycles_it_plans(chaotic):
     own, model = chaotic
     # of one run the 30 revolutions are known, for the other 4 are planned
-    planned = {s.key: s.stated_noise for s in rig_model(own, None, {"slow": 30.0}).series if s.statistic}
+    planned = {s.key: s.stated_noise for s in build_model(own, None, {"slow": 30.0}).series if s.statistic}
     known = {s.key: s.stated_noise for s in model.series if s.statistic}
     assert planned.keys() == known.keys()
     for run, ratio in (("slow", 1.0), ("fast", 2.1)):
@@ -164,6 +164,6 @@ def test_a_preflight_expects_the_scatter_of_the_cycles_it_plans(chaotic):
 
 def test_friction_keeps_samples_comparable():
     own = campaign(mechanism(PINS, friction=0.1), ("time", "crank_angle", "slider_acceleration"))
-    model = rig_model(own, None, {"slow": 30.0})
+    model = build_model(own, None, {"slow": 30.0})
     assert model.chaotic("slow") == ()
-    assert model.plans["slow"].clock.turned < 4 * TURN  # a motion that repeats is not planned for longer
+    assert model.plans["slow"].samples.turned < 4 * TURN  # a motion that repeats is not planned for longer

@@ -10,7 +10,7 @@ from jointgap.campaign.missing_force import missing_force
 from jointgap.campaign.outcome import Outcome
 from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign
-from jointgap.slider_crank import rig_file
+from jointgap.slider_crank import augmented_mechanism
 
 _WIDTH = 110
 
@@ -29,9 +29,9 @@ def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechani
         Values that make the mechanism impossible.
     """
     chosen = outcome.chosen
-    augmented = rig_file(campaign.mechanism, chosen.explanation, chosen.mapping)
+    augmented = augmented_mechanism(campaign.mechanism, chosen.explanation, chosen.mapping)
     plain = outcome.base if chosen.explanation else chosen
-    return rig_file(campaign.mechanism, (), plain.mapping), augmented
+    return augmented_mechanism(campaign.mechanism, (), plain.mapping), augmented
 
 
 def augment(campaign: Campaign, outcome: Outcome) -> tuple[str, pd.DataFrame]:

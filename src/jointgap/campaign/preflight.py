@@ -19,7 +19,7 @@ from jointgap.identification.advice import Preflight, advise
 from jointgap.identification.advice import preflight as planned
 from jointgap.identification.protocol import Model
 from jointgap.recordings import Recording, read_measurements
-from jointgap.slider_crank import rig_model
+from jointgap.slider_crank import build_model
 from jointgap.slider_crank.sample_grid import TURN
 
 _FASTER, _SLOWER = 1.5, 0.5
@@ -50,7 +50,7 @@ def preflight(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
         The model cannot be simulated as it stands.
     """
     recordings = recorded(campaign)
-    model = rig_model(campaign, None, revolutions(campaign, recordings))
+    model = build_model(campaign, None, revolutions(campaign, recordings))
     return _frames(planned(model, None, rate, counts(model, recordings)))
 
 
@@ -62,7 +62,7 @@ def advised(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
         whole = replace(like, held_out=np.zeros_like(like.held_out))  # a further run is for fitting
         recordings |= {run.id: whole for run in more.runs[len(campaign.runs) :]}
     lengths = revolutions(more, recordings)
-    plan, wider = rig_model(campaign, None, lengths), rig_model(more, None, lengths)
+    plan, wider = build_model(campaign, None, lengths), build_model(more, None, lengths)
     wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for
     found, advice = advise(wider, [series.key for series in plan.series], None, rate, counts(wider, recordings))
     told = {name: advice[name].map(", ".join) for name in ("newly_detectable", "separated")}

@@ -35,9 +35,9 @@ def measure(case: Case, pictures: bool = True) -> None:
     case.folder.write("measured", to_frame(case.measurements))
     if pictures:
         from jointgap.figures import style
-        from jointgap.recordings.inspection import look
+        from jointgap.recordings.inspection import inspect
 
-        numbers, drawings = look(case.campaign, case.measurements)
+        numbers, drawings = inspect(case.campaign, case.measurements)
         case.folder.write("look", numbers)
         for run, drawing in drawings.items():
             style.save(drawing, case.folder.path / "measure" / run)

@@ -57,9 +57,9 @@ class Case:
     @cached_property
     def model(self) -> "Model":
         """The rig's model with the measured data."""
-        from jointgap.slider_crank import rig_model
+        from jointgap.slider_crank import build_model
 
-        return rig_model(self.campaign, self.measurements)
+        return build_model(self.campaign, self.measurements)
 
     @cached_property
     def library(self) -> "list[Candidate]":

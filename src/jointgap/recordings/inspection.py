@@ -17,7 +17,7 @@ _FIRST, _LATER = "first cycle", "later cycles"
 _DOTTED = 100.0  # samples a revolution below which each is marked
 
 
-def look(campaign: Campaign, measurements: Measurements) -> "tuple[pd.DataFrame, dict[str, Drawing]]":
+def inspect(campaign: Campaign, measurements: Measurements) -> "tuple[pd.DataFrame, dict[str, Drawing]]":
     """What the data are like.
 
     Returns

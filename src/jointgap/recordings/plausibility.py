@@ -28,10 +28,10 @@ ALIKE = 0.9  # correlation from which on a factor between two channels means som
 GAINS = (0.8, 1.25)  # factors that a sensor's gain may have; the analysis names these
 NEAR = 0.05  # so near must a ratio of units come to be proposed
 UNRELATED = 0.5
-WILD = 300.0
+OUTLIER = 300.0
 """Interquartile ranges from the median beyond which a value is doubted; impacts come some ten times less far."""
 
-JERK = 0.1  # [rad] by which a crank angle may miss the line between its neighbours
+ANGLE_OUTLIER = 0.1  # [rad] by which a crank angle may miss the line between its neighbours
 SPIKY = 10.0  # kurtosis from which on samples say little of what was between them
 UNITS = {
     "m": ("m", "mm", "cm", "um", "inch"),
@@ -60,7 +60,7 @@ def clipped(values: np.ndarray) -> str | None:
     return None
 
 
-def wild(values: np.ndarray) -> np.ndarray:
+def outliers(values: np.ndarray) -> np.ndarray:
     """Places of values so far from all others that they may stand for something else, such as 'no data'.
 
     Parameters
@@ -70,10 +70,12 @@ def wild(values: np.ndarray) -> np.ndarray:
     """
     low, median, high = np.nanpercentile(values, (25.0, 50.0, 75.0))
     with np.errstate(invalid="ignore"):
-        return np.flatnonzero(np.abs(values - median) > WILD * (high - low)) if high > low else np.empty(0, dtype=int)
+        return (
+            np.flatnonzero(np.abs(values - median) > OUTLIER * (high - low)) if high > low else np.empty(0, dtype=int)
+        )
 
 
-def jerks(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def angle_outliers(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Places of crank angles far off the line between their neighbours, and farther than the scatter of all others.
 
     Parameters
@@ -85,7 +87,7 @@ def jerks(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
     before, here, after = known[:-2], known[1:-1], known[2:]
     share = (time[here] - time[before]) / (time[after] - time[before])
     away = np.abs(angle[here] - (1.0 - share) * angle[before] - share * angle[after])
-    return here[away > max(JERK, 15.0 * float(np.median(away)))] if here.size else here
+    return here[away > max(ANGLE_OUTLIER, 15.0 * float(np.median(away)))] if here.size else here
 
 
 def inconsistent(campaign: Campaign, run: CampaignRun, recording: Recording, turned: np.ndarray) -> list[str]:

@@ -9,7 +9,7 @@ from jointgap.config.channels import CHANNELS
 from jointgap.errors import InputError
 from jointgap.quantities import unit_factor
 from jointgap.recordings.encoder_angle import TURN
-from jointgap.recordings.plausibility import clipped, inconsistent, jerks, wild
+from jointgap.recordings.plausibility import angle_outliers, clipped, inconsistent, outliers
 from jointgap.recordings.recording import Measurements, Recording, noise_of
 from jointgap.recordings.rotation import LEAST_TURNS, checked_rotation
 from jointgap.recordings.sample_file import Columns, read_columns
@@ -53,12 +53,12 @@ def _recording(campaign: Campaign, run: CampaignRun, remarks: list[str]) -> Reco
         _check_varies(path, campaign.channels[name].column, found)
         if (remark := clipped(found)) is not None:
             remarks.append(f"{path}, column {campaign.channels[name].column}: {name} {remark}")
-        if (places := wild(found)).size:
+        if (places := outliers(found)).size:
             remarks.append(
                 f"{path}, column {campaign.channels[name].column}, row {rows[places[0]]}: {found[places[0]]:g} {CHANNELS[name]} is far from "
                 f"all else (so {_are(places.size)}); leave the cell empty if it stands for 'no data'"
             )
-    if "time" in values and "crank_angle" in values and (places := jerks(time, angle)).size:
+    if "time" in values and "crank_angle" in values and (places := angle_outliers(time, angle)).size:
         column = campaign.channels["crank_angle"].column
         remarks.append(
             f"{path}, column {column}, row {rows[places[0]]}: the angle is far off its neighbours' (so {_are(places.size)}); "

@@ -1,10 +1,10 @@
 """The slider-crank as a model for the naming of effects: its nuisances, its candidates, its sensors.
 
-`rig_model` makes the model of a campaign, `rig_file` the mechanism with what was found written in.
+`build_model` makes the model of a campaign, `augmented_mechanism` the mechanism with what was found written in.
 """
 
-from jointgap.slider_crank.build_model import rig_model
-from jointgap.slider_crank.model import RigModel
-from jointgap.slider_crank.modified_mechanism import rig_file
+from jointgap.slider_crank.model import SliderCrankModel
+from jointgap.slider_crank.model_from_campaign import build_model
+from jointgap.slider_crank.modified_mechanism import augmented_mechanism
 
-__all__ = ["RigModel", "rig_file", "rig_model"]
+__all__ = ["SliderCrankModel", "augmented_mechanism", "build_model"]

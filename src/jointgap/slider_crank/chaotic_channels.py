@@ -14,7 +14,7 @@ from jointgap.dynamics.parallel_runs import cores
 from jointgap.identification.protocol import Effects
 from jointgap.slider_crank.cycle_statistics import CycleStatistics, cycle_variance, persistence
 from jointgap.slider_crank.run_simulation import RunPlan, channels_read
-from jointgap.slider_crank.sample_grid import TURN, Clock
+from jointgap.slider_crank.sample_grid import TURN, SampleGrid
 
 _NEARBY = 1e-7  # [m] between two starts
 _APART = 0.3  # of the noise: what they may differ by for samples to be compared
@@ -105,15 +105,15 @@ def chaotic_run(
     noise : mapping of channel to float or None
         As stated; where it is not, it is what the quietest bins have beyond the simulation.
     """
-    recorded = max(int(plan.clock.turned / TURN) - _SETTLING, 1)
+    recorded = max(int(plan.samples.turned / TURN) - _SETTLING, 1)
     # a measured angle ends with the record; a crank that turns by itself goes on
     cycles = _CYCLES_OF_ONE if plan.pieces is None else min(_CYCLES_OF_ONE, recorded)
-    finer = math.ceil(_DENSE * plan.clock.turned / TURN / plan.clock.angle.size)
+    finer = math.ceil(_DENSE * plan.samples.turned / TURN / plan.samples.angle.size)
 
     def lasting(cycles: int) -> RunPlan:
         turned = (cycles + _SETTLING) * TURN
-        clock = _lasting(plan.clock, turned) if plan.pieces is None else plan.clock
-        return replace(plan, channels=channels, clock=_finer(clock.first(turned), finer))
+        samples = _lasting(plan.samples, turned) if plan.pieces is None else plan.samples
+        return replace(plan, channels=channels, samples=_finer(samples.first(turned), finer))
 
     remembered = max(min(recorded, _REMEMBERED), cycles)
     many, members = math.ceil(_LEARNT / remembered), math.ceil(_CYCLES / cycles)
@@ -121,7 +121,7 @@ def chaotic_run(
     clean = CycleStatistics.of(channels, angle, list(read.values()), finer)
     known = {channel: noise.get(channel) for channel in channels}
     if any(np.isfinite(measured[channel]).any() for channel in channels):
-        left = clean.noise(plan.clock.angle, [measured[channel] for channel in channels], angle, list(read.values()))
+        left = clean.noise(plan.samples.angle, [measured[channel] for channel in channels], angle, list(read.values()))
         known = {channel: left[i] if known[channel] is None else known[channel] for i, channel in enumerate(channels)}
     known = {channel: sd or 0.0 for channel, sd in known.items()}
     noisy = [_noisy(read[channel], known[channel], place) for place, channel in enumerate(channels)]
@@ -133,23 +133,23 @@ def chaotic_run(
     return ChaoticRun(lasting(cycles), learnt, cycle_variance(rows), persistent, members, error, known)
 
 
-def _lasting(clock: Clock, turned: float) -> Clock:
+def _lasting(samples: SampleGrid, turned: float) -> SampleGrid:
     """The record, going on evenly where it ends before the crank has `turned` [rad]."""
-    count = clock.time.size
-    more = max(math.ceil((turned / clock.turned - 1.0) * (count - 1)), 0)
+    count = samples.time.size
+    more = max(math.ceil((turned / samples.turned - 1.0) * (count - 1)), 0)
     time, read, angle = (
         np.append(values, values[-1] + (values[-1] - values[0]) / (count - 1) * np.arange(1, more + 1))
-        for values in (clock.time, clock.read, clock.angle)
+        for values in (samples.time, samples.read, samples.angle)
     )
-    return replace(clock, time=time, read=read, angle=angle)
+    return replace(samples, time=time, read=read, angle=angle)
 
 
-def _finer(clock: Clock, factor: int) -> Clock:
+def _finer(samples: SampleGrid, factor: int) -> SampleGrid:
     """The record with `factor` samples for each of its own: itself every `factor`-th."""
-    own = np.arange(clock.time.size)
-    at = np.arange((clock.time.size - 1) * factor + 1) / factor
-    time, read, angle = (np.interp(at, own, values) for values in (clock.time, clock.read, clock.angle))
-    return replace(clock, time=time, read=read, angle=angle)
+    own = np.arange(samples.time.size)
+    at = np.arange((samples.time.size - 1) * factor + 1) / factor
+    time, read, angle = (np.interp(at, own, values) for values in (samples.time, samples.read, samples.angle))
+    return replace(samples, time=time, read=read, angle=angle)
 
 
 def measured_statistics(
@@ -219,9 +219,9 @@ def _members(campaign, plan, values, effects, numerics, count) -> tuple[np.ndarr
 
     with ThreadPoolExecutor(min(cores(), count)) as pool:
         found = list(pool.map(member, range(count)))
-    settled = plan.clock.angle >= plan.clock.angle[0] + _SETTLING * TURN
-    turns = math.ceil(plan.clock.turned / TURN) + 1
-    angle = np.concatenate([plan.clock.angle[settled] + place * turns * TURN for place in range(count)])
+    settled = plan.samples.angle >= plan.samples.angle[0] + _SETTLING * TURN
+    turns = math.ceil(plan.samples.turned / TURN) + 1
+    angle = np.concatenate([plan.samples.angle[settled] + place * turns * TURN for place in range(count)])
     return angle, {channel: np.concatenate([one[channel][settled] for one in found]) for channel in plan.channels}
 
 

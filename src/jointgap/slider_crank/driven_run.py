@@ -17,7 +17,7 @@ from jointgap.dynamics.simulation import run_march
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError
 from jointgap.slider_crank.channel_kinematics import DROPPED, options_of, prescribed_angles
-from jointgap.slider_crank.sample_grid import TURN, Clock
+from jointgap.slider_crank.sample_grid import TURN, SampleGrid
 
 _MOST_DROPPED = 30
 _SETTLED = 7.0  # time constants in which a transient falls to a thousandth
@@ -26,7 +26,7 @@ _AT_REST = 1e-3  # rad/s: a motor's least speed
 
 
 @dataclass(frozen=True)
-class Passage:
+class DrivenRun:
     """A simulation, and where in it the samples of a run lie.
 
     Attributes
@@ -57,16 +57,21 @@ def dropped(run: CampaignRun, mechanism: Mechanism, speed: float) -> int:
     return min(max(DROPPED, math.ceil(_SETTLED / decay * speed / TURN)), _MOST_DROPPED)
 
 
-def constant_passage(
-    mechanism: Mechanism, run: CampaignRun, clock: Clock, values: Mapping[str, float], offset: float, tolerance: float
-) -> Passage:
+def constant_speed_run(
+    mechanism: Mechanism,
+    run: CampaignRun,
+    samples: SampleGrid,
+    values: Mapping[str, float],
+    offset: float,
+    tolerance: float,
+) -> DrivenRun:
     """A crank of prescribed speed, steady or fluctuating.
 
     Parameters
     ----------
     mechanism : Mechanism
     run : CampaignRun
-    clock : Clock
+    samples : SampleGrid
     values : mapping of str to float
         ``speed`` and ``first_angle`` where they are nuisances; of the straight line through the angles where these were read.
     offset : float
@@ -74,21 +79,21 @@ def constant_passage(
     tolerance : float
         Local error of a step [m].
     """
-    first, speed = values.get("first_angle", clock.first_angle) - offset, values.get("speed", clock.speed)
+    first, speed = values.get("first_angle", samples.first_angle) - offset, values.get("speed", samples.speed)
     back = TURN * dropped(run, mechanism, speed)
-    if not clock.timed:
-        angles = clock.angle + (first - clock.first_angle)
+    if not samples.timed:
+        angles = samples.angle + (first - samples.first_angle)
         p = parameters(mechanism, options_of(speed, angles.min() - back, tolerance))
         begin = float(crank_times(p, np.array([p.drive.start_angle, angles[0]]))[1])
-        return Passage(p, angles, begin, lambda elapsed: prescribed_angles(p, begin + elapsed))
+        return DrivenRun(p, angles, begin, lambda elapsed: prescribed_angles(p, begin + elapsed))
     fluctuation = mechanism.effect("speed_fluctuation")
     slowed = math.sqrt(1.0 - fluctuation.ratio**2) if fluctuation else 1.0  # mean speed over w0
-    w0 = speed / slowed if clock.encoded else speed
+    w0 = speed / slowed if samples.encoded else speed
     p = parameters(mechanism, options_of(w0, first - back, tolerance))
     begin = back / (w0 * slowed)
-    if fluctuation and clock.encoded:
+    if fluctuation and samples.encoded:
         for _ in range(4):  # until the straight line through the angles is the one that was read
-            found, slope = clock.line(prescribed_angles(p, begin + clock.elapsed))
+            found, slope = samples.line(prescribed_angles(p, begin + samples.elapsed))
             p.drive.speed *= speed / slope
             begin = back / (p.drive.speed * slowed)
             p.drive.start_angle += first - found
@@ -96,16 +101,16 @@ def constant_passage(
     def at(elapsed: np.ndarray) -> np.ndarray:
         return prescribed_angles(p, begin + elapsed)
 
-    return Passage(p, at(clock.elapsed), begin, at)
+    return DrivenRun(p, at(samples.elapsed), begin, at)
 
 
-def measured_pieces(clock: Clock, resolution: float | None, back: int) -> tuple[np.ndarray, float]:
+def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) -> tuple[np.ndarray, float]:
     """A measured angle made smooth, as pieces (see `jointgap.dynamics.model.parameters.knots_record`), and its end [s].
 
     The record is led in by `back` revolutions like its first one; time 0 is where they begin.
     """
-    known = np.isfinite(clock.read)
-    time, angle = clock.elapsed[known], clock.read[known]
+    known = np.isfinite(samples.read)
+    time, angle = samples.elapsed[known], samples.read[known]
     turn = float(np.interp(angle[0] + TURN, angle, time))
     first = time < turn
     lead = [(time[first] - k * turn, angle[first] - k * TURN) for k in range(back + 1, 0, -1)]
@@ -127,34 +132,34 @@ def measured_pieces(clock: Clock, resolution: float | None, back: int) -> tuple[
     return table, float(back * turn)
 
 
-def measured_passage(
-    mechanism: Mechanism, clock: Clock, pieces: tuple[np.ndarray, float], offset: float, tolerance: float
-) -> Passage:
+def measured_angle_run(
+    mechanism: Mechanism, samples: SampleGrid, pieces: tuple[np.ndarray, float], offset: float, tolerance: float
+) -> DrivenRun:
     """A crank that follows the measured angle."""
     table, begin = pieces[0].copy(), pieces[1]
     table[:, 6] -= offset
-    p = parameters(mechanism, options_of(clock.speed, float(table[0, 6]), tolerance))
-    drive = DriveParameters(kind=MEASURED, speed=clock.speed, start_angle=float(table[0, 6]))
+    p = parameters(mechanism, options_of(samples.speed, float(table[0, 6]), tolerance))
+    drive = DriveParameters(kind=MEASURED, speed=samples.speed, start_angle=float(table[0, 6]))
     p = p._replace(drive=record(drive), knots=knots_record(table))
 
     def at(elapsed: np.ndarray) -> np.ndarray:
         return prescribed_angles(p, begin + elapsed)
 
-    return Passage(p, at(clock.elapsed), begin, at)
+    return DrivenRun(p, at(samples.elapsed), begin, at)
 
 
-def motor_passage(
+def motor_run(
     mechanism: Mechanism,
     campaign: Campaign,
     run: CampaignRun,
-    clock: Clock,
+    samples: SampleGrid,
     values: Mapping[str, float],
     offset: float,
     tolerance: float,
-) -> Passage:
+) -> DrivenRun:
     """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean."""
     motor, speed = campaign.motor, values.get("speed", run.speed)
-    first = values.get("first_angle", clock.first_angle) - offset
+    first = values.get("first_angle", samples.first_angle) - offset
     start_speed, back = speed, 0.0
     if run.start == "at_rest":
         start_speed = _AT_REST
@@ -167,19 +172,19 @@ def motor_passage(
         slow = _SETTLED * inertia * motor.no_load_speed / motor.stall_torque
         back = TURN * min(max(DROPPED, math.ceil(slow * speed / TURN)), _MOST_DROPPED)
     p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
-    reach = 1.05 * max(clock.elapsed[-1] * motor.no_load_speed, TURN)
+    reach = 1.05 * max(samples.elapsed[-1] * motor.no_load_speed, TURN)
     count = math.ceil((back + reach) / TURN * _COARSE)
     coarse = p.drive.start_angle + np.arange(count + 1) * (TURN / _COARSE)
     course = CubicSpline(run_march(p, start_state(p), coarse, tolerance).times, coarse)
     begin = float(np.interp(first, coarse, course.x))
-    if clock.encoded and back:
+    if samples.encoded and back:
         for _ in range(4):
-            known = np.isfinite(clock.read)
-            shift = clock.first_angle - values.get("first_angle", clock.first_angle) + offset
-            away = course(begin + clock.elapsed[known]) + shift - clock.read[known]
+            known = np.isfinite(samples.read)
+            shift = samples.first_angle - values.get("first_angle", samples.first_angle) + offset
+            away = course(begin + samples.elapsed[known]) + shift - samples.read[known]
             begin = max(begin - float(np.mean(away)) / speed, 0.0)
 
     def at(elapsed: np.ndarray) -> np.ndarray:
         return course(begin + elapsed)
 
-    return Passage(p, at(clock.elapsed), begin, at)
+    return DrivenRun(p, at(samples.elapsed), begin, at)

@@ -10,15 +10,15 @@ import numpy as np
 from jointgap.effects import SLIDER_SIGN_SPEED
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.slider_crank.candidates import Scale
-from jointgap.slider_crank.model import RigModel
+from jointgap.slider_crank.model import SliderCrankModel
 
 
-def library(model: RigModel) -> tuple[Candidate, ...]:
+def library(model: SliderCrankModel) -> tuple[Candidate, ...]:
     """One candidate for each term of a force on the slider and of a torque on the crank.
 
     Parameters
     ----------
-    model : RigModel
+    model : SliderCrankModel
         Its mechanism and speeds say what coefficients noise could just hide.
 
     Returns
@@ -26,7 +26,7 @@ def library(model: RigModel) -> tuple[Candidate, ...]:
     tuple of Candidate
         Called ``effect[term]``, such as ``discovered_slider_force[v^3]``; the one coordinate is the term's ``coefficient``.
     """
-    mean_speed = float(np.mean([plan.clock.speed for plan in model.plans.values()]))
+    mean_speed = float(np.mean([plan.samples.speed for plan in model.plans.values()]))
     scale = Scale.of(model.campaign.mechanism, mean_speed)
     stroke, speed, turning = scale.stroke, scale.speed, scale.turning
     y = f"(x - {scale.middle!r})"

@@ -24,7 +24,7 @@ from jointgap.slider_crank.sample_grid import TURN
 from jointgap.slider_crank.sensor_faults import sensor_candidates
 
 
-class RigModel:
+class SliderCrankModel:
     """A `jointgap.identification.protocol.Model` of a slider-crank.
 
     Parameters
@@ -45,7 +45,7 @@ class RigModel:
         self, campaign: Campaign, plans: Mapping[str, RunPlan], measured, noise, held_out, searched=frozenset()
     ):
         self.campaign, self.plans, self.name = campaign, plans, campaign.name
-        own = [p for run, plan in plans.items() for p in of_run(campaign, plan.run, plan.clock, run in searched)]
+        own = [p for run, plan in plans.items() for p in of_run(campaign, plan.run, plan.samples, run in searched)]
         self.nuisances: tuple[Parameter, ...] = (*shared(campaign), *own)
         self.numerics = NUMERICS
         self._chaotic = {}
@@ -68,21 +68,23 @@ class RigModel:
         return self._chaotic[run].statistics.channels if run in self._chaotic else ()
 
     def _all_series(self, run: str, measured, noise, held_out) -> list[Series]:
-        clock, found = self.plans[run].clock, []
+        samples, found = self.plans[run].samples, []
         for channel in self.plans[run].channels:
             if channel not in self.chaotic(run):
                 value, known = measured[channel], noise.get(channel)
                 stated = None if known is None else np.full(value.size, known)
-                found.append(Series(run, channel, CHANNELS[channel], value, clock.time, clock.angle, held_out, stated))
+                found.append(
+                    Series(run, channel, CHANNELS[channel], value, samples.time, samples.angle, held_out, stated)
+                )
         return found + (self._statistics(run, measured, held_out) if run in self._chaotic else [])
 
     def _statistics(self, run: str, measured, held_out) -> list[Series]:
         """Series of the chaotic channels: statistics of the samples for fitting, then of those held out."""
-        chaotic, clock = self._chaotic[run], self.plans[run].clock
+        chaotic, samples = self._chaotic[run], self.plans[run].samples
         groups = [part for part in (False, True) if (held_out == part).any()]
         parts = [
             measured_statistics(
-                chaotic, clock.angle[held_out == part], {c: measured[c][held_out == part] for c in measured}
+                chaotic, samples.angle[held_out == part], {c: measured[c][held_out == part] for c in measured}
             )
             for part in groups
         ]
@@ -106,7 +108,7 @@ class RigModel:
     def candidates(self) -> tuple[Candidate, ...]:
         """Every effect and every fault of a sensor that could be missing."""
         run, plan = next(iter(self.plans.items()))
-        turning = float(np.mean([one.clock.speed for one in self.plans.values()]))
+        turning = float(np.mean([one.samples.speed for one in self.plans.values()]))
         read = channels_read(self.campaign, plan, self.nominal(run))
         spreads = {
             name: (float(np.ptp(read[name]) and np.std(read[name])), CHANNELS[name])

@@ -129,7 +129,7 @@ def softened(effects: Sequence[tuple[Candidate, Mapping[str, float]]]) -> tuple[
     return found, share
 
 
-def rig_file(
+def augmented_mechanism(
     mechanism: Mechanism, explanation: Sequence[Candidate] = (), values: Mapping[str, float] | None = None
 ) -> Mechanism:
     """The mechanism with re-fitted nuisances and physical effects written in.

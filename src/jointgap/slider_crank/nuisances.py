@@ -11,7 +11,7 @@ from jointgap.config.nuisance_bounds import NUISANCES, PINS, nominal_values
 from jointgap.errors import InputError
 from jointgap.identification.protocol import Parameter
 from jointgap.slider_crank.modified_mechanism import friction_speed, with_nuisances
-from jointgap.slider_crank.sample_grid import Clock
+from jointgap.slider_crank.sample_grid import SampleGrid
 
 _STEP = 0.02  # of the width of a nuisance's bounds
 REGULARISED = 4.0
@@ -61,18 +61,20 @@ def _check_possible(campaign: Campaign, values: Mapping[str, float]) -> None:
         raise InputError(f"{error}; or give narrower bounds") from error
 
 
-def of_run(campaign: Campaign, run: CampaignRun, clock: Clock, first_angle_searched: bool) -> tuple[Parameter, ...]:
+def of_run(
+    campaign: Campaign, run: CampaignRun, samples: SampleGrid, first_angle_searched: bool
+) -> tuple[Parameter, ...]:
     """Speed and phase of one run, as far as they are not exact."""
     found = []
-    if clock.encoded and clock.speed_reach > 0:
-        reach = clock.speed_reach
-        found.append(_parameter("speed", clock.speed, clock.speed - reach, clock.speed + reach, "rad/s", run.id))
-    elif not clock.encoded and "speed" in campaign.nuisance:
+    if samples.encoded and samples.speed_reach > 0:
+        reach = samples.speed_reach
+        found.append(_parameter("speed", samples.speed, samples.speed - reach, samples.speed + reach, "rad/s", run.id))
+    elif not samples.encoded and "speed" in campaign.nuisance:
         low, high = campaign.bounds("speed", run.speed)
-        found.append(_parameter("speed", min(max(clock.speed, low), high), low, high, "rad/s", run.id))
-    reach = FIRST_ANGLE_REACH if first_angle_searched else clock.first_reach
+        found.append(_parameter("speed", min(max(samples.speed, low), high), low, high, "rad/s", run.id))
+    reach = FIRST_ANGLE_REACH if first_angle_searched else samples.first_reach
     if reach > 0:
-        first = clock.first_angle
+        first = samples.first_angle
         found.append(_parameter("first_angle", first, first - reach, first + reach, "rad", run.id))
     return tuple(found)
 

@@ -13,7 +13,7 @@ from jointgap.slider_crank import sensors
 from jointgap.slider_crank.channel_kinematics import observed, tolerance_for
 from jointgap.slider_crank.modified_mechanism import mirrored, softened, with_effects, with_nuisances
 from jointgap.slider_crank.other_numerics import otherwise
-from jointgap.slider_crank.sample_grid import TURN, Clock
+from jointgap.slider_crank.sample_grid import TURN, SampleGrid
 from jointgap.slider_crank.sensor_faults import Faults
 
 _PAD = 0.25  # revolutions that filters and lags see before and after the samples
@@ -26,7 +26,7 @@ class RunPlan:
     Attributes
     ----------
     run : CampaignRun
-    clock : Clock
+    samples : SampleGrid
     channels : tuple of str
         That are compared.
     pieces : tuple or None
@@ -34,7 +34,7 @@ class RunPlan:
     """
 
     run: CampaignRun
-    clock: Clock
+    samples: SampleGrid
     channels: tuple[str, ...]
     pieces: tuple[np.ndarray, float] | None = None
 
@@ -89,34 +89,34 @@ def _read_once(campaign, plan, values, effects, numerics, perturbation) -> dict[
         mechanism = mirrored(mechanism)
     finer, change = otherwise(numerics)
     tolerance = finer * tolerance_for(mechanism)
-    passage = _passage(campaign, plan, mechanism, nuisances, faults.offset, tolerance)
-    change(passage.numbers)
-    harmonic = passage.numbers.effects
-    harmonic.harmonic_phase += harmonic.harmonic_pulsation * (plan.clock.time[0] - passage.begin)
-    return _read(campaign, plan, passage, faults, tolerance, perturbation)
+    driven = _driven_run(campaign, plan, mechanism, nuisances, faults.offset, tolerance)
+    change(driven.numbers)
+    harmonic = driven.numbers.effects
+    harmonic.harmonic_phase += harmonic.harmonic_pulsation * (plan.samples.time[0] - driven.begin)
+    return _read(campaign, plan, driven, faults, tolerance, perturbation)
 
 
-def _passage(campaign, plan, mechanism: Mechanism, values, offset, tolerance) -> drives.Passage:
+def _driven_run(campaign, plan, mechanism: Mechanism, values, offset, tolerance) -> drives.DrivenRun:
     if plan.pieces is not None:
-        return drives.measured_passage(mechanism, plan.clock, plan.pieces, offset, tolerance)
+        return drives.measured_angle_run(mechanism, plan.samples, plan.pieces, offset, tolerance)
     if campaign.drive == "motor":
-        return drives.motor_passage(mechanism, campaign, plan.run, plan.clock, values, offset, tolerance)
-    return drives.constant_passage(mechanism, plan.run, plan.clock, values, offset, tolerance)
+        return drives.motor_run(mechanism, campaign, plan.run, plan.samples, values, offset, tolerance)
+    return drives.constant_speed_run(mechanism, plan.run, plan.samples, values, offset, tolerance)
 
 
-def _read(campaign, plan, passage, faults, tolerance, perturbation) -> dict[str, np.ndarray]:
+def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, np.ndarray]:
     """What the sensors make of the motion at the samples."""
     sensor = {channel: campaign.channels[channel] for channel in plan.channels}
     if sensor.keys() == {"crank_angle"}:
-        return {"crank_angle": passage.angles + faults.offset}
+        return {"crank_angle": driven.angles + faults.offset}
     corners = [one.bandwidth for one in sensor.values() if one.bandwidth]
-    angles, grid = passage.angles, np.empty(0)
+    angles, grid = driven.angles, np.empty(0)
     if corners or any(faults.lag(channel) for channel in sensor):
-        grid = _grid(plan, passage, corners)
-        angles = np.append(angles, passage.at(grid))
-    seen = observed(passage.numbers, angles, tolerance, perturbation)
-    count = passage.angles.size
-    elapsed = seen["time"][:count] - passage.begin
+        grid = _grid(plan, driven, corners)
+        angles = np.append(angles, driven.at(grid))
+    seen = observed(driven.numbers, angles, tolerance, perturbation)
+    count = driven.angles.size
+    elapsed = seen["time"][:count] - driven.begin
     found = {}
     for channel, one in sensor.items():
         values = seen[channel]
@@ -139,8 +139,8 @@ def _read(campaign, plan, passage, faults, tolerance, perturbation) -> dict[str,
     return found
 
 
-def _grid(plan: RunPlan, passage: drives.Passage, corners: list[float]) -> np.ndarray:
-    turn = TURN / plan.clock.speed
-    before = min(_PAD * turn, passage.begin)
+def _grid(plan: RunPlan, driven: drives.DrivenRun, corners: list[float]) -> np.ndarray:
+    turn = TURN / plan.samples.speed
+    before = min(_PAD * turn, driven.begin)
     after = 0.0 if plan.pieces is not None else _PAD * turn  # a measured angle ends with the record
-    return sensors.grid(-before, plan.clock.elapsed[-1] + after, turn, corners)
+    return sensors.grid(-before, plan.samples.elapsed[-1] + after, turn, corners)

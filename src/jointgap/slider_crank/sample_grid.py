@@ -21,7 +21,7 @@ _MEMORY = 2.0  # standard errors are larger than those of independent readings b
 
 
 @dataclass(frozen=True)
-class Clock:
+class SampleGrid:
     """Samples of one run.
 
     Attributes
@@ -64,7 +64,7 @@ class Clock:
         """How far the crank turns in the record [rad]."""
         return float(self.angle.max() - self.angle.min())
 
-    def first(self, turned: float) -> "Clock":
+    def first(self, turned: float) -> "SampleGrid":
         """The record's samples until the crank has `turned` [rad]."""
         kept = self.angle < self.angle[0] + turned
         return replace(self, time=self.time[kept], read=self.read[kept], angle=self.angle[kept])
@@ -76,23 +76,23 @@ class Clock:
         return float(first), float(slope)
 
 
-def planned_clock(speed: float, first_angle: float, encoded: bool, revolutions: int = PLANNED_REVOLUTIONS) -> Clock:
+def planned_grid(speed: float, first_angle: float, encoded: bool, revolutions: int = PLANNED_REVOLUTIONS) -> SampleGrid:
     """Samples of a run that is yet to be measured, at even times."""
     elapsed = np.arange(revolutions * PLANNED_PER_REVOLUTION) * (TURN / speed / PLANNED_PER_REVOLUTION)
     angle = first_angle + speed * elapsed
-    return Clock(
+    return SampleGrid(
         elapsed, angle if encoded else np.full(elapsed.size, np.nan), angle, first_angle, speed, 0.0, 0.0, True
     )
 
 
-def clock(
+def sample_grid(
     time: np.ndarray,
     read: np.ndarray,
     speed: float,
     first_angle: float | None,
     resolution: float = 0.0,
     constant: bool = True,
-) -> Clock:
+) -> SampleGrid:
     """The samples of a recording.
 
     Parameters
@@ -123,10 +123,12 @@ def clock(
         angle = first + slope * elapsed
         if not constant:
             angle = np.interp(elapsed, elapsed[known], read[known])
-        return Clock(time, read, angle, first, slope, reach, (math.sqrt(12.0) * error + 0.5 * resolution) / span, True)
+        return SampleGrid(
+            time, read, angle, first, slope, reach, (math.sqrt(12.0) * error + 0.5 * resolution) / span, True
+        )
     if timed:
         first = first_angle or 0.0
-        return Clock(time, read, first + speed * (time - time[0]), first, speed, 0.0, 0.0, True)
+        return SampleGrid(time, read, first + speed * (time - time[0]), first, speed, 0.0, 0.0, True)
     if known.sum() < 2:
         raise InputError("a run has neither times nor crank angles; give the column of one of them")
     rows = np.arange(read.size)
@@ -134,7 +136,7 @@ def clock(
     angle = start + slope * rows
     if np.abs(read - angle)[known].max() > max(_STEADY, 2.0 * resolution):
         angle = np.interp(rows, rows[known], read[known])
-    return Clock((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, 0.0, 0.0, False)
+    return SampleGrid((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, 0.0, 0.0, False)
 
 
 def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ _HARMONICS = 6  # of the crank's turning that a channel's course is made of here
 _STEP = 0.02  # revolutions, over the whole record, between speeds that are tried
 
 
-def folded_speed(elapsed: np.ndarray, values: Sequence[np.ndarray], low: float, high: float) -> float:
+def speed_from_periodicity(elapsed: np.ndarray, values: Sequence[np.ndarray], low: float, high: float) -> float:
     """The speed [rad/s] with which channels repeat best.
 
     A Fourier series of the crank angle is fitted at each speed; the one that leaves least is refined by a parabola.

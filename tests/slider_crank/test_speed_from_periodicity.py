@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.slider_crank.speed_from_periodicity import folded_speed
+from jointgap.slider_crank.speed_from_periodicity import speed_from_periodicity
 
 
 def read(speed, elapsed, seed, spikes=0.0):
@@ -18,16 +18,16 @@ def test_the_speed_at_which_channels_repeat_is_found(true):
     elapsed = np.linspace(0.0, 6.0, 1500)
     values = [read(true, elapsed, 1), read(true, elapsed, 2, spikes=0.2)]
     # 0.04 rad over the whole record; spikes without a variance leave no more
-    assert folded_speed(elapsed, values, 29.9, 30.1) == pytest.approx(true, abs=6e-3)
+    assert speed_from_periodicity(elapsed, values, 29.9, 30.1) == pytest.approx(true, abs=6e-3)
 
 
 def test_gaps_do_not_matter():
     elapsed = np.linspace(0.0, 6.0, 1500)
     value = read(30.05, elapsed, 3)
     value[400:700] = np.nan
-    assert folded_speed(elapsed, [value], 29.9, 30.1) == pytest.approx(30.05, abs=2e-3)
+    assert speed_from_periodicity(elapsed, [value], 29.9, 30.1) == pytest.approx(30.05, abs=2e-3)
 
 
 def test_the_speed_stays_within_its_bounds():
     elapsed = np.linspace(0.0, 6.0, 1500)
-    assert folded_speed(elapsed, [read(31.0, elapsed, 4)], 29.9, 30.1) <= 30.1
+    assert speed_from_periodicity(elapsed, [read(31.0, elapsed, 4)], 29.9, 30.1) <= 30.1

@@ -7,7 +7,7 @@ import pytest
 
 from jointgap import tables
 from jointgap.config.load import load_campaign
-from jointgap.recordings import look, read_measurements
+from jointgap.recordings import inspect, read_measurements
 from tests.recordings.rig import CAMPAIGN, table, write_rig
 
 
@@ -15,7 +15,7 @@ def looked(folder, without=(), **given):
     campaign = load_campaign(write_rig(folder, **given))
     kept = {name: channel for name, channel in campaign.channels.items() if name not in without}
     campaign = campaign.model_copy(update={"channels": kept})
-    numbers, figures = look(campaign, read_measurements(campaign))
+    numbers, figures = inspect(campaign, read_measurements(campaign))
     return numbers.set_index(["run", "channel"]), figures
 
 
