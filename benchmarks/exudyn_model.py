@@ -19,11 +19,12 @@ import numpy as np
 
 from benchmarks.exudyn_parts import Link, Parts
 from jointgap.config import Mechanism
+from jointgap.joints import FROM_FRAME, JOINT
 
 IMMOVABLE = 1e30
 """Mass [kg] or moment of inertia [kg m^2] of what moves as prescribed: no force here changes a digit of its speed."""
 
-BODIES = {"crank_pivot": ("frame", "crank"), "crank_pin": ("crank", "rod"), "piston_pin": ("slider", "rod")}
+BODIES = {name: (JOINT[name].partner, JOINT[name].body) for name in FROM_FRAME}
 """The two bodies of each joint."""
 
 SOLVERS = ("DOPRI5", "ODE23")

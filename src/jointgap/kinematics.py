@@ -21,9 +21,9 @@ import pandas as pd
 from scipy.integrate import cumulative_simpson
 
 from jointgap.config import Mechanism, Simulate
+from jointgap.joints import JOINT_NUMBERS
 from jointgap.mechanism import ClearanceMotion, Fit, LinkageMotion, Motion, linkage_motion
 from jointgap.tables.kinematics_tables import QUANTITIES
-from jointgap.tables.simulate_tables import JOINT_NUMBERS
 
 UNITS = {name: unit for name, unit, _ in QUANTITIES}
 PAST = np.radians(60.0)  # where the paper's transient is over by any account

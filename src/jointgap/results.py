@@ -10,12 +10,13 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Mechanism, Scenario
 from jointgap.errors import InputError
+from jointgap.joints import JOINT_NUMBERS
 from jointgap.mechanism import Fit
 from jointgap.surrogate.clearance_network import ClearanceNetwork
 from jointgap.surrogate.crank_speed import CrankSpeed
 from jointgap.surrogate.evaluate import values_and_slopes
 from jointgap.surrogate.network import Network
-from jointgap.tables import JOINT_NUMBERS, Table
+from jointgap.tables import Table
 
 PLACES = {
     "trajectory": "simulate/trajectory.parquet",

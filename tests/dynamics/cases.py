@@ -9,10 +9,10 @@ from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.parameters import Parameters
 from jointgap.dynamics.simulation import March, run_march
 from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.joints import PINS
 
 SPEED = 20 * math.pi
 CRANK, ROD, CENTRE = 0.15, 0.564, 0.282
-PINS = ("crank_pin", "piston_pin")
 ALL = ("crank_pivot", *PINS)
 
 MOTOR = {"kind": "motor", "stall_torque": 60.0, "no_load_speed": 1.5 * SPEED, "inertia": 0.02}

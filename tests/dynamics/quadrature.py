@@ -7,10 +7,11 @@ import numpy as np
 
 from jointgap.config import Mechanism
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.parameters import JOINTS, Parameters
+from jointgap.dynamics.model.parameters import Parameters
 from jointgap.dynamics.simulation import March, run_march
 from jointgap.dynamics.solver.contact_episodes import EVENT
 from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.joints import JOINTS
 from tests.dynamics.cases import options
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)

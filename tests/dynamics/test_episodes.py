@@ -6,9 +6,9 @@ import pytest
 from jointgap.dynamics import simulate
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.equations import FURTHER
-from jointgap.dynamics.model.parameters import JOINTS
 from jointgap.dynamics.simulation import run_march
 from jointgap.dynamics.solver.contact_episodes import EVENT
+from jointgap.joints import JOINTS
 from tests.dynamics.cases import ALL, LUGRE, PINS, mechanism, options, with_numbers
 from tests.dynamics.quadrature import motion
 

@@ -6,9 +6,9 @@ import pytest
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.friction import FRICTION_LAWS
 from jointgap.dynamics.model.normal_contact import LAWS
-from jointgap.dynamics.model.parameters import JOINTS
 from jointgap.dynamics.simulation import crank_angles, run_march
 from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.joints import JOINTS
 from tests.dynamics.cases import ALL, PINS, effect, mechanism, options
 
 

@@ -6,6 +6,7 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Scenario, load_mechanism
 from jointgap.figures.figure_data import predictions
+from jointgap.joints import JOINT_NUMBERS, PINS
 from jointgap.kinematics import kinematics
 from jointgap.mechanism import ClearanceMotion, Motion, linkage_motion
 
@@ -13,7 +14,6 @@ SAMPLES = 72  # a revolution, every 5 deg
 TRAINING = 13  # points, every 30 deg
 
 
-PINS = ("crank_pin", "piston_pin")
 JOINTS = ("crank_pivot", *PINS)
 
 
@@ -57,7 +57,7 @@ def trajectory(options: Scenario) -> pd.DataFrame:
     vectors = {}
     for joint, lag, swing in zip(JOINTS, (0.6, 0.3, 1.0), (0.3, 0.1, 0.2), strict=True):
         if joint in loose:
-            number = tables.JOINT_NUMBERS[joint]
+            number = JOINT_NUMBERS[joint]
             vectors |= {f"r{number}": length, f"gamma{number}": direction(lag, swing)}
     clearance = ClearanceMotion(**vectors)
     motion = linkage_motion(options.mechanism, Motion.of(angle, speed), clearance)

@@ -13,10 +13,10 @@ pytest.importorskip("exudyn", reason="needs Exudyn: pip install 'jointgap[peers]
 
 from benchmarks.exudyn_model import SliderCrank
 from jointgap.dynamics import simulate
+from jointgap.joints import PINS
 from tests.independent.cases import SPEED, mechanism, options
 
 RUNS, REVOLUTIONS = 24, 2  # after a first revolution, in which all runs are still alike
-PINS = ("crank_pin", "piston_pin")
 STEP = math.radians(5)
 SECTOR = math.radians(30)
 SCATTER = 1e-5  # m: small beside the clearance of 1 mm, and enough for the runs to part within a revolution

@@ -6,10 +6,10 @@ import pytest
 
 from jointgap.config import Mechanism, Simulate, read_yaml
 from jointgap.dynamics import simulate
+from jointgap.joints import PINS
 from jointgap.kinematics import kinematics
 from jointgap.tables import KINEMATICS, KINEMATICS_ERRORS, to_arrow
 
-PINS = ("crank_pin", "piston_pin")
 ALL = ("crank_pivot", *PINS)
 MOTOR = {"kind": "motor", "stall_torque": 60.0, "no_load_speed": "700 rpm", "inertia": 0.02}
 CASES = {

@@ -3,13 +3,13 @@ import pytest
 
 from jointgap.config import Ensemble, Optimise, Simulate, load_mechanism
 from jointgap.dynamics import simulate
+from jointgap.joints import PINS
 from jointgap.optimise.objective import MEASURES, Measures, measure
 from jointgap.optimise.resimulate import compare, perturbations, reduction_pairs, resimulate, stretches
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
 OPTIMISE = Optimise(window=("60 deg", "360 deg"), ensemble=Ensemble(members=6, settled_revolution=2))
 POINTS = 73
-PINS = ("crank_pin", "piston_pin")
 LENGTHS = (0.1494, 0.563)
 
 

@@ -6,14 +6,13 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import read_yaml, resolve
+from jointgap.joints import PINS
 from jointgap.paper.claims import _contact, _deviations, _distinct, _networks, _optimisers, _real_gain, _superposed
 from jointgap.paper.comparison_page import html, markdown
 from jointgap.paper.comparison_row import FAILS, HOLDS, UNKNOWN, Row, claim
 from jointgap.paper.printed import OPTIMA, TRAINING_MSE
 from jointgap.paper.printed_numbers import _optimum
 from jointgap.tables import OUTPUTS
-
-PINS = ("crank_pin", "piston_pin")
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,10 @@ import pytest
 
 from jointgap.config.campaign_file import Campaign
 from jointgap.errors import InputError
+from jointgap.joints import PINS
 from jointgap.slider_crank import build_model
 from jointgap.slider_crank.nuisances import check_ends
 from tests.slider_crank.rigs import campaign, mechanism
-
-PINS = ("crank_pin", "piston_pin")
 
 
 def with_nuisances(nuisance: dict) -> Campaign:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from jointgap.config import EFFECTS, Mechanism
+from jointgap.joints import PINS
 from jointgap.slider_crank import augmented_mechanism, build_model
 from jointgap.slider_crank.modified_mechanism import with_nuisances
 from tests.slider_crank.rigs import campaign, mechanism, recorded, worst
 
-PINS = ("crank_pin", "piston_pin")
 FILE_EFFECTS = {
     "slider_coulomb_friction": ({"force_N": 5.0}, {"force_N": 5.0}),
     "slider_spring": (

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from jointgap.config import MotorDrive
+from jointgap.joints import PINS
 from jointgap.recordings import Measurements
 from jointgap.slider_crank import build_model
 from tests.slider_crank.rigs import CHANNELS, campaign, mechanism, recorded, worst
-
-PINS = ("crank_pin", "piston_pin")
 
 
 def predicted(own, measurements):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jointgap.joints import PINS
 from jointgap.recordings import Measurements, Recording
 from jointgap.slider_crank import build_model
 from jointgap.slider_crank.cycle_statistics import BINS, CycleStatistics, cycle_variance, persistence
@@ -11,7 +12,6 @@ from jointgap.slider_crank.sample_grid import sample_grid
 from tests.slider_crank.rigs import campaign, mechanism
 
 TURN = 2 * np.pi
-PINS = ("crank_pin", "piston_pin")
 NOISE = {"slider_position": 1e-3, "slider_acceleration": 2.0, "crank_torque": 0.1}
 
 

@@ -8,6 +8,7 @@ from jointgap import tables
 from jointgap.config import Box, Ensemble, Genetic, Mechanism, Optimise, Simulate, Surrogate
 from jointgap.dynamics import simulate
 from jointgap.errors import InputError, SimulationError
+from jointgap.joints import JOINT_NUMBERS
 from jointgap.mechanism import Fit
 from jointgap.optimise.optimise_stage import optimise
 from jointgap.slider_crank.channel_kinematics import tolerance_for
@@ -58,7 +59,7 @@ def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
     tolerance = min(_TOLERANCE, tolerance_for(mechanism))
     options = Simulate(speed=speed, revolutions=_REVOLUTIONS, samples_per_revolution=_SAMPLES, tolerance=tolerance)
     trajectory = simulate(mechanism, options).samples
-    numbers = [tables.JOINT_NUMBERS[joint] for joint in mechanism.loose]
+    numbers = [JOINT_NUMBERS[joint] for joint in mechanism.loose]
     fits = {output: _trained(trajectory, output) for number in numbers for output in (f"r{number}", f"gamma{number}")}
     found = optimise(mechanism, options, _search(mechanism), _SURROGATE.training_points, trajectory, {NETWORK: fits})
     optima = found.optima.query("method == 'local'")

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from jointgap.effects import Effect
 from jointgap.errors import InputError
+from jointgap.joints import FROM_FRAME
 
 if TYPE_CHECKING:
     from jointgap.config.mechanism_config import Mechanism
 
-_CLEARANCES = {f"{joint}_clearance": joint for joint in ("crank_pivot", "crank_pin", "piston_pin")}
+_CLEARANCES = {f"{joint}_clearance": joint for joint in FROM_FRAME}
 _ALWAYS = {"added_slider_mass", "slider_offset", "link_length_error", *_CLEARANCES}
 
 

@@ -9,7 +9,6 @@ from pydantic import AfterValidator, Field, field_serializer, field_validator, m
 from jointgap.config.channels import CHANNELS, Channel, Name, channel_factor
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.nuisance_bounds import (
-    PINS,
     SHARED,
     as_written,
     check_keys,
@@ -19,6 +18,7 @@ from jointgap.config.nuisance_bounds import (
 )
 from jointgap.config.scenario import MotorDrive
 from jointgap.errors import did_you_mean
+from jointgap.joints import PINS
 from jointgap.quantities import Angle, PositiveAngularSpeed
 from jointgap.section import Section
 

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, WrapValidator, model_validator
 
+from jointgap.joints import JOINT
 from jointgap.quantities import (
     FrictionCoefficient,
     NonNegativeNumber,
@@ -186,9 +187,6 @@ class Contact(Section):
         }
 
 
-NAMES = ("crank_pivot", "crank_pin", "piston_pin")
-"""All joints, from the frame to the slider."""
-
 SOFT_SHARE = 0.5
 """Share of the journal's radius by which `FIRM_FORCE` may press it into its bearing: laws of contact are for small depths."""
 
@@ -242,8 +240,9 @@ def hertz_stiffness(joint: Joint) -> float:
     return 4 / (3 * 2 * material) * math.sqrt(joint.bearing_radius * joint.journal_radius / joint.clearance)
 
 
-def _between(*carriers: str) -> Any:
-    """Type of the joint between two bodies."""
+def _joint(name: str) -> Any:
+    """Type of a joint: ideal, or with a journal that one of its two bodies carries."""
+    carriers = JOINT[name].partner, JOINT[name].body
 
     def read(joint: Any, _) -> Any:
         if joint == "ideal":
@@ -263,6 +262,6 @@ def _between(*carriers: str) -> Any:
 class Joints(Section):
     """The three revolute joints."""
 
-    crank_pivot: _between("frame", "crank") = Field("ideal", description="joint of frame and crank")
-    crank_pin: _between("crank", "rod") = Field(description="joint 2 of the paper")
-    piston_pin: _between("slider", "rod") = Field(description="joint 3 of the paper")
+    crank_pivot: _joint("crank_pivot") = Field("ideal", description="joint of frame and crank")
+    crank_pin: _joint("crank_pin") = Field(description="joint 2 of the paper")
+    piston_pin: _joint("piston_pin") = Field(description="joint 3 of the paper")

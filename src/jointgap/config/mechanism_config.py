@@ -8,9 +8,10 @@ from pydantic import Field, ValidationError, model_validator
 
 from jointgap.config.applied_effects import apply_effects, changes_data
 from jointgap.config.config_errors import complaints
-from jointgap.config.joint_config import NAMES, Contact, Joint, Joints
+from jointgap.config.joint_config import Contact, Joint, Joints
 from jointgap.effects import AnyEffect, Effect
 from jointgap.errors import InputError, did_you_mean
+from jointgap.joints import FROM_FRAME
 from jointgap.quantities import Angle, Length, NonNegativeLength, PositiveInertia, PositiveLength, PositiveMass
 from jointgap.section import Section
 
@@ -148,7 +149,7 @@ class Mechanism(Section):
     @property
     def loose(self) -> tuple[str, ...]:
         """Names of the loose joints, from the frame to the slider."""
-        return tuple(name for name in NAMES if (joint := self.joint(name)) is not None and joint.loose)
+        return tuple(name for name in FROM_FRAME if (joint := self.joint(name)) is not None and joint.loose)
 
     def clearance(self, name: str) -> float:
         """Radial clearance [m] of the joint `name` (equation 1); 0 where it is ideal."""

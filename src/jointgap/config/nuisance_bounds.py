@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.effects.joint_and_rod_effects import LEAST_CLEARANCE
 from jointgap.errors import did_you_mean
+from jointgap.joints import PINS
 from jointgap.quantities import refuse_comma, to_si
-
-PINS = ("crank_pin", "piston_pin")
 
 
 class _Range(NamedTuple):

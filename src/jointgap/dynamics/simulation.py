@@ -10,13 +10,14 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.equations import FURTHER, STATES
 from jointgap.dynamics.model.modes import EVENT_NAMES, sample_modes
-from jointgap.dynamics.model.parameters import JOINTS, MEASURED, Parameters
+from jointgap.dynamics.model.parameters import MEASURED, Parameters
 from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
 from jointgap.dynamics.solver import integrate as marching
 from jointgap.dynamics.solver.contact_episodes import EVENT
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.dynamics.solver.sampling import COLUMNS, observe
 from jointgap.errors import InputError, SimulationError
+from jointgap.joints import JOINT, JOINTS
 from jointgap.tables import EVENTS, TRAJECTORY
 
 STEPS_PER_REVOLUTION = 5_000_000
@@ -173,14 +174,13 @@ def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None
 
 
 def _state_in_words(p: Parameters, end) -> str:
-    vectors = (("crank_pin", "r2", end.y[0:2], end.y[4:6]), ("piston_pin", "r3", end.y[2:4], end.y[6:8]))
-    vectors += (("crank_pivot", "r1", end.x[0:2], end.x[4:6]),)
-    told = [
-        f"{name} {place[0]:.9g}, {place[1]:.9g}, rate {rate[0]:.9g}, {rate[1]:.9g}"
-        for joint, name, place, rate in vectors
-        if getattr(p, joint).loose
+    motion = (end.y[0:2], end.y[4:6]), (end.y[2:4], end.y[6:8]), (end.x[0:2], end.x[4:6])
+    vectors = [
+        f"; r{joint.number} {place[0]:.9g}, {place[1]:.9g}, rate {rate[0]:.9g}, {rate[1]:.9g}"
+        for joint, (place, rate) in zip(JOINT.values(), motion, strict=True)
+        if getattr(p, joint.name).loose
     ]
-    return f"state in SI: crank speed {end.crank.speed:.9g}" + "".join(f"; {vector}" for vector in told)
+    return f"state in SI: crank speed {end.crank.speed:.9g}" + "".join(vectors)
 
 
 def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:

@@ -11,12 +11,12 @@ from matplotlib.colors import LogNorm
 from matplotlib.patches import Circle, Rectangle
 
 from jointgap.config import Scenario
-from jointgap.figures.contact_figures import BODIES, SMALLEST_FORCE, eccentricity
+from jointgap.figures.contact_figures import SMALLEST_FORCE, eccentricity
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.figure_data import degrees, in_words, loose_joints, revolution
 from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet
 from jointgap.figures.style import INK
-from jointgap.tables import JOINT_NUMBERS
+from jointgap.joints import JOINT, JOINT_NUMBERS
 
 OPENING, SHARE = 60.0, 0.5  # [deg] the opening, where the journals fly and hit, gets this share of the frames
 FRAME_DURATION = 0.06  # s
@@ -96,7 +96,7 @@ def _film(sheet: Sheet, moving: list, frames: int, colour) -> tuple[np.ndarray, 
 def _pin(samples: pd.DataFrame, name: str, centre: np.ndarray, scenario: Scenario) -> Pin:
     """The joint whose partner (frame, crank or slider) has its centre at `centre` (frames, 2) [m]."""
     joint = scenario.mechanism.applied().joint(name)
-    outward = joint is not None and joint.journal == BODIES[name]
+    outward = joint is not None and joint.journal == JOINT[name].body
     magnified = scenario.figures.magnification * np.nan_to_num(np.stack(eccentricity(samples, name, joint), axis=-1))
     end = centre + (magnified if outward else -magnified)
     journal, bearing = (end, centre) if outward else (centre, end)

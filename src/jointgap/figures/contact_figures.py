@@ -11,27 +11,22 @@ from jointgap.figures.figure_data import degrees, in_words, loose_joints, revolu
 from jointgap.figures.output_figures import spread_scale
 from jointgap.figures.sheet import CRANK_ANGLE, Quantity, Sheet
 from jointgap.figures.style import COLOURS
-from jointgap.tables import JOINT_NUMBERS
+from jointgap.joints import JOINT, JOINT_NUMBERS
 
 DEPTH_MAGNIFIED = 20.0  # times that penetrations of the settled orbit are drawn
 INNERMOST = 10.0  # [um] the gap to the wall is shown linearly up to here, logarithmically beyond
 SECTOR = 60.0  # [deg] the figure of impacts ends with a multiple of it
 SMALLEST_FORCE = 1.0  # [N] where the axis of forces begins
-BODIES = {
-    "crank_pivot": "crank",
-    "crank_pin": "rod",
-    "piston_pin": "rod",
-}  # to whose centre the clearance vector points
 MODES = ("flight", "impact", "contact")
 
 
 def eccentricity(samples: pd.DataFrame, name: str, joint: Joint | None) -> tuple[np.ndarray, np.ndarray]:
     """Journal's centre seen from its bearing's centre, components along the fixed x and y [m].
 
-    The table's vector points to the centre of the body in `BODIES`, so it is turned round where this body carries the
+    The table's vector points to the centre of the joint's body, so it is turned round where this body carries the
     bearing. Undefined directions (centres coincide, as always in an ideal joint) give nan.
     """
-    sign = 1.0 if joint is not None and joint.journal == BODIES[name] else -1.0
+    sign = 1.0 if joint is not None and joint.journal == JOINT[name].body else -1.0
     r, gamma = (samples[f"{quantity}{JOINT_NUMBERS[name]}"].to_numpy() for quantity in ("r", "gamma"))
     return sign * r * np.cos(gamma), sign * r * np.sin(gamma)
 

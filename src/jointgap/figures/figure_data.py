@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.joints import JOINT_NUMBERS
 from jointgap.mechanism import Fit
-from jointgap.tables import JOINT_NUMBERS
 
 NETWORKS = "networks"
 """Name of the surrogate that the paper's networks make."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from jointgap.joints import JOINT_NUMBERS
 from jointgap.mechanism.motion import Motion, rotating_vector
-from jointgap.tables.simulate_tables import JOINT_NUMBERS
 
 Fit = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """A learned output: crank angles (n,) [rad] to its values (n,) in SI and their derivative by the crank angle (n,)."""

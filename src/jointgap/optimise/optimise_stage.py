@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Optimise, Simulate
+from jointgap.joints import JOINT_NUMBERS
 from jointgap.mechanism import Fit, clearance_lift, ideal_cycle
 from jointgap.optimise import search as searching
 from jointgap.optimise.objective import Objective, frozen_objective
 from jointgap.optimise.resimulate import Resimulation, compare, resimulate, stretches
 from jointgap.optimise.search import Point, printed_points
-from jointgap.tables import JOINT_NUMBERS
 
 DIGITS = 6  # lengths are simulated again to the micrometre; points that agree so far are simulated once
 

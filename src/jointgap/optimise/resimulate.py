@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
 from jointgap.dynamics.parallel_runs import simulate_ensemble
+from jointgap.joints import JOINTS
 from jointgap.mechanism import transmission_angle
 from jointgap.optimise.objective import MEASURES, Measures, evaluation_samples, measure
 
@@ -64,7 +65,7 @@ def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
     """
     random, loose = np.random.default_rng(options.seed), tuple(loose)
     drawn = [random.normal(0.0, options.perturbation, (options.members, columns)) for columns in (4, 2)]
-    free = np.repeat([joint in loose for joint in ("crank_pin", "piston_pin", "crank_pivot")], 2)
+    free = np.repeat([joint in loose for joint in JOINTS], 2)
     return np.concatenate(drawn, axis=1) * free
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.joints import JOINT_NUMBERS
 from jointgap.paper.comparison_row import Row, claim
 from jointgap.paper.joint_count import joints_claim
 from jointgap.paper.looseness_variants import Member
 from jointgap.paper.printed import OPTIMA, PISTON_DEVIATION_M, ROD_DEVIATION_M, UNSTABLE_UNTIL_DEG
-from jointgap.tables import JOINT_NUMBERS
 
 ABOUT = 1.2  # how far a number that the paper calls "about", or shows in a figure, may go beyond it
 ALIKE = 0.05  # two sizes that differ by less are alike

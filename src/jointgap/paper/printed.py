@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from jointgap.config import Mechanism, Simulate
+from jointgap.joints import PINS
 
 ROUNDING_M = 1e-9
 
@@ -28,7 +29,7 @@ def yardstick(output: str) -> float:
 TRAINING_ITERATIONS = 20_000
 
 
-LOOSE = ("crank_pin", "piston_pin")
+LOOSE = PINS
 CLEARANCE_M, CRANK_M, ROD_M, SPEED_RAD_S = 0.001, 0.150, 0.564, 20.0 * math.pi
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from jointgap.config import EFFECTS, Mechanism
 from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.slider_crank.modified_mechanism import PINS
+from jointgap.joints import FROM_FRAME, PINS
 from jointgap.slider_crank.nuisances import other_pins, replaced_by
 
 _SHARE = 0.02  # of a channel's size: what noise could just hide
@@ -90,7 +90,7 @@ def physical_candidates(
         *_data(mechanism, scale, nuisances),
     ]
     found += [one for pin in PINS for one in _pin(mechanism, pin, scale, nuisances)]
-    found += [one for joint in ("crank_pivot", *PINS) for one in _clearance(mechanism, joint, nuisances)]
+    found += [one for joint in FROM_FRAME for one in _clearance(mechanism, joint, nuisances)]
     return [one for one in found if not _has(mechanism, one)]
 
 

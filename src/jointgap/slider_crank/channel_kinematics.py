@@ -8,10 +8,11 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.config.scenario import TOLERANCE_SHARE
 from jointgap.dynamics.compilation import compiled
 from jointgap.dynamics.model.equations import FURTHER, STATES
-from jointgap.dynamics.model.parameters import CONSTANT, FLUCTUATING, JOINTS, MOTOR, Parameters
+from jointgap.dynamics.model.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
 from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
 from jointgap.dynamics.simulation import VELOCITY_TIME, March, run_march
 from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.joints import JOINTS
 from jointgap.slider_crank.sample_grid import TURN
 
 TOLERANCE, TOLERANCE_FILM = 1e-10, 1e-11

@@ -8,8 +8,7 @@ from jointgap.config import EFFECTS, Effect, Mechanism
 from jointgap.config.load import validate
 from jointgap.errors import InputError
 from jointgap.identification.protocol import Candidate
-
-PINS = ("crank_pin", "piston_pin")
+from jointgap.joints import PINS
 
 LEAST_COMPLIANCE = 2.8e-9
 """1 / (2 pi nu)^2 [s^2] of a rod that bends at 3 kHz: one that is stiffer follows its load as a spring does."""

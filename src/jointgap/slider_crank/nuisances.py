@@ -7,9 +7,10 @@ import numpy as np
 from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.load import validate
-from jointgap.config.nuisance_bounds import NUISANCES, PINS, nominal_values
+from jointgap.config.nuisance_bounds import NUISANCES, nominal_values
 from jointgap.errors import InputError
 from jointgap.identification.protocol import Parameter
+from jointgap.joints import PINS
 from jointgap.slider_crank.modified_mechanism import friction_speed, with_nuisances
 from jointgap.slider_crank.sample_grid import SampleGrid
 
@@ -95,4 +96,4 @@ def replaced_by(effect: str, site: str, nuisances: Mapping[str, Parameter]) -> d
 
 def other_pins(mechanism: Mechanism, pin: str) -> tuple[str, ...]:
     """The loose pins besides `pin`."""
-    return tuple(other for other in mechanism.loose if other not in (pin, "crank_pivot"))
+    return tuple(other for other in PINS if other != pin and other in mechanism.loose)

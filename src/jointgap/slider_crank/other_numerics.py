@@ -3,7 +3,8 @@
 from collections.abc import Callable
 
 from jointgap.dynamics.model.friction import FRICTION_LAWS
-from jointgap.dynamics.model.parameters import JOINTS, Parameters
+from jointgap.dynamics.model.parameters import Parameters
+from jointgap.joints import JOINTS
 
 NUMERICS = (
     "friction regularised by Threlfall's law",

@@ -17,12 +17,12 @@ import pandas as pd
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from jointgap.config import Surrogate
+from jointgap.joints import JOINT_NUMBERS
 from jointgap.surrogate.clearance_network import SETTLING, ClearanceNetwork, start_factor
 from jointgap.surrogate.crank_speed import CrankSpeed
 from jointgap.surrogate.fit_errors import Grid, Points, Trained, error_frame, error_rows
 from jointgap.surrogate.tanh_basis import Block, Layer
 from jointgap.surrogate.training_samples import ORDERS, Samples, column
-from jointgap.tables import JOINT_NUMBERS
 
 FIRST_DISTANCE = np.radians(0.5)  # of neurons, before any is added; half a period of the contact's ringing
 WIDTH = 2.5  # of a neuron, in distances to its neighbours

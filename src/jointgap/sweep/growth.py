@@ -10,6 +10,7 @@ from jointgap import tables
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.parallel_runs import Run, march_runs
 from jointgap.errors import InputError
+from jointgap.joints import JOINT
 
 CHANGE = 1e-11
 """Size of the change [m]: what two good codes differ by."""
@@ -22,7 +23,6 @@ _FINER = 1000.0  # times that the local error of a step is to be smaller than th
 _NOISE = 50.0  # local errors of a step that the error of a position comes to, before chaos
 _SHORTEST = 0.1  # revolutions that an exponent needs at least
 _SATURATED = 0.01  # share of the smallest clearance from which on growth ends because motions cannot differ by more
-_PLACES = {"crank_pin": 0, "piston_pin": 2, "crank_pivot": 4}
 
 
 @dataclass(frozen=True)
@@ -138,9 +138,9 @@ def growth(
             "growth of a small change: all joints are ideal, so the start cannot be changed; make one loose"
         )
     directed = np.random.default_rng(seed).normal(size=(directions, 6))
-    for joint, place in _PLACES.items():
-        if joint not in made.loose:
-            directed[:, place : place + 2] = 0.0
+    for joint in JOINT.values():
+        if joint.name not in made.loose:
+            directed[:, joint.components] = 0.0
     directed /= np.linalg.norm(directed, axis=1, keepdims=True)
     finer = options.model_copy(update={"tolerance": min(options.tolerance, change / _FINER)})
     starts = np.vstack([np.zeros(6), change * directed])

@@ -5,11 +5,8 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
-from jointgap import tables
 from jointgap.config import Mechanism
-
-BODY = {"crank_pivot": "crank", "crank_pin": "rod", "piston_pin": "rod"}
-"""The body at whose centre the clearance vector of a joint ends."""
+from jointgap.joints import JOINT, JOINT_NUMBERS
 
 
 def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) -> np.ndarray:
@@ -17,7 +14,7 @@ def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) ->
 
     Zero where the centres coincide; there the rate, whose direction the table does not hold, is NaN unless it is zero.
     """
-    number = tables.JOINT_NUMBERS[joint]
+    number = JOINT_NUMBERS[joint]
     r, gamma = samples[f"r{number}"].to_numpy(), samples[f"gamma{number}"].to_numpy()
     along = np.stack([np.cos(gamma), np.sin(gamma)], axis=1)
     if not rates:
@@ -34,7 +31,7 @@ def journal_centre(samples: pd.DataFrame, mechanism: Mechanism, joint: str) -> n
     The clearance vector, turned round where the body at its end carries the bearing.
     """
     carrier = mechanism.joint(joint).journal
-    return (1.0 if carrier == BODY[joint] else -1.0) * clearance_vectors(samples, joint)
+    return (1.0 if carrier == JOINT[joint].body else -1.0) * clearance_vectors(samples, joint)
 
 
 def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_turn: int, first: int) -> pd.DataFrame:
@@ -54,7 +51,7 @@ def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_turn: in
     frames = []
     angle = samples["crank_angle"].to_numpy()[:per_turn]
     for joint in joints:
-        r = samples[f"r{tables.JOINT_NUMBERS[joint]}"].to_numpy()[:-1].reshape(-1, per_turn)[first - 1 :]
+        r = samples[f"r{JOINT_NUMBERS[joint]}"].to_numpy()[:-1].reshape(-1, per_turn)[first - 1 :]
         low, high = np.quantile(r, [0.05, 0.95], axis=0)
         columns = {"crank_angle": angle, "mean": r.mean(axis=0), "low": low, "high": high}
         frames.append(pd.DataFrame({"joint": joint} | columns))

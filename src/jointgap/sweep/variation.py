@@ -10,12 +10,11 @@ from jointgap.config import Mechanism, Scenario, Simulate, validate
 from jointgap.config.scenario import Runs
 from jointgap.dynamics.parallel_runs import Run
 from jointgap.errors import InputError, did_you_mean
+from jointgap.joints import JOINT
 from jointgap.quantities import to_si
 
 WORDS = {"speed": "rad/s", "clearance": "m", "friction": "1", "restitution": "1"}
 """What can be varied by a word, with its unit: the crank's speed, and the data of every loose joint."""
-
-_PINS = (("crank_pin", 0), ("piston_pin", 2), ("crank_pivot", 4))
 
 
 def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterator[Run]:
@@ -44,9 +43,9 @@ def perturbed_starts(mechanism: Mechanism, members: int, size: float, seed: int)
     """Starting clearance vectors, shape (members, 6) [m]: zero first, then normally distributed in the loose joints."""
     starts = np.random.default_rng(seed).normal(0.0, size, (members, 6))
     starts[0] = 0.0
-    for joint, place in _PINS:
-        if joint not in mechanism.loose:
-            starts[:, place : place + 2] = 0.0
+    for joint in JOINT.values():
+        if joint.name not in mechanism.loose:
+            starts[:, joint.components] = 0.0
     return starts
 
 

@@ -43,7 +43,7 @@ from jointgap.tables.naming_tables import (
     THRESHOLDS,
 )
 from jointgap.tables.optimise_tables import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
-from jointgap.tables.simulate_tables import EVENTS, JOINT_NUMBERS, OUTPUTS, TRAJECTORY, number_of, outputs
+from jointgap.tables.simulate_tables import EVENTS, OUTPUTS, TRAJECTORY, number_of, outputs
 from jointgap.tables.statistics_tables import ECCENTRICITY, IMPACT_DISTRIBUTION, JOINT_REVOLUTIONS, POINCARE_SECTION
 from jointgap.tables.store import check_writable, describe, read, to_arrow, write, write_text, write_whole
 from jointgap.tables.study_tables import STUDY
@@ -72,7 +72,6 @@ __all__ = [
     "GAPS",
     "GROWTH",
     "IMPACT_DISTRIBUTION",
-    "JOINT_NUMBERS",
     "JOINT_REVOLUTIONS",
     "KINEMATICS",
     "KINEMATICS_CONTRADICTIONS",

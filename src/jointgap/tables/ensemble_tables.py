@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 
+from jointgap.joints import JOINTS
 from jointgap.tables.columns import Column, Table
 from jointgap.tables.simulate_tables import EVENTS
 
@@ -13,7 +14,6 @@ _VECTORS = (
     ),
     ("r1", "crank pivot", "the frame's centre to the crank's"),
 )
-_JOINTS = ("crank_pin", "piston_pin", "crank_pivot")
 
 ENSEMBLE_SAMPLES = Table(
     "ensemble_samples",
@@ -39,13 +39,13 @@ ENSEMBLE_SAMPLES = Table(
             Column(
                 f"{joint}_bristle", "m", f"deflection of the bristles in the {joint.replace('_', ' ')}; 0 but for lugre"
             )
-            for joint in _JOINTS
+            for joint in JOINTS
         ),
         Column("rod_angle", "rad", "angle theta3 of the rod from +x, crank end to piston end"),
         Column("slider_position", "m", "position of the slider's pin along x"),
         *(
             Column(f"{joint}_mode", "", "ideal, flight, impact (the journal hits and rebounds) or contact", "category")
-            for joint in _JOINTS
+            for joint in JOINTS
         ),
     ),
 )

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 
+from jointgap.joints import JOINT_NUMBERS, JOINTS, PINS
 from jointgap.tables.columns import Column, Table
 
 
@@ -59,7 +60,7 @@ TRAJECTORY = Table(
         *_contact("crank_pivot", "frame", "crank"),
         *(
             Column(f"{joint}_mode", "", "ideal, flight, impact (the journal hits and rebounds) or contact", "text")
-            for joint in ("crank_pin", "piston_pin", "crank_pivot")
+            for joint in JOINTS
         ),
         Column("crank_torque", "N*m", "torque of the drive on the crank, losses of the crank included"),
         Column("guide_force", "N", "normal force of the guide on the slider, +y"),
@@ -98,9 +99,6 @@ EVENTS = Table(
     ),
 )
 
-JOINT_NUMBERS = {"crank_pivot": 1, "crank_pin": 2, "piston_pin": 3}
-"""Numbers of the joints in the names of columns, by joint; the two pins have the paper's."""
-
 _LEARNED = ("r", "gamma", "gamma_dot", "gamma_ddot")
 
 
@@ -119,5 +117,5 @@ def number_of(output: str) -> int:
     return int(output.partition("_")[0][-1])
 
 
-OUTPUTS = outputs(("crank_pin", "piston_pin"))
+OUTPUTS = outputs(PINS)
 """The eight outputs of the paper, whose pins are loose."""

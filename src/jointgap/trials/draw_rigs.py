@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointgap.joints import PINS
 from jointgap.trials.injected_effects import Rig
 from jointgap.trials.sensor_readings import SETTLING, Numerics, Turn, moved
 
@@ -14,8 +15,7 @@ ACCELERATIONS = ("slider_acceleration", "rod_acceleration_x", "rod_acceleration_
 
 BASES = ("ideal", "loose", "chaotic")
 _JOURNALS = {"crank_pivot": "crank", "crank_pin": "crank", "piston_pin": "slider"}
-_BOTH = ("crank_pin", "piston_pin")
-_LOOSE = (_BOTH, _BOTH, _BOTH, ("piston_pin",), ("piston_pin",), ("crank_pin",))
+_LOOSE = (PINS, PINS, PINS, ("piston_pin",), ("piston_pin",), ("crank_pin",))
 
 _ALIKE, _APART = 3e-3, 0.05
 """Share of a channel's standard deviation by which settled revolutions may differ where samples are compared, and by which
@@ -132,7 +132,7 @@ def mechanism(rng: np.random.Generator, base: str, needed: str = "") -> dict:
 def settles(content: dict, speed: float) -> float:
     """By what share of their standard deviation settled revolutions differ that began alike, or are some apart."""
     times = np.arange(90) / 90 * 2 * math.pi / speed
-    aside = [1e-7 if content["joints"][joint]["loose"] else 0.0 for joint in ("crank_pin", "piston_pin")]
+    aside = [1e-7 if content["joints"][joint]["loose"] else 0.0 for joint in PINS]
     starts = (None, SETTLING), ([aside[0], 0.0, 0.0, aside[1]], SETTLING), (None, 2), (None, SETTLING + 3)
     first, *others = (
         moved(content, Turn(speed, 0.3, times), Numerics(1e-10), start, settling) for start, settling in starts

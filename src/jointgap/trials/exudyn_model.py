@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from jointgap.errors import SimulationError
+from jointgap.joints import FROM_FRAME, JOINT
 
 STEPS = 1500
 """Steps per revolution at least: with them readings agree with those of the package to 1e-5 of their spread."""
@@ -19,7 +20,7 @@ FRICTION_ZONE = 1e-3
 """Speed up to which friction rises along a straight line: of the slider [m/s], of the crank [rad/s]."""
 
 _DAMPING = 0.8  # spectral radius of the integrator: multipliers would ring without
-_BODIES = {"crank_pivot": ("frame", "crank"), "crank_pin": ("crank", "rod"), "piston_pin": ("slider", "rod")}
+_BODIES = {name: (JOINT[name].partner, JOINT[name].body) for name in FROM_FRAME}
 
 
 def simulate(content: Mapping, speed: float, phase: float, times: np.ndarray, settling: int) -> dict[str, np.ndarray]:

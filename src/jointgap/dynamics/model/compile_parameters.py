@@ -28,8 +28,7 @@ from jointgap.dynamics.model.parameters import (
 )
 from jointgap.effects import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED
 from jointgap.formula import compile_formula
-
-_BODY = {"crank_pin": "rod", "piston_pin": "rod", "crank_pivot": "crank"}
+from jointgap.joints import JOINT, JOINTS
 
 
 def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
@@ -40,7 +39,7 @@ def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
     if not joint.loose:
         return JointParameters(pin_friction=rubbing.coefficient if rubbing else 0.0, pin_radius=joint.journal_radius)
     contact, film = joint.contact, mechanism.effect("lubricated_joint", name)
-    body_has_journal = joint.journal == _BODY[name]
+    body_has_journal = joint.journal == JOINT[name].body
     radii = (joint.journal_radius, joint.bearing_radius)
     body_radius, partner_radius = radii if body_has_journal else radii[::-1]
     penalty = contact.law == "penalty"
@@ -162,7 +161,7 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
     check_tolerance(made, options)
     measured = isinstance(options.drive, MeasuredDrive)
     pieces, end = angle_pieces(options) if measured else (None, 0.0)
-    joints = {name: joint_parameters(made, name) for name in ("crank_pin", "piston_pin", "crank_pivot")}
+    joints = {name: joint_parameters(made, name) for name in JOINTS}
     bodies = body_parameters(made)
     motor = isinstance(options.drive, MotorDrive)
     bristles = any(joint.friction_law == FRICTION_LAWS["lugre"] for joint in joints.values())

@@ -7,8 +7,9 @@ stays, swinging about its equilibrium.
 import numpy as np
 
 from jointgap.dynamics.model.joint_forces import FLIGHT
-from jointgap.dynamics.model.parameters import JOINTS, Parameters
+from jointgap.dynamics.model.parameters import Parameters
 from jointgap.dynamics.solver.contact_episodes import EVENT
+from jointgap.joints import JOINTS
 
 EVENT_NAMES = np.array(["separation", "impact"], dtype=object)
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from jointgap.formula import Program
 
-JOINTS = ("crank_pin", "piston_pin", "crank_pivot")
 """The joints in the order in which compiled code counts them."""
 
 CONSTANT, FLUCTUATING, MEASURED, MOTOR = range(4)

@@ -5,7 +5,7 @@ import math
 from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.joint_forces import CONTACT
 from jointgap.dynamics.model.relative_motion import relative_motion
-from jointgap.dynamics.solver.events import DISTANCE, JOINTS, NOWHERE, all_conditions, locate, next_event
+from jointgap.dynamics.solver.events import DISTANCE, JOINT_COUNT, NOWHERE, all_conditions, locate, next_event
 from jointgap.dynamics.solver.runge_kutta import elapsed, instant_in_place, step, stretch
 
 _HOPELESS = 100.0  # tolerances of error beyond which no event is looked for: the step will be repeated, shorter
@@ -17,7 +17,7 @@ _MARGIN = 100.0  # tolerances by which the interpolant of a grazing passage may 
 def separation_ahead(here, holding):
     """Time [s] until a contact ends if its penetration goes on as a parabola, and its joint; infinite if it does not."""
     first, which = math.inf, 0
-    for joint in range(JOINTS):
+    for joint in range(JOINT_COUNT):
         depth, rate, curvature, _, _ = holding[joint]
         square = rate * rate - 2.0 * curvature * depth
         if here.modes[joint] == CONTACT and depth > 0.0 and rate < 0.0 and square >= 0.0:

@@ -20,8 +20,9 @@ from jointgap.dynamics.model.joint_forces import CLAMPED, CONTACT, FLIGHT
 from jointgap.dynamics.model.normal_contact import pushing_margin
 from jointgap.dynamics.model.relative_motion import relative_motion
 from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, instant, step, stretch
+from jointgap.joints import JOINTS
 
-NOWHERE, JOINTS = 2.0, 3
+NOWHERE, JOINT_COUNT = 2.0, len(JOINTS)
 
 DISTANCE, FORCE = (np.int64(kind) for kind in (0, 1))
 """Which of a mode's two conditions."""
@@ -146,7 +147,7 @@ def next_event(before, after, duration, margin):
         As in `first_crossing` [m].
     """
     first, which, kind = NOWHERE, 0, DISTANCE
-    for joint in range(JOINTS):
+    for joint in range(JOINT_COUNT):
         g0, v0, a0, h0, w0 = before[joint]
         g1, v1, a1, h1, w1 = after[joint]
         x = first_crossing(g0, v0, a0, g1, v1, a1, duration, margin)

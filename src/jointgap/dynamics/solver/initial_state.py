@@ -7,8 +7,7 @@ import numpy as np
 from jointgap.dynamics.model.equations import FURTHER, STATES
 from jointgap.dynamics.model.parameters import Parameters
 from jointgap.errors import InputError
-
-_PLACES = (("crank_pin", 0, "r2"), ("piston_pin", 2, "r3"), ("crank_pivot", 4, "r1"))
+from jointgap.joints import JOINT
 
 
 def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarray]:
@@ -37,16 +36,15 @@ def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarra
             f"perturbation {vectors.tolist()} must be four or six finite lengths in m: r2 x, r2 y, r3 x, r3 y, r1 x, r1 y"
         )
     vectors = np.append(vectors, np.zeros(6 - vectors.size))
-    for joint, place, name in _PLACES:
-        length, numbers = math.hypot(*vectors[place : place + 2]), getattr(p, joint)
-        words = joint.replace("_", " ")
+    for joint in JOINT.values():
+        length, numbers = math.hypot(*vectors[joint.components]), getattr(p, joint.name)
         if length > 0 and not numbers.loose:
             raise InputError(
-                f"perturbation of the {words}: {name} is {length:g} m, but the joint is ideal; set it to 0"
+                f"perturbation of the {joint.words}: r{joint.number} is {length:g} m, but the joint is ideal; set it to 0"
             )
         if length >= numbers.clearance:
             raise InputError(
-                f"perturbation of the {words}: {length:g} m is not within its clearance of {numbers.clearance:g} m; "
+                f"perturbation of the {joint.words}: {length:g} m is not within its clearance of {numbers.clearance:g} m; "
                 "a simulation starts out of contact"
             )
     b, d = p.bodies, p.drive

@@ -11,14 +11,11 @@ from jointgap.dynamics.model.equations import accelerations, pose
 from jointgap.dynamics.model.joint_forces import NOTHING, reaction
 from jointgap.dynamics.model.relative_motion import relative_motion
 from jointgap.dynamics.solver.runge_kutta import hystereses, instant
+from jointgap.joints import JOINTS
 
 COLUMNS = (
     *(f"{symbol}{joint}{dots}" for joint in (2, 3, 1) for symbol in ("r", "gamma") for dots in ("", "_dot", "_ddot")),
-    *(
-        f"{joint}_{force}"
-        for joint in ("crank_pin", "piston_pin", "crank_pivot")
-        for force in ("normal_force", "friction_force", "force_x", "force_y")
-    ),
+    *(f"{joint}_{force}" for joint in JOINTS for force in ("normal_force", "friction_force", "force_x", "force_y")),
     "crank_angle",
     "crank_speed",
     "crank_acceleration",

@@ -1,0 +1,16 @@
+"""The one list of joints agrees with what is compiled and with what a mechanism file says."""
+
+from jointgap.config import Joints
+from jointgap.dynamics.model.parameters import Parameters
+from jointgap.joints import FROM_FRAME, JOINT, JOINTS, PINS
+
+
+def test_the_compiled_order_is_that_of_the_parameters():
+    assert tuple(name for name in Parameters._fields if name in JOINT) == JOINTS
+    assert [joint.index for joint in JOINT.values()] == [0, 1, 2]
+
+
+def test_the_papers_numbers_run_from_the_frame_to_the_slider():
+    assert FROM_FRAME == tuple(Joints.model_fields) == ("crank_pivot", "crank_pin", "piston_pin")
+    assert [JOINT[name].number for name in FROM_FRAME] == [1, 2, 3]
+    assert PINS == ("crank_pin", "piston_pin")
