@@ -3,11 +3,12 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from jointgap.dynamics import simulate
+from jointgap.dynamics import compilation, simulate
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.simulation import run_march
 from jointgap.dynamics.solver.initial_state import start_state
@@ -87,3 +88,10 @@ def test_compiled_code_is_kept_where_neither_home_nor_sources_may_be_written(tmp
     environment = {"PATH": os.environ["PATH"], "HOME": "/proc", "TMPDIR": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.startswith(str(tmp_path))
+
+
+def test_every_source_of_compiled_code_renews_what_is_kept():
+    package = Path(compilation.__file__).parent
+    sources = {path for path in package.rglob("*.py") if "jointgap.dynamics.compilation import" in path.read_text()}
+    assert len(sources) > 10
+    assert sources <= set(compilation.SOURCES)

@@ -1,8 +1,8 @@
 """Compilation of the numerical core, cached on disk where the installation may be written to and where it may not.
 
 numba renews a cached function when the file that holds it changes, but not when a function that it calls in another
-file does. The cache folder is therefore named after a digest of all sources of this package, and of the formulas' operation codes: any
-change compiles anew.
+file does. The cache folder is therefore named after a digest of all sources of this package, of the formulas' operation
+codes and of the list of joints: any change compiles anew.
 """
 
 import hashlib
@@ -13,6 +13,8 @@ from pathlib import Path
 import numba
 
 _PACKAGE = Path(__file__).parent
+SOURCES = (*sorted(_PACKAGE.rglob("*.py")), _PACKAGE.parent / "formula.py", _PACKAGE.parent / "joints.py")
+"""All that compiled code of this package is made from."""
 
 
 def _is_usable(folder: Path) -> bool:
@@ -33,7 +35,7 @@ def cache_folder(beside: Path) -> str:
 
     Returns an empty string (numba's own choice) when none is.
     """
-    sources = b"".join(path.read_bytes() for path in [*sorted(_PACKAGE.glob("*.py")), _PACKAGE.parent / "formula.py"])
+    sources = b"".join(path.read_bytes() for path in SOURCES)
     digest = hashlib.sha256(sources).hexdigest()[:16]
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     user = f"jointgap-{os.getuid()}" if hasattr(os, "getuid") else "jointgap"
