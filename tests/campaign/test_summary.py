@@ -6,8 +6,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.campaign import verdict_page as summary
+from jointgap.campaign.verdict_page import page
+from jointgap.campaign.verdict_sentences import answer
+from jointgap.report.page import to_html, to_markdown
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
+
+
+def markdown(*given):
+    return to_markdown(page(*given))
+
+
+def html(*given):
+    return to_html(page(*given))
 
 
 @pytest.mark.parametrize(
@@ -22,25 +32,25 @@ from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
     ],
 )
 def test_every_verdict_has_a_plain_sentence(verdict, said):
-    assert said in summary.markdown(VERDICTS[verdict], {}).split("##")[0]
+    assert said in markdown(VERDICTS[verdict], {}).split("##")[0]
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_the_page_says_the_same_as_the_markdown(verdict):
-    page = summary.html(VERDICTS[verdict], {}, ["A gap of 3 s in run slow."])
-    for line in summary.markdown(VERDICTS[verdict], {}, ["A gap of 3 s in run slow."]).splitlines():
+    shown = html(VERDICTS[verdict], {}, ["A gap of 3 s in run slow."])
+    for line in markdown(VERDICTS[verdict], {}, ["A gap of 3 s in run slow."]).splitlines():
         if line and line[0] not in "#!*|-":
-            assert line.replace("'", "&#x27;") in re.sub("</?code>", "`", page)
+            assert line.replace("'", "&#39;") in re.sub("</?code>", "`", shown)
 
 
 def test_a_value_stands_with_its_unit_and_its_interval():
-    assert "| slider_coulomb_friction: force_N | 21.30 N | 0.40 | 20.60 to 22.00 |" in summary.markdown(NAMED, {})
+    assert "| slider_coulomb_friction: force_N | 21.30 N | 0.40 | 20.60 to 22.00 |" in markdown(NAMED, {})
 
 
 def test_a_parameter_at_its_bound_is_called_so_in_place_of_a_standard_error():
     lost = {"sd": None, "remark": "at its bound"}
     friction = COULOMB | {"parameters": {"force_N": {"value": 21.3, "interval_90": [None, None]} | lost}}
-    text = summary.markdown(NAMED | {"effects": [friction], "nuisances": {"slider_mass": {"value": 0.47} | lost}}, {})
+    text = markdown(NAMED | {"effects": [friction], "nuisances": {"slider_mass": {"value": 0.47} | lost}}, {})
     assert "| slider_coulomb_friction: force_N | 21.3 N | at its bound | – |" in text
     assert "| slider_mass | 0.47 | at its bound |" in text
 
@@ -48,25 +58,25 @@ def test_a_parameter_at_its_bound_is_called_so_in_place_of_a_standard_error():
 def test_a_formula_stands_as_it_is_with_its_coefficients():
     parameters = {"formula": {"value": "-a*v*|v|"}, "a": {"value": 1.25, "sd": 0.1, "interval_90": [1.09, 1.41]}}
     law = {"name": "discovered_slider_force", "site": "slider", "delta_bic": 99.0, "parameters": parameters}
-    text = summary.markdown(NAMED | {"effects": [law]}, {})
-    assert "<td>-a*v*|v|</td>" in summary.html(NAMED | {"effects": [law]}, {})
+    text = markdown(NAMED | {"effects": [law]}, {})
+    assert "<td>-a*v*|v|</td>" in html(NAMED | {"effects": [law]}, {})
     assert r"| discovered_slider_force: formula | -a\*v\*\|v\| | – | – |" in text
     assert "| discovered_slider_force: a | 1.25 | 0.10 | 1.09 to 1.41 |" in text
 
 
 def test_two_effects_are_both_named():
-    said = summary.answer(NAMED | {"effects": [COULOMB, WEIGHT]})
+    said = answer(NAMED | {"effects": [COULOMB, WEIGHT]})
     assert said.startswith("Missing in the model are Coulomb friction of the slider and the weight of the bodies. With")
 
 
 def test_a_fault_of_a_sensor_is_not_called_missing_in_the_mechanism():
-    said = summary.answer(NAMED | {"effects": [BIAS]})
+    said = answer(NAMED | {"effects": [BIAS]})
     wrong = "a bias of the sensor of crank torque (bias 0.5 N*m)"
     assert said == (
         f"The fault lies in the measurement, not in the mechanism: {wrong}. With this taken into account the model meets the "
         "measurement within the noise."
     )
-    said = summary.answer(NAMED | {"effects": [BIAS, COULOMB]})
+    said = answer(NAMED | {"effects": [BIAS, COULOMB]})
     assert said.startswith(
         f"Missing in the model is Coulomb friction of the slider, and the measurement has a fault: {wrong}. With"
     )
@@ -83,7 +93,7 @@ def test_a_fault_of_a_sensor_is_not_called_missing_in_the_mechanism():
 )
 def test_a_fault_of_a_sensor_stands_in_the_unit_of_its_channel(name, parameter, shown):
     fault = BIAS | {"name": name, "parameters": {parameter: BIAS["parameters"]["bias"]}}
-    text = summary.markdown(NAMED | {"effects": [fault]}, {})
+    text = markdown(NAMED | {"effects": [fault]}, {})
     assert f"| {name}: {parameter} | {shown} | 0.0020 |" in text
     assert "figures/missing_force.svg" not in text  # there is no force
 
@@ -93,11 +103,11 @@ def test_a_gap_on_held_out_data_is_not_called_noise_where_nothing_was_added(verd
     unmet = VERDICTS[verdict] | {
         "gap": {"identify": {"before": 1.0, "after": 1.0}, "confirm": {"before": 3.0, "after": 3.0}}
     }
-    said = summary.answer(unmet)
+    said = answer(unmet)
     assert "is missing that the data used for fitting could show" in said
     assert said.endswith("It does not meet the held-out data: the gap there is 3.00, so something may be missing.")
-    assert "it is 3.00. That is more than noise" in summary.markdown(unmet, {})
-    met = summary.markdown(VERDICTS[verdict], {})
+    assert "it is 3.00. That is more than noise" in markdown(unmet, {})
+    met = markdown(VERDICTS[verdict], {})
     assert "does not meet" not in met
     assert "it is 1.02." in met
     assert "more than noise" not in met
@@ -105,7 +115,7 @@ def test_a_gap_on_held_out_data_is_not_called_noise_where_nothing_was_added(verd
 
 def test_what_was_named_does_not_meet_the_measurement_where_the_held_out_gap_stays():
     unmet = NAMED | {"gap": {"identify": {"before": 3.0, "after": 1.0}, "confirm": {"before": 3.0, "after": 2.0}}}
-    assert summary.answer(unmet).endswith(
+    assert answer(unmet).endswith(
         "With this added the model meets the data used for fitting within the noise. It does not meet the held-out data: the gap "
         "there is 2.00, so more may be missing."
     )
@@ -114,7 +124,7 @@ def test_what_was_named_does_not_meet_the_measurement_where_the_held_out_gap_sta
 @pytest.mark.parametrize(("after", "told"), [(1.4, False), (2.9, True), (5.0, True)])
 def test_where_a_rest_is_left_the_answer_says_whether_held_out_data_are_met_no_better(after, told):
     gap = {"identify": {"before": 9.0, "after": 1.3}, "confirm": {"before": 3.0, "after": after}}
-    said = summary.answer(NAMED | {"verdict": "named_with_remaining_misfit", "gap": gap})
+    said = answer(NAMED | {"verdict": "named_with_remaining_misfit", "gap": gap})
     assert ("on the data used for fitting, but not all" in said) == told
     assert (f"does not meet the held-out data: the gap there is {after:.2f}" in said) == told
 
@@ -128,29 +138,27 @@ def test_a_run_that_is_met_no_better_is_told_beside_one_that_is_and_one_that_can
     held_out[0]["not_simulated"] = "it flies off"
     gap = {"identify": {"before": 9.0, "after": 1.3}, "confirm": {"before": 8.0, "after": None}}
     verdict = NAMED | {"verdict": "named_with_remaining_misfit", "gap": gap, "held_out": held_out}
-    assert "the gap in another run is 5.00" in summary.answer(verdict)
+    assert "the gap in another run is 5.00" in answer(verdict)
 
 
 def test_the_share_of_the_excess_that_is_gone_follows_from_the_gaps():
-    text = summary.markdown(NAMED, {})
+    text = markdown(NAMED, {})
     assert "falls from 8.70 to 1.05: 99.9 % of what exceeds the noise is gone." in text
     slight = NAMED | {"gap": {"identify": {"before": 3.0, "after": 1.0}, "confirm": {"before": 1.01, "after": 0.99}}}
-    assert "it falls from 1.01 to 0.99.\n" in summary.markdown(slight, {})
+    assert "it falls from 1.01 to 0.99.\n" in markdown(slight, {})
     half = NAMED | {"gap": {"identify": {"before": 3.0, "after": 2.2}, "confirm": {"before": 3.0, "after": 5.0**0.5}}}
-    assert "50.0 % of what exceeds the noise is gone. More than noise is left there" in summary.markdown(half, {})
+    assert "50.0 % of what exceeds the noise is gone. More than noise is left there" in markdown(half, {})
 
 
 def test_a_gap_that_does_not_fall_is_not_called_a_fall():
     worse = NAMED | {"gap": {"identify": {"before": 4.0, "after": 1.1}, "confirm": {"before": 10.1, "after": 13.2}}}
-    assert "does not fall: it goes from 10.10 to 13.20, so what was added does not hold there." in summary.markdown(
-        worse, {}
-    )
+    assert "does not fall: it goes from 10.10 to 13.20, so what was added does not hold there." in markdown(worse, {})
 
 
 def test_a_run_that_was_used_for_both_is_called_weaker_evidence():
     listed = [{"run": "slow", "part": "last_third", "gap": {"before": 8.7, "after": 1.05}}]
-    assert "Held out of slow is the last third" in summary.markdown(NAMED | {"held_out": listed}, {})
-    assert "last third" not in summary.markdown(NAMED | {"held_out": [listed[0] | {"part": "whole"}]}, {})
+    assert "Held out of slow is the last third" in markdown(NAMED | {"held_out": listed}, {})
+    assert "last third" not in markdown(NAMED | {"held_out": [listed[0] | {"part": "whole"}]}, {})
 
 
 def test_a_held_out_run_that_cannot_be_simulated_is_told_with_the_reason():
@@ -159,7 +167,7 @@ def test_a_held_out_run_that_cannot_be_simulated_is_told_with_the_reason():
     gaps = gaps.assign(before=8.7, before_low=8.0, before_high=9.0, after=np.nan, after_low=np.nan, after_high=np.nan)
     unknown = {"identify": {"before": 9.1, "after": 1.02}, "confirm": {"before": 8.7, "after": None}}
     verdict = NAMED | {"gap": unknown, "held_out": [lost]}
-    text = summary.markdown(verdict, {"gaps": gaps})
+    text = markdown(verdict, {"gaps": gaps})
     told = (
         "it is 8.70 before anything is added. What was added cannot be simulated in run fast (it flies off), so it is not "
         "confirmed there."
@@ -167,15 +175,15 @@ def test_a_held_out_run_that_cannot_be_simulated_is_told_with_the_reason():
     assert told in text
     assert "| fast | 8.70 (8.00 to 9.00) | – |" in text
     reason = "the data used for fitting within the noise. What was added cannot be simulated in run fast (it flies off), so it is not confirmed there."
-    assert summary.answer(verdict).endswith(reason)
+    assert answer(verdict).endswith(reason)
     other = {"run": "mid", "part": "last_third", "gap": {"before": 6.0, "after": 5.0}}
-    assert summary.answer(verdict | {"held_out": [lost, other]}).endswith(
+    assert answer(verdict | {"held_out": [lost, other]}).endswith(
         f"{reason} It does not meet the held-out data: the gap in another run is 5.00, so more may be missing."
     )
 
 
 def test_the_explanations_that_cannot_be_told_apart_are_listed_with_the_experiment_that_would():
-    text = summary.markdown(VERDICTS["ambiguous"] | {"separated_by": "A run at 900 rpm would tell them apart."}, {})
+    text = markdown(VERDICTS["ambiguous"] | {"separated_by": "A run at 900 rpm would tell them apart."}, {})
     assert "- Coulomb friction of the slider (force_N 21.3 N)" in text
     assert "- a bias of the sensor of crank torque (bias 0.5 N\\*m)" in text
     assert "A run at 900 rpm would tell them apart." in text
@@ -185,7 +193,7 @@ def test_the_largest_windows_come_first_and_the_rest_are_counted():
     rows = [("fast", "crank_torque", 10.0 * k, 10.0 * k + 10.0, 1.0 + k, 1.5 + k, 1e-3) for k in range(7)]
     rows.append(("slow", "crank_torque", 0.0, 360.0, 0.0, 9.0, 1e-3))
     columns = ["run", "channel", "start_deg", "end_deg", "mean", "rms", "p_adjusted"]
-    text = summary.markdown(NAMED, {"windows": pd.DataFrame(rows, columns=columns)})
+    text = markdown(NAMED, {"windows": pd.DataFrame(rows, columns=columns)})
     largest = (
         "- run slow, crank torque, all crank angles, by 9.0 standard deviations of the noise (root mean square)\n"
         "- run fast, crank torque, 60 to 70 deg of crank angle, by 7.5 standard deviations of the noise (root mean square), "
@@ -196,14 +204,14 @@ def test_the_largest_windows_come_first_and_the_rest_are_counted():
 
 
 def test_a_gain_that_is_not_known_is_called_so():
-    text = summary.markdown(NAMED | {"effects": [COULOMB | {"delta_bic": None}, BIAS]}, {})
+    text = markdown(NAMED | {"effects": [COULOMB | {"delta_bic": None}, BIAS]}, {})
     assert "Gain in BIC: not known for Coulomb friction of the slider and 40 for a bias of the sensor" in text
 
 
 def test_without_a_window_no_effect_is_spoken_of_that_was_not_found():
-    text = summary.markdown(VERDICTS["no_disagreement"], {})
+    text = markdown(VERDICTS["no_disagreement"], {})
     assert "At no crank angle does the recalibrated model stand out of the noise by itself." in text
-    text = summary.markdown(NAMED | {"where": []}, {})
+    text = markdown(NAMED | {"where": []}, {})
     assert "does the recalibrated model without what was added stand out" in text
 
 
@@ -213,38 +221,38 @@ OPTIMUM = pd.DataFrame({"model": ["base", "augmented"], "source": "network", "re
 
 
 def test_a_move_of_the_optimum_is_told_in_millimetres_and_percent():
-    text = summary.markdown(NAMED, {"optimum": OPTIMUM})
+    text = markdown(NAMED, {"optimum": OPTIMUM})
     assert "the crank from 150.00 to 151.50 mm (+1.00 %)" in text
-    assert "Does it move the optimum" not in summary.markdown(NAMED, {})
-    assert "all joints are ideal" in summary.markdown(NAMED, {"optimum": OPTIMUM.head(0)})
+    assert "Does it move the optimum" not in markdown(NAMED, {})
+    assert "all joints are ideal" in markdown(NAMED, {"optimum": OPTIMUM.head(0)})
 
 
 def test_what_the_optimal_lengths_gain_is_said():
-    text = summary.markdown(NAMED, {"optimum": OPTIMUM})
+    text = markdown(NAMED, {"optimum": OPTIMUM})
     assert "the RMS error of the transmission angle is smallest" in text
     assert "the error falls by 3.8 % before and by 5.0 % after" in text
     assert "; before, the optimum lies at the edge of the lengths that were searched." in text
-    assert "edge" not in summary.markdown(NAMED, {"optimum": OPTIMUM.assign(at_edge=False)})
+    assert "edge" not in markdown(NAMED, {"optimum": OPTIMUM.assign(at_edge=False)})
 
 
 def test_a_model_that_could_not_be_optimised_again_is_told_with_the_reason():
     lost = OPTIMUM.assign(failed=[None, "the slider jams"])
-    text = summary.markdown(NAMED, {"optimum": lost})
+    text = markdown(NAMED, {"optimum": lost})
     assert "- The model after the effects were added could not be optimised again (the slider jams)." in text
     assert "Motion from" not in text
 
 
 def test_where_a_joint_became_loose_the_optimal_lengths_after_are_told():
-    text = summary.markdown(NAMED, {"optimum": OPTIMUM.tail(1)})
+    text = markdown(NAMED, {"optimum": OPTIMUM.tail(1)})
     assert "Before, all joints were ideal" in text
     assert "crank 151.50 mm and rod 564.00 mm." in text
-    text = summary.markdown(NAMED, {"optimum": OPTIMUM.tail(1).assign(at_edge=True)})
+    text = markdown(NAMED, {"optimum": OPTIMUM.tail(1).assign(at_edge=True)})
     assert "rod 564.00 mm; after, the optimum lies at the edge" in text
 
 
 @pytest.mark.parametrize("verdict", [VERDICTS["unexplained"], NAMED | {"effects": [BIAS]}])
 def test_no_optimum_moves_where_nothing_was_added(verdict):
-    text = summary.markdown(verdict, {"optimum": OPTIMUM.head(0)})
+    text = markdown(verdict, {"optimum": OPTIMUM.head(0)})
     assert "Nothing was added to the mechanism" in text
     assert "ideal" not in text
 
@@ -262,7 +270,7 @@ EFFECTS_SEEN = pd.DataFrame(
 
 
 def test_what_would_have_been_seen_is_told_by_parameter_and_unit_in_the_direction_in_which_it_shows():
-    text = summary.markdown(VERDICTS["no_disagreement"], {"effects": EFFECTS_SEEN})
+    text = markdown(VERDICTS["no_disagreement"], {"effects": EFFECTS_SEEN})
     seen = (
         "bending of the rod (frequency_Hz up to 157.2 Hz), a wrong gain of the sensor of crank torque (gain_error 0.05), Coulomb "
         "friction of the slider (force_N 0.0787 N)."
@@ -272,19 +280,19 @@ def test_what_would_have_been_seen_is_told_by_parameter_and_unit_in_the_directio
 
 def test_what_could_not_be_simulated_is_not_called_undetectable():
     verdict = NAMED | {"preflight": {"undetectable": ["crank_unbalance", "gas_pressure"], "merged": []}}
-    text = summary.markdown(verdict, {"effects": EFFECTS_SEEN})
+    text = markdown(verdict, {"effects": EFFECTS_SEEN})
     assert "so nothing is said about: an unbalance of the crank.\n" in text
     assert "is not known: the pressure of a closed gas volume on the slider (the slider jams)." in text
 
 
 def test_noise_that_was_assumed_for_what_could_be_seen_is_told():
     told = "with assumed noise where the campaign states none"
-    assert told in summary.markdown(NAMED, {"effects": EFFECTS_SEEN})
-    assert "assumed noise" not in summary.markdown(NAMED, {"effects": EFFECTS_SEEN.assign(assumed="")})
+    assert told in markdown(NAMED, {"effects": EFFECTS_SEEN})
+    assert "assumed noise" not in markdown(NAMED, {"effects": EFFECTS_SEEN.assign(assumed="")})
 
 
 def test_what_was_not_detectable_and_what_looks_alike_is_said():
-    text = summary.markdown(NAMED, {})
+    text = markdown(NAMED, {})
     assert "nothing is said about: an unbalance of the crank" in text
     alike = "a bias of the sensor of crank torque and Coulomb friction of the crank"
     assert f"look alike in this experiment and count as one: {alike}" in text

@@ -2,8 +2,9 @@
 
 import pytest
 
-from jointgap.campaign.phrasing import effect_in_words, joined, parameter_rows, place_of, unit_of, with_error
+from jointgap.campaign.phrasing import effect_in_words, parameter_rows, place_of, unit_of
 from jointgap.effects import EFFECTS
+from jointgap.report.plain_words import joined, with_error
 
 
 @pytest.mark.parametrize("name", EFFECTS)

@@ -8,10 +8,11 @@ from jointgap import tables
 from jointgap.config import read_yaml, resolve
 from jointgap.joints import PINS
 from jointgap.paper.claims import _contact, _deviations, _distinct, _networks, _optimisers, _real_gain, _superposed
-from jointgap.paper.comparison_page import html, markdown
+from jointgap.paper.comparison_page import page
 from jointgap.paper.comparison_row import FAILS, HOLDS, UNKNOWN, Row, claim
 from jointgap.paper.printed import OPTIMA, TRAINING_MSE
 from jointgap.paper.printed_numbers import _optimum
+from jointgap.report.page import to_html, to_markdown
 from jointgap.tables import OUTPUTS
 
 
@@ -94,10 +95,11 @@ def test_pages_hold_every_row_and_escape_what_is_not_text(scenario):
     rows = [Row("number", "a < b", "1", 1.0, 2.0, "because & so"), claim("c | d", None, None, "", None, "who knows")]
     comparison = pd.DataFrame([row.record() for row in rows])
     tables.to_arrow(tables.COMPARISON, comparison)
-    page, text = html(comparison, scenario), markdown(comparison, scenario)
-    assert "a &lt; b" in page
-    assert "because &amp; so" in page
-    assert "| c / d |" in text
+    shown = page(comparison, scenario)
+    html, text = to_html(shown), to_markdown(shown)
+    assert "a &lt; b" in html
+    assert "because &amp; so" in html
+    assert r"| c \| d |" in text
     assert "of its other numbers 0 agree and 1 differ. Of 1 claims 0 hold, 0 do not, and 1 cannot be told." in text
 
 

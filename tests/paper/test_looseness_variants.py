@@ -6,12 +6,13 @@ import pytest
 from jointgap import tables
 from jointgap.config import read_yaml, resolve
 from jointgap.paper import scenario_overview as overview
-from jointgap.paper.comparison_page import markdown
+from jointgap.paper.comparison_page import page
 from jointgap.paper.comparison_row import FAILS, HOLDS, UNKNOWN, claim
 from jointgap.paper.joint_count import joints_claim
 from jointgap.paper.looseness_variants import Member, family, member, more_is_better
 from jointgap.paper.printed import departures
 from jointgap.paper.printed_numbers import numbers
+from jointgap.report.page import to_html, to_markdown
 
 
 @pytest.fixture(scope="module")
@@ -93,14 +94,14 @@ def test_the_overview_lists_scenarios_in_their_order_and_families_by_count(scena
     tables.to_arrow(tables.OVERVIEW, found)
     assert tuple(found["scenario"]) == names
     assert tuple(found["family"]) == ("three_loose", "three_loose", "motor", "three_loose")
-    text = overview.markdown(found)
+    text = to_markdown(overview.page(found))
     assert "| 1 of 1 | 0 of 1 | 0 of 1 |" in text
     section = text[text.index("By count of loose joints") :]
     assert (
         section.index("| 1 | loose_crank_pin |") < section.index("| 2 | paper |") < section.index("| 3 | three_loose |")
     )
     assert "motor" not in section
-    assert "By count of loose joints" in overview.html(found)
+    assert "By count of loose joints" in to_html(overview.page(found))
 
 
 @pytest.mark.parametrize(
@@ -116,7 +117,7 @@ def test_printed_numbers_are_not_held_against_another_mechanism_which_says_why(s
     assert any(words in found for found in departures(scenario.mechanism, scenario.simulate))
     assert not list(numbers({}, scenario))
     comparison = pd.DataFrame([claim("x", None, 1.0, "", True, "").record()])
-    text = markdown(comparison, scenario)
+    text = to_markdown(page(comparison, scenario))
     assert words in text and "Of 1 claims 1 hold" in text and "## Printed numbers" not in text
 
 

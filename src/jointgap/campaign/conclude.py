@@ -3,14 +3,15 @@
 from typing import Any
 
 from jointgap.campaign import verdict
-from jointgap.campaign import verdict_page as summary
 from jointgap.campaign.clockwise import clockwise
 from jointgap.campaign.confirm import gap_of, held_out
 from jointgap.campaign.folder import SUMMARIES, VERDICT
 from jointgap.campaign.preflight import groups, separated_by, undetectable
 from jointgap.campaign.stages import FALSE_ALARM_RATE, preflight
 from jointgap.campaign.state import Case
+from jointgap.campaign.verdict_page import page
 from jointgap.identification.fit import Fit
+from jointgap.report.page import to_html, to_markdown
 from jointgap.tables import write_text
 
 _PICTURED = {
@@ -63,10 +64,10 @@ def show(case: Case) -> None:
     frames["fits"] = folder.read("ranking", "regress")
     for name in CATALOGUE:
         style.save(draw(name, frames, found), folder.path / "figures" / name)
-    remarks = (*folder.read("remarks")["remark"], *_noise_remarks(case))
-    markdown, page = (folder.path / name for name in SUMMARIES)
-    write_text(markdown, summary.markdown(found, frames, remarks))
-    write_text(page, summary.html(found, frames, remarks, str(folder.path / "figures")))
+    summary = page(found, frames, (*folder.read("remarks")["remark"], *_noise_remarks(case)))
+    markdown, html = (folder.path / name for name in SUMMARIES)
+    write_text(markdown, to_markdown(summary))
+    write_text(html, to_html(summary, folder.path / "figures"))
 
 
 def _noise_remarks(case: Case) -> list[str]:

@@ -127,7 +127,7 @@ def analyse(campaign: Path, folder: Path | None) -> None:
     """
     from jointgap.campaign.conclude import show
     from jointgap.campaign.pipeline import analyse as whole
-    from jointgap.campaign.verdict_page import answer
+    from jointgap.campaign.verdict_sentences import answer
 
     case = _case(campaign, folder)
     verdict = whole(campaign, case.folder.path)

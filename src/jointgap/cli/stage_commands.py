@@ -183,11 +183,12 @@ def compare(options: str, results: Path, beside: tuple[tuple[str, str], ...]) ->
     """Put every number and claim of the paper beside ours."""
     from jointgap import tables
     from jointgap.paper.comparison import NEEDED, compare
-    from jointgap.paper.comparison_page import html, markdown
+    from jointgap.paper.comparison_page import page
     from jointgap.paper.looseness_variants import member
+    from jointgap.report.page import to_html, to_markdown
 
     scenario, folder = opened(options, results)
-    texts = {results / "comparison.html": html, results / "comparison.md": markdown}
+    texts = {results / "comparison.html": to_html, results / "comparison.md": to_markdown}
     tables.check_writable(*texts, results / "comparison.parquet")
     frames = folder.frames(NEEDED)
     others = {name: opened(more, results.parent / name) for name, more in beside}
@@ -197,7 +198,7 @@ def compare(options: str, results: Path, beside: tuple[tuple[str, str], ...]) ->
     ]
     found = compare(frames, scenario, members)
     for path, write in texts.items():
-        tables.write_text(path, write(found, scenario))
+        tables.write_text(path, write(page(found, scenario)))
     folder.write(tables.COMPARISON, found)
 
 

@@ -86,13 +86,14 @@ def overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
     from jointgap import tables
     from jointgap.cli.group import opened
     from jointgap.paper import scenario_overview as overview
+    from jointgap.report.page import to_html, to_markdown
 
-    texts = {results / "overview.html": overview.html, results / "overview.md": overview.markdown}
+    texts = {results / "overview.html": to_html, results / "overview.md": to_markdown}
     tables.check_writable(*texts, results / "overview.parquet")
     loaded = {name: opened(options, results / name) for name, options in scenarios}
     found = overview.overview(
         {name: (folder.frames(overview.NEEDED), scenario) for name, (scenario, folder) in loaded.items()}
     )
     for path, write in texts.items():
-        tables.write_text(path, write(found))
+        tables.write_text(path, write(overview.page(found)))
     tables.write(tables.OVERVIEW, found, results / "overview.parquet")

@@ -3,16 +3,15 @@
 A second part puts scenarios beside each other that differ in nothing but which joints are loose.
 """
 
-import html as escape
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.paper.comparison_page import STYLE
 from jointgap.paper.joint_count import conclusion
 from jointgap.paper.looseness_variants import Member, family, member
+from jointgap.report.page import Block, Heading, Page, Paragraph, TableBlock
 
 NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated")
 
@@ -35,6 +34,7 @@ HEADS = (
     "again, window [%]",
     "again, settled [%]",
 )
+_ALIGN = "lllrrrrrrrrrrr"
 TITLE = "The scenarios side by side"
 TEXT = (
     "Reductions of the RMS error of the transmission angle at the lengths that the genetic algorithm finds on the networks (main box), "
@@ -51,6 +51,7 @@ COUNT_HEADS = (
     "error before [deg]",
     "after [deg]",
 )
+_COUNT_ALIGN = "rllrrrr"
 COUNT_TITLE = "By count of loose joints"
 
 
@@ -155,31 +156,9 @@ def _families(table: pd.DataFrame) -> Iterator[tuple[str, list[tuple[str, ...]]]
         yield words, cells
 
 
-def _markdown_table(heads: Sequence[str], rows: Iterable[tuple[str, ...]]) -> list[str]:
-    return [f"| {' | '.join(line)} |" for line in (heads, ["---"] * len(heads), *rows)]
-
-
-def markdown(table: pd.DataFrame) -> str:
-    """The table overview as Markdown."""
-    lines = [f"# {TITLE}", "", TEXT, "", *_markdown_table(HEADS, _cells(table)), ""]
+def page(table: pd.DataFrame) -> Page:
+    """The `table` overview on one page."""
+    blocks: list[Block] = [Paragraph(TEXT), TableBlock(HEADS, tuple(_cells(table)), _ALIGN)]
     for words, cells in _families(table):
-        lines += [f"## {COUNT_TITLE}", "", words, "", *_markdown_table(COUNT_HEADS, cells), ""]
-    return "\n".join(lines)
-
-
-def _html_table(heads: Sequence[str], rows: Iterable[tuple[str, ...]]) -> str:
-    head = "".join(f"<th>{head}</th>" for head in heads)
-    body = "".join(f"<tr>{''.join(f'<td>{escape.escape(cell)}</td>' for cell in cells)}</tr>" for cells in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def html(table: pd.DataFrame) -> str:
-    """The table overview as one self-contained page."""
-    counts = "".join(
-        f"<h2>{COUNT_TITLE}</h2><p>{escape.escape(words)}</p>{_html_table(COUNT_HEADS, cells)}"
-        for words, cells in _families(table)
-    )
-    return (
-        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{TITLE}</title><style>{STYLE}</style></head>"
-        f"<body><h1>{TITLE}</h1><p>{TEXT}</p>{_html_table(HEADS, _cells(table))}{counts}</body></html>\n"
-    )
+        blocks += [Heading(COUNT_TITLE), Paragraph(words), TableBlock(COUNT_HEADS, tuple(cells), _COUNT_ALIGN)]
+    return Page(TITLE, tuple(blocks))

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.report.page import Page, Paragraph, TableBlock, to_markdown
 from jointgap.sweep.study_catalogue import SHOWN
 
 _AXES = {
@@ -23,42 +24,39 @@ def summary(points: pd.DataFrame, scenario: Scenario) -> str:
     scenario : Scenario
     """
     study, loose = scenario.study, ", ".join(scenario.mechanism.applied().loose)
-    lines = [
-        "# Clearance, speed and friction",
-        "",
+    introduction = (
         f"Loose joints: {loose}. Each of the {len(points)} points is simulated from {study.members} starts, all but the first "
         f"changed by {study.perturbation:g} of the clearance; {study.transient_revolutions} revolutions pass, "
-        f"{study.settled_revolutions} count. Numbers are medians over the starts.",
-        "",
-        *_effects(points),
-        "",
-        *_sensitive(points),
-        "",
-        *_spreads(points),
-        *_failures(points),
-        "",
+        f"{study.settled_revolutions} count. Numbers are medians over the starts."
+    )
+    meaning = (
+        "From the smallest to the largest value, all else equal, a number becomes so many times as large (median, and range "
+        "in brackets, over the other two axes):"
+    )
+    files = (
         "Figures: `study_<measure>.png`, a map for each measure; `study_orders.png`, the slider's acceleration by order. All "
-        "numbers: `points.parquet` (`jointgap describe` explains the columns).",
-    ]
-    return "\n".join(lines) + "\n"
+        "numbers: `points.parquet` (`jointgap describe` explains the columns)."
+    )
+    findings = (_sensitive(points), _spreads(points), _failures(points), files)
+    blocks = (
+        Paragraph(introduction),
+        Paragraph(meaning),
+        _effects(points),
+        *(Paragraph(text) for text in findings if text),
+    )
+    return to_markdown(Page("Clearance, speed and friction", blocks))
 
 
-def _effects(points: pd.DataFrame) -> list[str]:
+def _effects(points: pd.DataFrame) -> TableBlock:
     """By measure: its range, and what it becomes from the smallest to the largest value of each axis, all else equal."""
     axes = [axis for axis in _AXES if points[axis].nunique() > 1]
     heads = [f"{_AXES[axis][0]} {_ends(points, axis)}" for axis in axes]
-    lines = [
-        "From the smallest to the largest value, all else equal, a number becomes so many times as large (median, and range "
-        "in brackets, over the other two axes):",
-        "",
-        "| over the settled revolutions | smallest | largest | " + " | ".join(heads) + " |",
-        "| --- " * (3 + len(axes)) + "|",
-    ]
+    rows = []
     for measure, shown in SHOWN.items():
         values = shown.factor * points[measure]
-        cells = [f"{shown.quantity} [{shown.unit}]", f"{values.min():.3g}", f"{values.max():.3g}"]
-        lines.append("| " + " | ".join(cells + [_ratio(points, measure, axis) for axis in axes]) + " |")
-    return lines
+        cells = (f"{shown.quantity} [{shown.unit}]", f"{values.min():.3g}", f"{values.max():.3g}")
+        rows.append((*cells, *(_ratio(points, measure, axis) for axis in axes)))
+    return TableBlock(("over the settled revolutions", "smallest", "largest", *heads), tuple(rows))
 
 
 def _ends(points: pd.DataFrame, axis: str) -> str:
@@ -77,51 +75,44 @@ def _ratio(points: pd.DataFrame, measure: str, axis: str) -> str:
     return f"x {ratio.median():.3g} ({ratio.min():.3g} to {ratio.max():.3g})"
 
 
-def _told(points: pd.DataFrame) -> pd.DataFrame:
+def _decided(points: pd.DataFrame) -> pd.DataFrame:
     """The points at which at least two starts went on, so that it is known whether they part."""
     return points[points["growth"].notna()]
 
 
-def _sensitive(points: pd.DataFrame) -> list[str]:
-    told = _told(points)
-    if told.empty:
-        return ["Too many starts failed to tell whether a small change of the start grows."]
-    found = told[told["sensitive"]]
-    if found.empty:
-        return ["At no point does a small change of the start grow: samples of these motions can be compared."]
+def _sensitive(points: pd.DataFrame) -> str:
+    decided = _decided(points)
+    if decided.empty:
+        return "Too many starts failed to tell whether a small change of the start grows."
+    sensitive = decided[decided["sensitive"]]
+    if sensitive.empty:
+        return "At no point does a small change of the start grow: samples of these motions can be compared."
     by_friction = [
         f"{int(part['sensitive'].sum())} of {len(part)} at friction {friction:g}"
-        for friction, part in told.groupby("friction")
+        for friction, part in decided.groupby("friction")
     ]
-    return [
-        f"At {len(found)} of {len(told)} points a small change of the start grows beyond a thousandth of the clearance "
-        f"(largest factor {found['growth'].max():.2g}): the motion is chaotic there or has not settled, and only statistics "
-        f"can be compared. They are {', '.join(by_friction)}.",
-    ]
+    return (
+        f"At {len(sensitive)} of {len(decided)} points a small change of the start grows beyond a thousandth of the clearance "
+        f"(largest factor {sensitive['growth'].max():.2g}): the motion is chaotic there or has not settled, and only statistics "
+        f"can be compared. They are {', '.join(by_friction)}."
+    )
 
 
-def _spreads(points: pd.DataFrame) -> list[str]:
-    known = _told(points)
-    parts = {
-        "where samples hold": known[~known["sensitive"]],
-        "where only statistics hold": known[known["sensitive"]],
-    }
-    told = []
-    for words, part in parts.items():
+def _spreads(points: pd.DataFrame) -> str:
+    decided, spreads = _decided(points), []
+    for words, part in (
+        ("where samples hold", decided[~decided["sensitive"]]),
+        ("where only statistics hold", decided[decided["sensitive"]]),
+    ):
         spread = ((part["peak_force_high"] - part["peak_force_low"]) / part["peak_force"]).dropna()
         if len(spread):
-            told.append(f"{100 * spread.median():.2g} % {words}")
-    if not told:
-        return []
-    return [
-        f"Spread of the peak force over the starts (largest less smallest, median of the points): {'; '.join(told)}."
-    ]
+            spreads.append(f"{100 * spread.median():.2g} % {words}")
+    lead = "Spread of the peak force over the starts (largest less smallest, median of the points)"
+    return f"{lead}: {'; '.join(spreads)}." if spreads else ""
 
 
-def _failures(points: pd.DataFrame) -> list[str]:
+def _failures(points: pd.DataFrame) -> str:
     failed = points[points["failed"] > 0]
-    return (
-        ["", f"Starts that failed: {failed['failed'].sum()}; the first: {failed['reason'].iloc[0]}"]
-        if len(failed)
-        else []
-    )
+    if failed.empty:
+        return ""
+    return f"Starts that failed: {failed['failed'].sum()}; the first: {failed['reason'].iloc[0]}"

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import beta, binom
 
+from jointgap.report.page import Block, Heading, Page, Paragraph, TableBlock, to_markdown
 from jointgap.trials.draw_rigs import BASES
 from jointgap.trials.size_calibration import NEAR
 
@@ -88,53 +89,36 @@ def confusion(trials: pd.DataFrame) -> pd.DataFrame:
 
 def markdown(name: str, trials: pd.DataFrame) -> str:
     """The summary as a page."""
-    found = rates(trials)
-    lines = [
-        f"# Blind trials: {name}",
-        "",
-        f"{len(trials)} campaigns. Shares with 95 % intervals of Clopper and Pearson, medians with those of order statistics.",
-        "",
-        "| what | group | of | value | 95 % |",
-        "| --- | --- | ---: | ---: | --- |",
+    rows = [
+        (row.what, row.group, str(row.count), _text(row.value), f"{_text(row.low)} - {_text(row.high)}")
+        for row in rates(trials).itertuples()
     ]
-    for row in found.itertuples():
-        lines.append(
-            f"| {row.what} | {row.group} | {row.count} | {_text(row.value)} | {_text(row.low)} - {_text(row.high)} |"
-        )
+    intervals = "Shares with 95 % intervals of Clopper and Pearson, medians with those of order statistics."
+    blocks = [
+        Paragraph(f"{len(trials)} campaigns. {intervals}"),
+        TableBlock(("what", "group", "of", "value", "95 %"), tuple(rows), "llrrl"),
+    ]
     for base in BASES:
         part = trials[trials["base"] == base]
         if len(part):
-            lines += ["", f"## What was named: base {base}", "", *_table(confusion(part))]
+            blocks += [Heading(f"What was named: base {base}"), _table(confusion(part))]
     wrong = trials["outcome"].isin(["wrong", "failed"])
-    lines += _listed("Wrong or failed", trials[wrong])
+    blocks += _listed("Wrong or failed", trials[wrong])
     abstained = (trials["kind"] == "off_list") & (trials["outcome"] == "unexplained")
-    lines += _listed("Neither right nor wrong", trials[~wrong & ~abstained & (trials["outcome"] != "right")])
-    return "\n".join(lines) + "\n"
+    blocks += _listed("Neither right nor wrong", trials[~wrong & ~abstained & (trials["outcome"] != "right")])
+    return to_markdown(Page(f"Blind trials: {name}", tuple(blocks)))
 
 
-def _listed(heading: str, trials: pd.DataFrame) -> list[str]:
+def _listed(heading: str, trials: pd.DataFrame) -> list[Block]:
     """Trials one a row, those whose effect counts as undetectable last."""
     if trials.empty:
         return []
-    shown = [
-        "id",
-        "kind",
-        "base",
-        "size",
-        "gap_caused",
-        "numerics_gap",
-        "detectable",
-        "hidden",
-        "verdict",
-        "named",
-        "outcome",
-        "reason",
-    ]
+    shown = "id kind base size gap_caused numerics_gap detectable hidden verdict named outcome reason".split()
     rows = trials.sort_values(["detectable", "kind", "base", "hidden"], ascending=[False, True, True, True])
     rows = rows.round({"gap_caused": 2, "numerics_gap": 2}).assign(
         detectable=rows["detectable"].map({True: "yes", False: "no"})
     )
-    return ["", f"## {heading}", "", *_table(rows[shown].set_index("id"))]
+    return [Heading(heading), _table(rows[shown].set_index("id"))]
 
 
 def metrics(trials: pd.DataFrame) -> dict[str, float]:
@@ -192,15 +176,11 @@ def _text(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.3g}"
 
 
-def _table(frame: pd.DataFrame) -> list[str]:
-    lines = [f"| {frame.index.name} | {' | '.join(map(str, frame.columns))} |", "| --- " * (frame.shape[1] + 1) + "|"]
-    for name, row in frame.iterrows():
-        lines.append(f"| {name} | {' | '.join(map(_cell, row))} |")
-    return lines
+def _table(frame: pd.DataFrame) -> TableBlock:
+    rows = tuple((str(name), *map(_cell, row)) for name, row in frame.iterrows())
+    return TableBlock((frame.index.name, *map(str, frame.columns)), rows)
 
 
 def _cell(value) -> str:
-    """Text that breaks no table; nothing for a count of zero, and for a number that is not known."""
-    if isinstance(value, str):
-        return " ".join(value.replace("|", "/").split())
-    return str(value) if value and not math.isnan(value) else ""
+    """The value as text; nothing for a count of zero, and for a number that is not known."""
+    return value if isinstance(value, str) else str(value) if value and not math.isnan(value) else ""

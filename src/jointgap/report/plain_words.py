@@ -1,0 +1,45 @@
+"""Names and numbers as a reader meets them in sentences, tables and legends."""
+
+from collections.abc import Iterable
+from math import floor, log10
+
+
+def in_words(name: str) -> str:
+    """``sensor bias: crank torque`` of ``sensor_bias:crank_torque``, ``crank pin`` of ``crank_pin``."""
+    return name.replace("_", " ").replace(":", ": ")
+
+
+def joined(parts: Iterable[str]) -> str:
+    """``a, b and c``."""
+    parts = list(parts)
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}" if parts else ""
+
+
+def number(value: float | str | None) -> str:
+    """Four digits; a formula as it is, a dash for what is not known."""
+    if isinstance(value, str):
+        return value
+    return "–" if value is None or value != value else f"{value:.4g}"
+
+
+def with_error(value: float | str | None, error: float | None) -> tuple[str, str]:
+    """A `value` down to the second digit of its standard `error`, and that error; four digits where there is none."""
+    if isinstance(value, str) or not value or not error or error != error:
+        return number(value), number(error)
+    digits = 2 + floor(log10(abs(value))) - floor(log10(error))
+    return f"{value:#.{max(digits, 2)}g}".rstrip("."), f"{error:#.2g}".rstrip(".")
+
+
+def with_unit(value: str, unit: str) -> str:
+    """A `value` and its `unit`; that of a pure number (``1``) is left out."""
+    return value if unit in ("", "1") else f"{value} {unit}"
+
+
+def rounded_gap(gap: float) -> str:
+    """A gap [standard deviations of the noise]: two digits after the point, none from 100 on."""
+    return f"{gap:.2f}" if gap < 100 else f"{gap:.0f}"
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """A `share` of 1 in percent, with so many `digits` after the point."""
+    return f"{100.0 * share:.{digits}f} %"
