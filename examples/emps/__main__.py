@@ -6,14 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from examples.emps.model import HELD_OUT, Emps
-from jointgap.campaign.noise_tables import noise as noise_of
-from jointgap.campaign.outcome import Outcome, decide
-from jointgap.campaign.screening_tables import screen
 from jointgap.errors import InputError
 from jointgap.identification.baseline import Recalibrated, recalibrate
+from jointgap.identification.decision import Decision
+from jointgap.identification.estimates import HALF_WIDTH_90
 from jointgap.identification.fit import Fit
 from jointgap.identification.hypothesis_fits import doubles, singles
-from jointgap.identification.noise_model import degrees_of_freedom
+from jointgap.identification.model_selection import select_explanation
+from jointgap.identification.noise_model import degrees_of_freedom, noise_of_model
+from jointgap.identification.thresholds import screen_candidates
 
 FALSE_ALARMS = 0.01
 """Share of campaigns with nothing hidden in which something is found nevertheless."""
@@ -24,7 +25,7 @@ class Named:
     """The verdict and the fits that it rests on."""
 
     base: Recalibrated
-    decision: Outcome
+    decision: Decision
 
     @property
     def chosen(self) -> Fit:
@@ -39,12 +40,12 @@ class Named:
 
 def name(model: Emps) -> Named:
     """All stages from the noise to the verdict, as docs/own_model.md has them."""
-    noise = noise_of(model)
+    noise = noise_of_model(model)
     base = recalibrate(model, noise)
-    screened = screen(base, FALSE_ALARMS, degrees_of_freedom(noise))
-    alone, _ = singles(base, screened.known, screened.limits)
-    together, _ = doubles(base, screened.known, screened.limits, alone)
-    return Named(base, decide(base, screened.known, [*alone, *together], {}, screened.limits))
+    known, limits = screen_candidates(base, FALSE_ALARMS, degrees_of_freedom(noise))
+    alone, _ = singles(base, known, limits)
+    together, _ = doubles(base, known, limits, alone)
+    return Named(base, select_explanation(base, known, [*alone, *together], limits))
 
 
 def force_error(model: Emps, run: str, found: Fit) -> float:
@@ -66,12 +67,13 @@ def main() -> None:
     found = name(model)
     print(f"verdict: {found.decision.verdict} ({found.decision.because})")
     print(f"effects: {' + '.join(found.names) or 'none'}")
-    for one in found.decision.ranking.head(5).itertuples():
-        print(f"  {one.explanation}: delta BIC {one.delta_bic:.0f}, explained share {one.explained_share:.3f}")
+    for ranked in found.decision.ranking[:5]:
+        print(f"  {ranked.fit.label}: delta BIC {ranked.delta_bic:.0f}, explained share {ranked.share:.3f}")
     for p, value, sd in zip(
         found.chosen.parameters, found.chosen.values, np.sqrt(np.diag(found.chosen.covariance())), strict=True
     ):
-        print(f"  {p.key} = {value:.4g} {p.unit}, 90 % interval {value - 1.645 * sd:.4g} to {value + 1.645 * sd:.4g}")
+        half = HALF_WIDTH_90 * sd
+        print(f"  {p.key} = {value:.4g} {p.unit}, 90 % interval {value - half:.4g} to {value + half:.4g}")
     for run in model.force:
         before, after = force_error(model, run, found.decision.base), force_error(model, run, found.chosen)
         aside = " (held out)" if run == HELD_OUT else ""

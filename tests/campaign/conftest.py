@@ -4,15 +4,14 @@ from dataclasses import dataclass
 
 import pytest
 
-from jointgap.campaign import noise_tables as noise
-from jointgap.campaign import outcome as decide
-from jointgap.campaign import screening_tables as screen
-from jointgap.campaign.outcome import Outcome
+from jointgap.campaign.tables_of_identification import Outcome, outcome_of
 from jointgap.identification import hypothesis_fits as explain
 from jointgap.identification.baseline import Recalibrated, recalibrate
 from jointgap.identification.fit import Fit
-from jointgap.identification.noise_model import FoundNoise, degrees_of_freedom, numerics_noise
+from jointgap.identification.model_selection import select_explanation
+from jointgap.identification.noise_model import FoundNoise, degrees_of_freedom, noise_of_model, numerics_noise
 from jointgap.identification.protocol import Model
+from jointgap.identification.thresholds import Screening, screen_candidates
 from tests.identification.toy import toy
 
 TRUTH = 3.0  # N
@@ -25,7 +24,7 @@ class Chain:
     model: Model
     noise: dict[tuple[str, str], FoundNoise]
     recalibrated: Recalibrated
-    screening: screen.Screening
+    screening: Screening
     fits: list[Fit]
     outcome: Outcome
 
@@ -34,14 +33,14 @@ class Chain:
 def chain() -> Chain:
     """Coulomb friction is hidden; the speeds are stated a little wrong."""
     model = toy({"coulomb": {"force_N": TRUTH}}, {"slider_mass": 0.51}, noise=0.03, seed=3)
-    found = noise.noise(model)
+    found = noise_of_model(model)
     base = recalibrate(model, found)
     whole = numerics_noise(model, base.base.mapping, found)
     whole |= {part.series.key: part.noise for part in base.problem.parts}
-    screening = screen.screen(base, 0.01, degrees_of_freedom(found))
+    screening = screen_candidates(base, 0.01, degrees_of_freedom(found))
     fits, seconds = explain.singles(base, screening.known, screening.limits)
     pairs, more = explain.doubles(base, screening.known, screening.limits, fits)
     fits, seconds = [*fits, *pairs], [*seconds, *more]
     times = {one.label: each for one, each in zip(fits, seconds, strict=True)}
-    outcome = decide.decide(base, screening.known, fits, times, screening.limits)
+    outcome = outcome_of(select_explanation(base, screening.known, fits, screening.limits), times)
     return Chain(model, whole, base, screening, fits, outcome)

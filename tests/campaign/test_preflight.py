@@ -7,6 +7,7 @@ import pytest
 from benchmarks.project import ROOT
 from jointgap import tables
 from jointgap.campaign import preflight
+from jointgap.campaign.tables_of_identification import undetectable
 from jointgap.config.load import load_campaign
 from jointgap.identification.advice import Preflight
 
@@ -35,8 +36,8 @@ NO_ADVICE = pd.DataFrame(columns=["change", "newly_detectable", "separated", "ga
 @pytest.fixture
 def planned(tmp_path, monkeypatch):
     """Tables of `FOUND`, written and read again."""
-    monkeypatch.setattr(preflight, "planned", lambda *given: FOUND)
-    frames = preflight.preflight(load_campaign(ROOT / "config/campaigns/demonstration.yaml"), 0.01)
+    monkeypatch.setattr(preflight, "preflight", lambda *given: FOUND)
+    frames = preflight.preflight_tables(load_campaign(ROOT / "config/campaigns/demonstration.yaml"), 0.01)
     for name, table in (("detectable", tables.DETECTABLE), ("confusability", tables.CONFUSABILITY)):
         tables.write(table, frames[name], tmp_path / name)
         frames[name] = tables.read(table, tmp_path / name)
@@ -60,7 +61,7 @@ def test_what_could_not_be_simulated_is_not_called_undetectable(planned):
 
 
 def test_a_verdict_says_nothing_of_what_cannot_be_seen_or_simulated(planned):
-    assert preflight.undetectable(planned["detectable"]) == ["crank_unbalance", "gas_pressure"]
+    assert undetectable(planned["detectable"]) == ["crank_unbalance", "gas_pressure"]
 
 
 def test_the_noise_that_was_assumed_is_printed(planned):

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from jointgap.campaign import screening_tables as screen
+from jointgap.campaign.tables_of_identification import screened_frame, signatures_from_frames, signatures_to_frames
 from jointgap.errors import InputError
+from jointgap.identification.model_selection import shortlist
 from jointgap.identification.problem import Problem
 
 
@@ -20,15 +21,22 @@ class _Without:
         return getattr(self._model, name)
 
 
+def frames(chain):
+    """Tables of the screening, by name."""
+    known = chain.screening.known
+    return signatures_to_frames(known) | {"screened": screened_frame(known, shortlist(known, chain.screening.limits))}
+
+
 def test_an_effect_that_the_model_no_longer_lacks_is_named_with_the_stage_to_run_again(chain):
-    tables = (*screen.to_frames(chain.screening.known), chain.screening.frame())
+    tables = frames(chain)
     problem = Problem(_Without(chain.model, "viscous"), chain.noise)
     with pytest.raises(InputError, match=r"signatures\.parquet: holds viscous of another model.*run `jointgap noise`"):
-        screen.from_frames(*tables, replace(chain.recalibrated, problem=problem))
+        signatures_from_frames(tables, replace(chain.recalibrated, problem=problem))
 
 
 def test_an_effect_whose_sizes_are_of_other_runs_is_named_too(chain):
-    derivatives, shapes = screen.to_frames(chain.screening.known)
+    tables = frames(chain)
+    derivatives = tables["signatures"]
     renamed = derivatives["name"].mask(derivatives["label"] == "coulomb", "force_N@other")
     with pytest.raises(InputError, match="holds coulomb of another model"):
-        screen.from_frames(derivatives.assign(name=renamed), shapes, chain.screening.frame(), chain.recalibrated)
+        signatures_from_frames(tables | {"signatures": derivatives.assign(name=renamed)}, chain.recalibrated)

@@ -7,15 +7,16 @@ import pandas as pd
 import pytest
 
 from benchmarks.project import ROOT
-from jointgap.campaign import confirm, stages
-from jointgap.campaign import outcome as decide
 from jointgap.campaign import reoptimise as rechain
+from jointgap.campaign import stages
 from jointgap.campaign.folder import MECHANISM
-from jointgap.campaign.outcome import Outcome
 from jointgap.campaign.state import Case
+from jointgap.campaign.tables_of_identification import Outcome, gap_of
 from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.errors import SimulationError
+from jointgap.identification import force_law, model_selection
+from jointgap.identification.decision import Decision
 from jointgap.identification.disagreement import locate
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
@@ -41,8 +42,8 @@ def case(chain, better, tmp_path, monkeypatch):
         found.recalibrated, found.screening = chain.recalibrated, chain.screening
         return found
 
-    outcome = replace(chain.outcome, verdict="parameters_only", chosen=better, base=better, equivalent=[])
-    monkeypatch.setattr(decide, "decide", lambda *_: outcome)
+    decision = Decision("parameters_only", better, better)
+    monkeypatch.setattr(model_selection, "select_explanation", lambda *_: decision)
     monkeypatch.setattr(Case, "fits", lambda *_: ([], {}))
     stages.decide(made())
     return made
@@ -65,22 +66,22 @@ def test_the_map_is_of_the_better_base(case, chain, better):
 def test_gaps_and_gains_are_counted_from_the_better_base(case, chain, better):
     stages.regress(case())
     stages.confirm(case())
-    gap = confirm.gap_of(case().folder.read("gaps"), "identify")
+    gap = gap_of(case().folder.read("gaps"), "identify")
     assert gap["before"] == pytest.approx(chain.recalibrated.problem.gap(better.residual))
     assert gap["before"] != pytest.approx(chain.recalibrated.problem.gap(chain.recalibrated.base.residual))
     assert case().outcome("regress").base.bic == pytest.approx(better.bic)
 
 
 def test_a_law_for_what_is_missing_is_sought_from_the_better_base(case, chain, better, monkeypatch):
-    unexplained = replace(chain.outcome, verdict="unexplained", chosen=better, base=better, equivalent=[])
-    monkeypatch.setattr(decide, "decide", lambda *_: unexplained)
+    unexplained = Decision("unexplained", better, better)
+    monkeypatch.setattr(model_selection, "select_explanation", lambda *_: unexplained)
     stages.decide(case())
-    asked = []
-    monkeypatch.setattr("jointgap.campaign.law_outcome.regress", lambda found, *_: asked.append(found) or unexplained)
+    asked, nothing = [], force_law.Regressed(None, False, "no law holds")
+    monkeypatch.setattr(force_law, "regress", lambda problem, base, *_: asked.append(base) or nothing)
     later = case()
     later.library = []
     stages.regress(later)
-    assert asked[0].base.values == pytest.approx(better.values)
+    assert asked[0].values == pytest.approx(better.values)
 
 
 def test_where_nominal_values_are_enough_gaps_are_those_of_the_nominal_model(case, chain, better, monkeypatch):
@@ -88,7 +89,7 @@ def test_where_nominal_values_are_enough_gaps_are_those_of_the_nominal_model(cas
     enough = Outcome("no_disagreement", "", nominal, better, [], chain.outcome.ranking)
     monkeypatch.setattr(Case, "outcome", lambda *_: enough)
     stages.confirm(case())
-    gap = confirm.gap_of(case().folder.read("gaps"), "identify")
+    gap = gap_of(case().folder.read("gaps"), "identify")
     assert gap["before"] == pytest.approx(chain.recalibrated.problem.gap(nominal.residual))
 
 

@@ -10,16 +10,30 @@ from jsonschema import validate
 
 from benchmarks.project import ROOT
 from jointgap import tables
-from jointgap.campaign import confirm, preflight, verdict
-from jointgap.campaign import fit_tables as fits
-from jointgap.campaign import noise_tables as noise
-from jointgap.campaign import screening_tables as screen
-from jointgap.campaign.folder import OF_FITS, Folder, tables_of
+from jointgap.campaign import preflight, verdict
+from jointgap.campaign.folder import OF_FITS, OF_NOISE, Folder, tables_of
+from jointgap.campaign.tables_of_identification import (
+    confusability_frame,
+    confusable_groups,
+    explanation_of,
+    fits_from_frames,
+    fits_to_frames,
+    gap_of,
+    held_out,
+    noise_from_frames,
+    noise_to_frames,
+    parameter_frame,
+    screened_frame,
+    signatures_from_frames,
+    signatures_to_frames,
+)
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification import hypothesis_fits as explain
 from jointgap.identification import model_selection as naming
+from jointgap.identification.confirmation import confirm, fit_run_parameters
 from jointgap.identification.fit import FAILED
 from jointgap.identification.fit import fit as regular_fit
+from jointgap.identification.noise_model import noise_of_model
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Parameter
 from tests.campaign.conftest import TRUTH
@@ -29,14 +43,14 @@ from tests.identification.toy import SPEEDS, candidate_of, stated_noise, toy
 def test_the_hidden_effect_is_named_with_its_size_within_its_interval(chain):
     assert chain.outcome.verdict == "named"
     assert chain.outcome.chosen.label == "coulomb"
-    shown = fits.parameter_frame([chain.outcome.chosen]).set_index("key").loc["coulomb.force_N"]
+    shown = parameter_frame([chain.outcome.chosen]).set_index("key").loc["coulomb.force_N"]
     assert shown["value"] == pytest.approx(TRUTH, abs=4 * shown["sd"])
     assert shown["low_90"] < shown["value"] < shown["high_90"]
 
 
 def test_the_gap_on_held_out_runs_falls_to_that_of_noise(chain):
-    found = confirm.confirm(chain.model, chain.noise, chain.recalibrated.base, chain.outcome.chosen)
-    gap = confirm.gap_of(found.gaps, "confirm")
+    found = confirm(chain.model, chain.noise, chain.recalibrated.base, chain.outcome.chosen)
+    gap = gap_of(found.gaps, "confirm")
     assert gap["before"] > 2.0
     assert gap["after"] == pytest.approx(1.0, abs=0.1)
     whole = found.gaps[found.gaps["role"] == "confirm"].query("run == 'all'").iloc[0]
@@ -45,30 +59,30 @@ def test_the_gap_on_held_out_runs_falls_to_that_of_noise(chain):
 
 
 def test_gaps_are_those_of_the_residuals_that_are_handed_on(chain):
-    found = confirm.confirm(chain.model, chain.noise, chain.recalibrated.base, chain.outcome.chosen)
+    found = confirm(chain.model, chain.noise, chain.recalibrated.base, chain.outcome.chosen)
     squares = found.residuals.assign(square=found.residuals["whitened_augmented"] ** 2)
     held_out = squares[squares["held_out"]].groupby(["run", "channel"])["square"].mean()
-    assert confirm.gap_of(found.gaps, "confirm")["after"] == pytest.approx(np.sqrt(held_out.mean()))
-    assert confirm.gap_of(found.gaps, "identify")["before"] == pytest.approx(
+    assert gap_of(found.gaps, "confirm")["after"] == pytest.approx(np.sqrt(held_out.mean()))
+    assert gap_of(found.gaps, "identify")["before"] == pytest.approx(
         chain.recalibrated.problem.gap(chain.recalibrated.base.residual)
     )
 
 
 def test_noise_is_found_where_no_run_is_held_out():
     model = toy({"coulomb": {"force_N": TRUTH}}, held_out=(), stated=False)
-    assert noise.noise(model).keys() == {series.key for series in model.series}
+    assert noise_of_model(model).keys() == {series.key for series in model.series}
 
 
 def test_without_an_effect_the_gap_after_is_the_gap_before(chain):
-    found = confirm.confirm(chain.model, chain.noise, chain.recalibrated.base)
-    gap = confirm.gap_of(found.gaps, "confirm")
+    found = confirm(chain.model, chain.noise, chain.recalibrated.base)
+    gap = gap_of(found.gaps, "confirm")
     assert gap["before"] == gap["after"]
 
 
 def test_what_a_held_out_run_has_for_itself_is_fitted_to_it_and_nothing_else(chain):
     base = chain.recalibrated.base
-    held_out = Problem(chain.model, chain.noise, held_out=True)
-    values = confirm.own_fitted(held_out, base)
+    held_out_problem = Problem(chain.model, chain.noise, held_out=True)
+    values = fit_run_parameters(held_out_problem, base)
     assert {key for key, value in values.items() if value != base.mapping.get(key)} == {"speed@fast"}
 
 
@@ -92,34 +106,34 @@ def test_a_held_out_run_that_cannot_be_simulated_with_the_effect_has_no_gap_afte
     noise_ = stated_noise(model)
     problem = Problem(model, noise_)
     base, named = regular_fit(problem), regular_fit(problem, (candidate_of("coulomb"),))
-    whole = confirm.confirm(model, noise_, base, named).gaps
+    whole = confirm(model, noise_, base, named).gaps
     folder = Folder(tmp_path)
-    found = confirm.confirm(_Breaking(model, "fast"), noise_, base, named)
+    found = confirm(_Breaking(model, "fast"), noise_, base, named)
     folder.write("residuals", found.residuals)
     folder.write("gaps", found.gaps)
     gaps = folder.read("gaps")
-    listed = {one["run"]: one for one in confirm.held_out(gaps, dict.fromkeys(SPEEDS, "confirm"))}
-    before = {run: confirm.gap_of(whole, "confirm", run)["before"] for run in ("mid", "fast")}
+    listed = {one["run"]: one for one in held_out(gaps, dict.fromkeys(SPEEDS, "confirm"))}
+    before = {run: gap_of(whole, "confirm", run)["before"] for run in ("mid", "fast")}
     assert listed["fast"]["gap"] == {"before": pytest.approx(before["fast"]), "after": None}
     assert "does not reach the slide" in listed["fast"]["not_simulated"]
     assert listed["mid"]["gap"]["after"] == pytest.approx(1.0, abs=0.1)
     assert "not_simulated" not in listed["mid"]
-    assert confirm.gap_of(gaps, "confirm")["after"] is None
-    assert confirm.gap_of(gaps, "identify") == confirm.gap_of(whole, "identify")
+    assert gap_of(gaps, "confirm")["after"] is None
+    assert gap_of(gaps, "identify") == gap_of(whole, "identify")
 
 
 def test_the_verdict_says_of_which_runs_only_the_last_third_is_held_out(chain):
-    found = confirm.confirm(chain.model, chain.noise, chain.recalibrated.base)
+    found = confirm(chain.model, chain.noise, chain.recalibrated.base)
     roles = {"slow": "identify", "mid": "identify", "fast": "split"}
-    (listed,) = confirm.held_out(found.gaps, roles)
+    (listed,) = held_out(found.gaps, roles)
     assert (listed["run"], listed["part"]) == ("fast", "last_third")
-    assert confirm.held_out(found.gaps, roles | {"fast": "confirm"})[0]["part"] == "whole"
+    assert held_out(found.gaps, roles | {"fast": "confirm"})[0]["part"] == "whole"
 
 
 def test_fits_come_back_from_files_with_the_same_intervals(chain, tmp_path):
     folder = Folder(tmp_path)
-    folder.write_all(fits.to_frames(chain.fits, range(len(chain.fits))), "fit/0")
-    again = fits.from_frames(folder.read_all(OF_FITS, "fit/0"), chain.recalibrated.problem)
+    folder.write_all(fits_to_frames(chain.fits, range(len(chain.fits))), "fit/0")
+    again = fits_from_frames(folder.read_all(OF_FITS, "fit/0"), chain.recalibrated.problem)
     assert [one.label for one in again] == [one.label for one in chain.fits]
     for one, other in zip(again, chain.fits, strict=True):
         assert one.mapping == other.mapping
@@ -137,7 +151,7 @@ def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
     for candidate, names in ((bounded, ["force_N"]), (derived, ["push_N", "length_m"])):
         one = regular_fit(problem, (candidate,))
         folder = Folder(tmp_path)
-        folder.write("fit_parameters", fits.parameter_frame([one]), "decide")
+        folder.write("fit_parameters", parameter_frame([one]), "decide")
         shown = folder.read("fit_parameters", "decide").set_index("key")
         drawn = ["slider_mass", *(f"coulomb.{name}" for name in names if name != "length_m")]
         assert shown.loc[drawn, ["sd", "low_90", "high_90"]].isna().all(axis=None)
@@ -152,9 +166,8 @@ def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
 
 def test_noise_comes_back_from_files(chain, tmp_path):
     folder = Folder(tmp_path)
-    for name, frame in zip(("noise", "noise_memory"), noise.to_frames(chain.noise), strict=True):
-        folder.write(name, frame, "noise")
-    again = noise.from_frames(*(folder.read(name, "noise") for name in ("noise", "noise_memory")))
+    folder.write_all(noise_to_frames(chain.noise), "noise")
+    again = noise_from_frames(folder.read_all(OF_NOISE, "noise"))
     assert again.keys() == chain.noise.keys()
     for key, one in again.items():
         np.testing.assert_array_equal(one.spread, chain.noise[key].spread)
@@ -164,16 +177,12 @@ def test_noise_comes_back_from_files(chain, tmp_path):
 
 def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain, tmp_path):
     folder, known = Folder(tmp_path), chain.screening.known
-    for name, frame in zip(("signatures", "signature_shapes"), screen.to_frames(known), strict=True):
-        folder.write(name, frame)
-    folder.write("screened", chain.screening.frame())
-    again = screen.from_frames(
-        *(folder.read(name) for name in ("signatures", "signature_shapes", "screened")),
-        chain.recalibrated,
-    )
-    chosen = screen.shortlist(again, chain.screening.limits)
-    assert [one.label for one in chosen] == [one.label for one in chain.screening.chosen]
-    assert [one.start for one in chosen] == [one.start for one in chain.screening.chosen]
+    expected = naming.shortlist(known, chain.screening.limits)
+    folder.write_all(signatures_to_frames(known) | {"screened": screened_frame(known, expected)}, "screen")
+    frames = folder.read_all(("signatures", "signature_shapes", "screened"), "screen")
+    chosen = naming.shortlist(signatures_from_frames(frames, chain.recalibrated), chain.screening.limits)
+    assert [one.label for one in chosen] == [one.label for one in expected]
+    assert [one.start for one in chosen] == [one.start for one in expected]
 
 
 def test_parts_of_the_fits_together_are_all_of_them(chain):
@@ -193,18 +202,18 @@ def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, m
     fit_screened = naming.fit_screened
     monkeypatch.setattr(naming, "fit_screened", fails)
     found, _ = explain.singles(chain.recalibrated, chain.screening.known, chain.screening.limits)
-    rows = fits.to_frames(found)["fits"].set_index("explanation")
+    rows = fits_to_frames(found)["fits"].set_index("explanation")
     assert rows.loc["viscous", "status"] == FAILED
     assert rows.loc["viscous", "reason"] == "the slide flies off"
     assert (rows["status"] != FAILED).sum() == len(rows) - 1
 
 
 def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain):
-    found = confirm.confirm(chain.model, chain.noise, chain.recalibrated.base, chain.outcome.chosen)
+    found = confirm(chain.model, chain.noise, chain.recalibrated.base, chain.outcome.chosen)
     windows = pd.DataFrame(
         [{"run": "slow", "channel": "torque", "start_deg": 350.0, "end_deg": 10.0, "p_adjusted": np.float64(1e-9)}]
     )
-    gap = {role: confirm.gap_of(found.gaps, role) for role in ("identify", "confirm")}
+    gap = {role: gap_of(found.gaps, role) for role in ("identify", "confirm")}
     made = verdict.document(
         *("rig", chain.outcome, windows, gap),
         [{"run": "fast", "part": "whole", "gap": {"before": 3.0, "after": None}, "not_simulated": "it flies off"}],
@@ -238,7 +247,7 @@ def test_what_leaving_an_effect_out_costs_is_not_known_where_the_rest_cannot_be_
 def test_look_alikes_survive_as_groups_and_advice_names_what_separates_them():
     labels = ["a", "b", "c"]
     cosines = pd.DataFrame(np.eye(3), index=labels, columns=labels)
-    assert preflight.groups(preflight.pairs(cosines, [["c", "a"]])) == [["a", "c"]]
+    assert confusable_groups(confusability_frame(cosines, [["c", "a"]])) == [["a", "c"]]
     advice = pd.DataFrame({"change": ["channel x", "run y"], "separated": ["b | c", "a | c, a | b"]})
     told = preflight.separated_by(advice, [{"a"}, {"c"}], [["a", "c"]])
     assert told == "A further run y would separate them."
@@ -270,7 +279,7 @@ def test_every_table_of_a_stage_has_one_place_and_a_description():
 
 def test_a_label_of_no_candidate_is_refused(chain):
     with pytest.raises(InputError, match="no candidate"):
-        fits.explanation_of("coulomb + ghost", chain.model.candidates)
+        explanation_of("coulomb + ghost", chain.model.candidates)
 
 
 def test_a_file_that_is_no_verdict_is_refused(tmp_path):

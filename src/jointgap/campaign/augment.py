@@ -4,12 +4,12 @@ import pandas as pd
 import yaml
 
 from jointgap import tables
-from jointgap.campaign.clockwise import clockwise
-from jointgap.campaign.fit_tables import effect_parameters, nuisances
+from jointgap.campaign.clockwise import clockwise, nuisances_as_read
 from jointgap.campaign.missing_force import missing_force
-from jointgap.campaign.outcome import Outcome
+from jointgap.campaign.tables_of_identification import Outcome
 from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign
+from jointgap.identification.estimates import effect_estimates
 from jointgap.slider_crank import augmented_mechanism
 
 _WIDTH = 110
@@ -67,12 +67,12 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
     chosen = outcome.chosen
     lines = [f"The mechanism of campaign {campaign.name} with what was found: {outcome.verdict}."]
     covariance = chosen.covariance()
-    for p, one in nuisances(chosen, covariance, clockwise(campaign)):
+    for p, one in nuisances_as_read(chosen, covariance, clockwise(campaign)):
         error = "" if one["sd"] is None else f" +- {one['sd']:.2g}"
         line = f"{p.key}: {one['value']:.6g}{error} {p.unit}".removesuffix(" 1")
         lines.append(line + (f" ({one['remark']})" if one["sd"] is None else ""))
     for candidate in chosen.explanation:
-        for name, one in effect_parameters(chosen, candidate, covariance).items():
+        for name, one in effect_estimates(chosen, candidate, covariance).items():
             sensor = " (a fault of the sensor, no part of the mechanism)" if candidate.sensor else ""
             lines.append(f"{candidate.label}, {name}: {one['value']:.6g}{_error(one)}{sensor}")
     return [*lines, "Values that belong to one run, and standard errors, are for reading only. All numbers are SI."]

@@ -11,6 +11,8 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config.campaign_file import Campaign
+from jointgap.identification.estimates import nuisance_estimates
+from jointgap.identification.fit import Fit
 from jointgap.identification.protocol import Parameter
 
 _ANGLE = "crank_angle"
@@ -49,9 +51,25 @@ def residuals_as_read(residuals: pd.DataFrame, runs: Collection[str]) -> pd.Data
 
 
 def parameter_as_read(parameter: Parameter, stated: dict[str, Any], runs: Collection[str]) -> dict[str, Any]:
-    """A fitted parameter with its interval, as `jointgap.campaign.fit_tables.stated` says it: the first angle of clockwise `runs` is mirrored back."""
+    """A fitted parameter with its interval, as `jointgap.identification.estimates.estimate_with_interval` says it: the first angle of clockwise `runs` is mirrored back."""
     if parameter.name != "first_angle" or parameter.run not in runs:
         return stated
     low, high = stated["interval_90"]
     mirrored = [None, None] if low is None else [-high, -low]
     return stated | {"value": -stated["value"], "interval_90": mirrored}
+
+
+def nuisances_as_read(
+    fit: Fit, covariance: np.ndarray, runs: Collection[str] = ()
+) -> list[tuple[Parameter, dict[str, Any]]]:
+    """`jointgap.identification.estimates.nuisance_estimates`, of which the first angles of clockwise `runs` are mirrored back.
+
+    Parameters
+    ----------
+    fit : Fit
+    covariance : (k, k) array
+        Of all parameters of the fit [SI].
+    runs : collection of str
+        Runs whose crank turns clockwise.
+    """
+    return [(p, parameter_as_read(p, estimate, runs)) for p, estimate in nuisance_estimates(fit, covariance)]

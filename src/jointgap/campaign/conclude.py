@@ -4,11 +4,11 @@ from typing import Any
 
 from jointgap.campaign import verdict
 from jointgap.campaign.clockwise import clockwise
-from jointgap.campaign.confirm import gap_of, held_out
 from jointgap.campaign.folder import SUMMARIES, VERDICT
-from jointgap.campaign.preflight import groups, separated_by, undetectable
+from jointgap.campaign.preflight import separated_by
 from jointgap.campaign.stages import FALSE_ALARM_RATE, preflight
 from jointgap.campaign.state import Case
+from jointgap.campaign.tables_of_identification import confusable_groups, gap_of, held_out, undetectable
 from jointgap.campaign.verdict_page import page
 from jointgap.identification.fit import Fit
 from jointgap.report.page import to_html, to_markdown
@@ -44,7 +44,7 @@ def conclude(case: Case) -> dict[str, Any]:
         folder.read("map_windows"),
         {role: gap_of(gaps, role) for role in ("identify", "confirm")},
         held_out(gaps, {run.id: run.role for run in case.campaign.runs}),
-        {"undetectable": undetectable(detectable), "merged": groups(confusability)},
+        {"undetectable": undetectable(detectable), "merged": confusable_groups(confusability)},
         FALSE_ALARM_RATE,
         separated,
         clockwise(case.campaign),
@@ -85,4 +85,4 @@ def _separated_by(case: Case, equivalent: list[Fit]) -> str:
     if not case.folder.place("advice").is_file():
         preflight(case)
     explanations = [{candidate.label for candidate in fit.explanation} for fit in equivalent]
-    return separated_by(case.folder.read("advice"), explanations, groups(case.folder.read("confusability")))
+    return separated_by(case.folder.read("advice"), explanations, confusable_groups(case.folder.read("confusability")))

@@ -6,8 +6,8 @@ from typing import Any
 
 import pandas as pd
 
-from jointgap.campaign.fit_tables import JOINED
 from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, Folder
+from jointgap.campaign.tables_of_identification import JOINED
 from jointgap.campaign.verdict import read
 from jointgap.track.run_record import Dataset, Record
 

@@ -13,10 +13,17 @@ import numpy as np
 import pandas as pd
 
 from jointgap.campaign.phrasing import size_in_words, unit_of
+from jointgap.campaign.tables_of_identification import (
+    assumed,
+    assumed_in_a_cell,
+    confusability_frame,
+    confusable_groups,
+    failures,
+    undetectable,
+)
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS, Channel
-from jointgap.identification.advice import Preflight, advise
-from jointgap.identification.advice import preflight as planned
+from jointgap.identification.advice import Preflight, advise, preflight
 from jointgap.identification.protocol import Model
 from jointgap.recordings import Recording, read_measurements
 from jointgap.slider_crank import build_model
@@ -26,11 +33,10 @@ _FASTER, _SLOWER = 1.5, 0.5
 """Further speeds that are tried, as shares of the fastest and of the slowest."""
 
 _SEPARATOR = " | "
-_JOIN = "; "
 _MOST_ADVICE = 3
 
 
-def preflight(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
+def preflight_tables(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
     """What the campaign's speeds and channels can show.
 
     Parameters
@@ -51,11 +57,11 @@ def preflight(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
     """
     recordings = recorded(campaign)
     model = build_model(campaign, None, revolutions(campaign, recordings))
-    return _frames(planned(model, None, rate, counts(model, recordings)))
+    return _frames(preflight(model, None, rate, counts(model, recordings)))
 
 
-def advised(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
-    """As `preflight`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most."""
+def preflight_tables_with_advice(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
+    """As `preflight_tables`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most."""
     recordings, more = recorded(campaign), extended(campaign)
     like = recordings.get(campaign.runs[0].id)
     if like is not None:  # a further run is as long as the one that it is like
@@ -64,9 +70,9 @@ def advised(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
     lengths = revolutions(more, recordings)
     plan, wider = build_model(campaign, None, lengths), build_model(more, None, lengths)
     wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for
-    found, advice = advise(wider, [series.key for series in plan.series], None, rate, counts(wider, recordings))
-    told = {name: advice[name].map(", ".join) for name in ("newly_detectable", "separated")}
-    return _frames(found) | {"advice": advice.assign(**told)}
+    found, changes = advise(wider, [series.key for series in plan.series], None, rate, counts(wider, recordings))
+    told = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
+    return _frames(found) | {"advice": changes.assign(**told)}
 
 
 def recorded(campaign: Campaign) -> dict[str, Recording]:
@@ -128,58 +134,8 @@ def _frames(found: Preflight) -> dict[str, pd.DataFrame]:
     # What varies an effect need not be what states it: units of the latter are in the catalogue.
     units = [row.unit or unit_of(*row.label.partition(":")[::2], row.parameter) for row in effects.itertuples()]
     failed = pd.Series([found.failed.get(label) for label in effects["label"]], dtype=object)
-    detectable = effects.assign(unit=units, failed=failed, assumed=_JOIN.join(found.assumed))
-    return {"detectable": detectable, "confusability": pairs(found.cosines, found.merged)}
-
-
-def pairs(cosines: pd.DataFrame, merged: Iterable[Iterable[str]]) -> pd.DataFrame:
-    """A matrix of cosines as one row for each two effects.
-
-    Parameters
-    ----------
-    cosines : DataFrame
-        Labels x labels.
-    merged : lists of labels
-        Groups that the campaign cannot tell apart.
-    """
-    together = {frozenset((a, b)) for group in merged for a in group for b in group if a != b}
-    labels = list(cosines.columns)
-    rows = [
-        (first, second, cosines.loc[first, second], frozenset((first, second)) in together)
-        for first in labels
-        for second in labels
-    ]
-    return pd.DataFrame(rows, columns=["first", "second", "cosine", "merged"])
-
-
-def groups(confusability: pd.DataFrame) -> list[list[str]]:
-    """Groups of effects that a campaign cannot tell apart, from table `jointgap.tables.CONFUSABILITY`."""
-    found: list[list[str]] = []
-    for first, rows in confusability[confusability["merged"]].groupby("first", sort=False):
-        group = sorted({first, *rows["second"]})
-        if group not in found:
-            found.append(group)
-    return found
-
-
-def undetectable(detectable: pd.DataFrame) -> list[str]:
-    """Effects of which a campaign says nothing, from table `jointgap.tables.DETECTABLE`.
-
-    No size within their bounds shows them, or they cannot be simulated (`failures`).
-    """
-    seen = detectable.groupby("label", sort=False)["detectable"].any()
-    return list(seen.index[~seen])
-
-
-def failures(detectable: pd.DataFrame) -> dict[str, str]:
-    """Why effects could not be simulated, by label, from table `jointgap.tables.DETECTABLE`."""
-    lost = detectable[detectable["failed"].notna()]
-    return dict(zip(lost["label"], lost["failed"], strict=True))
-
-
-def assumed(detectable: pd.DataFrame) -> list[str]:
-    """Noise that was assumed where none is stated, by run and channel, from table `jointgap.tables.DETECTABLE`."""
-    return [text for told in detectable["assumed"].unique() for text in told.split(_JOIN) if text]
+    detectable = effects.assign(unit=units, failed=failed, assumed=assumed_in_a_cell(found.assumed))
+    return {"detectable": detectable, "confusability": confusability_frame(found.cosines, found.merged)}
 
 
 def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]) -> str:
@@ -217,7 +173,7 @@ def in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.D
     lines += [
         f"Could not be simulated, so what size shows is not known: {label} ({why})" for label, why in failed.items()
     ]
-    for group in groups(confusability):
+    for group in confusable_groups(confusability):
         lines.append(f"Cannot be told apart: {', '.join(group)}")
     for row in advice.head(_MOST_ADVICE).itertuples():
         gains = [f"shows {row.newly_detectable}"] if row.newly_detectable else []

@@ -15,7 +15,7 @@ from jointgap.config import load_mechanism
 from jointgap.tables import OPTIMUM, write_text
 
 if TYPE_CHECKING:
-    from jointgap.campaign.outcome import Outcome
+    from jointgap.campaign.tables_of_identification import Outcome
 
 FALSE_ALARM_RATE = 0.01
 """Share of campaigns with nothing hidden in which something is found nevertheless."""
@@ -45,60 +45,58 @@ def measure(case: Case, pictures: bool = True) -> None:
 
 def preflight(case: Case, advice: bool = True) -> None:
     """Say which effects the campaign can show and tell apart, from its plan alone; with `advice`, what would help most."""
-    from jointgap.campaign import preflight as planning
+    from jointgap.campaign.preflight import preflight_tables, preflight_tables_with_advice
 
-    planned = planning.advised if advice else planning.preflight
+    planned = preflight_tables_with_advice if advice else preflight_tables
     for name, frame in planned(case.campaign, FALSE_ALARM_RATE).items():
         case.folder.write(name, frame)
 
 
 def noise(case: Case) -> None:
     """Find the noise of every series."""
-    from jointgap.campaign import noise_tables as scattering
+    from jointgap.campaign.tables_of_identification import noise_to_frames
+    from jointgap.identification.noise_model import noise_of_model
 
-    case.noise = scattering.noise(case.model)
-    for name, frame in zip(("noise", "noise_memory"), scattering.to_frames(case.noise), strict=True):
-        case.folder.write(name, frame, "noise")
+    case.noise = noise_of_model(case.model)
+    case.folder.write_all(noise_to_frames(case.noise), "noise")
 
 
 def recalibrate(case: Case) -> None:
     """Fit the nuisances within their ranges, and count in what other numerics would predict."""
-    from jointgap.campaign import fit_tables as fits
-    from jointgap.campaign import noise_tables as scattering
+    from jointgap.campaign.tables_of_identification import fits_to_frames, noise_to_frames
     from jointgap.identification.baseline import recalibrate as recalibrated
     from jointgap.identification.noise_model import numerics_noise
 
     found = case.recalibrated = recalibrated(case.model, case.noise)
     whole = numerics_noise(case.model, found.base.mapping, case.noise)  # of held-out runs too
     case.whole_noise = whole | {part.series.key: part.noise for part in found.problem.parts}
-    for name, frame in zip(("noise", "noise_memory"), scattering.to_frames(case.whole_noise), strict=True):
-        case.folder.write(name, frame, "recalibrate")
+    case.folder.write_all(noise_to_frames(case.whole_noise), "recalibrate")
     for which, fit in (("nominal", found.nominal), ("base", found.base)):
-        case.folder.write_all(fits.to_frames([fit], whole=True), f"recalibrate/{which}")
+        case.folder.write_all(fits_to_frames([fit], whole_jacobian=True), f"recalibrate/{which}")
 
 
 def screen(case: Case) -> None:
     """Simulate every candidate at a small size, and choose what is worth a fit."""
-    from jointgap.campaign import screening_tables as screening
+    from jointgap.campaign.tables_of_identification import screened_frame, signatures_to_frames
+    from jointgap.identification.model_selection import shortlist
     from jointgap.identification.noise_model import degrees_of_freedom
+    from jointgap.identification.thresholds import screen_candidates
 
     dof = degrees_of_freedom(case.noise)
-    found = case.screening = screening.screen(case.recalibrated, FALSE_ALARM_RATE, dof, SEED)
-    derivatives, shapes = screening.to_frames(found.known)
-    case.folder.write("signatures", derivatives)
-    case.folder.write("signature_shapes", shapes)
-    case.folder.write("thresholds", pd.DataFrame([vars(found.limits)]))
-    case.folder.write("screened", found.frame())
+    known, limits = case.screening = screen_candidates(case.recalibrated, FALSE_ALARM_RATE, dof, SEED)
+    case.folder.write_all(signatures_to_frames(known), "screen")
+    case.folder.write("thresholds", pd.DataFrame([vars(limits)]))
+    case.folder.write("screened", screened_frame(known, shortlist(known, limits)))
 
 
 def fit(case: Case, part: int = 0, parts: int = 1) -> None:
     """Fit one part of the chosen single effects by forward simulation."""
-    from jointgap.campaign import fit_tables as fits
+    from jointgap.campaign.tables_of_identification import fits_to_frames
     from jointgap.identification import hypothesis_fits as explain
 
     screened = case.screening
     found, seconds = explain.singles(case.recalibrated, screened.known, screened.limits, part, parts)
-    case.folder.write_all(fits.to_frames(found, seconds, whole=True), f"fit/{part}")
+    case.folder.write_all(fits_to_frames(found, seconds, whole_jacobian=True), f"fit/{part}")
 
 
 def pair(case: Case, part: int = 0, parts: int = 1) -> None:
@@ -106,26 +104,25 @@ def pair(case: Case, part: int = 0, parts: int = 1) -> None:
 
     Where none of these is enough the first part takes a second look at them all.
     """
-    from jointgap.campaign import fit_tables as fits
+    from jointgap.campaign.tables_of_identification import fits_to_frames
     from jointgap.identification import hypothesis_fits as explain
 
     screened, (alone, _) = case.screening, case.fits("fit", parts)
     found, seconds = explain.doubles(case.recalibrated, screened.known, screened.limits, alone, part, parts)
-    case.folder.write_all(fits.to_frames(found, seconds, whole=True), f"pair/{part}")
+    case.folder.write_all(fits_to_frames(found, seconds, whole_jacobian=True), f"pair/{part}")
 
 
 def decide(case: Case, parts: int = 1) -> None:
     """Choose among the fits of all parts."""
-    from jointgap.campaign import fit_tables as fits
-    from jointgap.campaign import outcome as deciding
+    from jointgap.campaign.tables_of_identification import fits_to_frames, outcome_of
+    from jointgap.identification.model_selection import select_explanation
 
     (singles, seconds), (doubles, more) = (case.fits(stage, parts) for stage in ("fit", "pair"))
-    screened = case.screening
-    took = {label: seconds.get(label, 0.0) + more.get(label, 0.0) for label in seconds | more}
-    outcome = deciding.decide(case.recalibrated, screened.known, [*singles, *doubles], took, screened.limits)
-    case.settled = replace(case.recalibrated, base=outcome.base)
-    case.folder.write_all(fits.to_frames([outcome.base], whole=True), "decide/base")
-    _settled(case, outcome, "decide")
+    decision = select_explanation(case.recalibrated, case.screening.known, [*singles, *doubles], case.screening.limits)
+    case.settled = replace(case.recalibrated, base=decision.base)
+    case.folder.write_all(fits_to_frames([decision.base], whole_jacobian=True), "decide/base")
+    durations = {label: seconds.get(label, 0.0) + more.get(label, 0.0) for label in seconds | more}
+    _settled(case, outcome_of(decision, durations), "decide")
 
 
 def locate(case: Case) -> None:
@@ -141,22 +138,24 @@ def locate(case: Case) -> None:
 
 def regress(case: Case) -> None:
     """Look for a force law where no effect of the list explains what is missing."""
-    from jointgap.campaign import law_outcome as regressing
+    from jointgap.campaign.tables_of_identification import UNEXPLAINED, outcome_with_law
+    from jointgap.identification import force_law
 
-    if case.folder.read("decision", "decide")["verdict"].iloc[0] != regressing.UNEXPLAINED:
+    if case.folder.read("decision", "decide")["verdict"].iloc[0] != UNEXPLAINED:
         case.folder.write_all(case.folder.read_all(OF_OUTCOME, "decide"), "regress")
         return
-    limits = case.screening.limits
-    _settled(case, regressing.regress(case.settled, limits, case.library, case.outcome("decide")), "regress")
+    base = case.settled
+    proposed = force_law.regress(base.problem, base.base, case.library, case.screening.limits, base.differences)
+    _settled(case, outcome_with_law(case.outcome("decide"), proposed), "regress")
 
 
 def _settled(case: Case, outcome: "Outcome", stage: str) -> None:
-    from jointgap.campaign import fit_tables as fits
+    from jointgap.campaign.tables_of_identification import fits_to_frames, parameter_frame
 
     named = outcome.verdict.startswith("named")
-    parameters = fits.parameter_frame([outcome.chosen, *outcome.equivalent], clockwise(case.campaign))
+    parameters = parameter_frame([outcome.chosen, *outcome.equivalent], clockwise(case.campaign))
     kept = [outcome.chosen] if named else outcome.equivalent
-    case.folder.write_all(fits.to_frames(kept), stage)
+    case.folder.write_all(fits_to_frames(kept), stage)
     case.folder.write("fit_parameters", parameters, stage)
     case.folder.write("ranking", outcome.ranking, stage)
     case.folder.write("decision", outcome.frame(), stage)
@@ -164,12 +163,12 @@ def _settled(case: Case, outcome: "Outcome", stage: str) -> None:
 
 def confirm(case: Case) -> None:
     """Predict held-out runs with and without the effects of the verdict."""
-    from jointgap.campaign import confirm as confirming
+    from jointgap.identification import confirmation
 
     outcome = case.outcome("regress")
     named = outcome.chosen if outcome.chosen.explanation else None
     plain = outcome.base if named else outcome.chosen  # nominal values where these are enough
-    found = confirming.confirm(case.model, case.whole_noise, plain, named, SEED)
+    found = confirmation.confirm(case.model, case.whole_noise, plain, named, SEED)
     case.folder.write("residuals", residuals_as_read(found.residuals, clockwise(case.campaign)))
     case.folder.write("gaps", found.gaps)
 

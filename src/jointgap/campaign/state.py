@@ -12,12 +12,12 @@ from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 
 if TYPE_CHECKING:  # what a stage does not ask for is not imported: the compiled dynamics take seconds to load
-    from jointgap.campaign.outcome import Outcome
-    from jointgap.campaign.screening_tables import Screening
+    from jointgap.campaign.tables_of_identification import Outcome
     from jointgap.identification.baseline import Recalibrated
     from jointgap.identification.fit import Fit
     from jointgap.identification.noise_model import FoundNoise
     from jointgap.identification.protocol import Candidate, Model
+    from jointgap.identification.thresholds import Screening
     from jointgap.recordings import Measurements
 
 
@@ -79,9 +79,9 @@ class Case:
         return self._noise("recalibrate")
 
     def _noise(self, stage: str) -> "dict[tuple[str, str], FoundNoise]":
-        from jointgap.campaign.noise_tables import from_frames
+        from jointgap.campaign.tables_of_identification import noise_from_frames
 
-        found = from_frames(*(self.folder.read(name, stage) for name in OF_NOISE))
+        found = noise_from_frames(self.folder.read_all(OF_NOISE, stage))
         for series in self.model.series:
             if series.key not in found or found[series.key].sd.shape != series.value.shape:
                 run, channel = series.key
@@ -94,13 +94,13 @@ class Case:
     @cached_property
     def recalibrated(self) -> "Recalibrated":
         """The base that every explanation is compared with."""
-        from jointgap.campaign import fit_tables as fits
+        from jointgap.campaign.tables_of_identification import fits_from_frames
         from jointgap.identification.baseline import Recalibrated, probed
         from jointgap.identification.problem import Problem
 
         problem = Problem(self.model, self.whole_noise)
         (nominal,), (base,) = (
-            fits.from_frames(self.folder.read_all(OF_FITS, f"recalibrate/{which}"), problem)
+            fits_from_frames(self.folder.read_all(OF_FITS, f"recalibrate/{which}"), problem)
             for which in ("nominal", "base")
         )
         return Recalibrated(problem, probed(problem, base.mapping), nominal, base)
@@ -108,47 +108,42 @@ class Case:
     @cached_property
     def settled(self) -> "Recalibrated":
         """The same with the base that the verdict rests on: a better one may have been found on the way to it."""
-        from jointgap.campaign.fit_tables import from_frames
+        from jointgap.campaign.tables_of_identification import fits_from_frames
 
-        (base,) = from_frames(self.folder.read_all(OF_FITS, "decide/base"), self.recalibrated.problem)
+        (base,) = fits_from_frames(self.folder.read_all(OF_FITS, "decide/base"), self.recalibrated.problem)
         return replace(self.recalibrated, base=base)
 
     @cached_property
     def screening(self) -> "Screening":
-        """Signatures, thresholds, and what to fit."""
-        from jointgap.campaign import screening_tables as screen
-        from jointgap.identification.model_selection import shortlist
-        from jointgap.identification.thresholds import Thresholds
+        """Signatures of all candidates, and thresholds."""
+        from jointgap.campaign.tables_of_identification import signatures_from_frames
+        from jointgap.identification.thresholds import Screening, Thresholds
 
         limits = Thresholds(**self.folder.read("thresholds").to_dict("records")[0])
-        known = screen.from_frames(
-            *(self.folder.read(name) for name in ("signatures", "signature_shapes", "screened")),
-            self.recalibrated,
-        )
-        return screen.Screening(known, limits, shortlist(known, limits))
+        frames = self.folder.read_all(("signatures", "signature_shapes", "screened"), "screen")
+        return Screening(signatures_from_frames(frames, self.recalibrated), limits)
 
     def fits(self, stage: str, parts: int) -> "tuple[list[Fit], dict[str, float]]":
         """What the parts of the stage fit or pair found, and how long each took [s]."""
-        from jointgap.campaign.fit_tables import from_frames
+        from jointgap.campaign.tables_of_identification import fits_from_frames
 
         found, seconds = [], {}
         for part in range(parts):
             frames = self.folder.read_all(OF_FITS, f"{stage}/{part}")
-            found += from_frames(frames, self.recalibrated.problem)
+            found += fits_from_frames(frames, self.recalibrated.problem)
             seconds |= dict(zip(frames["fits"]["explanation"], frames["fits"]["seconds"], strict=True))
         return found, seconds
 
     def outcome(self, stage: str) -> "Outcome":
         """What the stage decide or regress settled."""
-        from jointgap.campaign.fit_tables import from_frames
-        from jointgap.campaign.outcome import Outcome
+        from jointgap.campaign.tables_of_identification import Outcome, fits_from_frames
 
         row = self.folder.read("decision", stage).iloc[0]
         problem = self.recalibrated.problem
         # terms of a law are no candidates of the model, but the library is made only where they are needed
         frames = self.folder.read_all(OF_FITS, stage)
         more = self.library if (frames["fits"]["kind"] == "formula").any() else ()
-        found = from_frames(frames, problem, more)
+        found = fits_from_frames(frames, problem, more)
         base = self.settled.base
         plain = self.recalibrated.nominal if row["nuisances"] == "nominal" else base
         named = row["verdict"].startswith("named")

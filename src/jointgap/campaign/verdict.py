@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.fit_tables import effect_parameters, nuisances, stated
-from jointgap.campaign.outcome import Outcome
+from jointgap.campaign.clockwise import nuisances_as_read
+from jointgap.campaign.tables_of_identification import Outcome
 from jointgap.errors import InputError
+from jointgap.identification.estimates import effect_estimates, estimate_with_interval
 from jointgap.identification.fit import Fit
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of
@@ -41,7 +42,7 @@ def document(
     gap : mapping
         Of identify and confirm, each with before and after.
     held_out : sequence of mappings
-        As `jointgap.campaign.confirm.held_out` lists them.
+        As `jointgap.campaign.tables_of_identification.held_out` lists them.
     preflight : mapping
         ``undetectable`` and ``merged``.
     false_alarm_rate : float
@@ -110,7 +111,7 @@ def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
     covariance = fit.covariance()
     laws = [candidate for candidate in fit.explanation if candidate.name.startswith(_FOUND)]
     found = [
-        _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_parameters(fit, candidate, covariance))
+        _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_estimates(fit, candidate, covariance))
         for candidate in fit.explanation
         if candidate not in laws
     ]
@@ -122,7 +123,7 @@ def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
             place = keys.index(key)
             p = fit.parameters[place]
             sd = float(np.sqrt(covariance[place, place]))
-            parameters[name] = stated(law.coefficients[name], sd, p.low, p.high)
+            parameters[name] = estimate_with_interval(law.coefficients[name], sd, p.low, p.high)
         found.append(_effect(effect_of(laws[0]), law.site, fit, laws, gains, parameters))
     return found
 
@@ -140,7 +141,7 @@ def _gains(outcome: Outcome) -> dict[str, float]:
 
 
 def _nuisances(fit: Fit, clockwise: Collection[str]) -> dict[str, dict[str, Any]]:
-    found = nuisances(fit, fit.covariance(), clockwise)
+    found = nuisances_as_read(fit, fit.covariance(), clockwise)
     return {p.key: {key: one[key] for key in ("value", "sd", "remark") if key in one} for p, one in found}
 
 

@@ -14,7 +14,7 @@ from jointgap.campaign.phrasing import (
     place_of,
     size_in_words,
 )
-from jointgap.campaign.preflight import assumed, failures
+from jointgap.campaign.tables_of_identification import assumed, failures
 from jointgap.campaign.verdict_sentences import ENOUGH, answer, held_out_in_words
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.report.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jointgap.campaign.phrasing import effect_in_words, explanation_in_words, is_fault
+from jointgap.identification.confirmation import share_closed
 from jointgap.identification.decision import SLIGHT
 from jointgap.report.plain_words import joined, percent, rounded_gap
 
@@ -87,7 +88,7 @@ def held_out_in_words(verdict: Mapping[str, Any]) -> str:
     falls = after < before
     sentence += f" {'falls' if falls else 'does not fall: it goes'} from {rounded_gap(before)} to {rounded_gap(after)}"
     if falls and before**2 > SLIGHT:
-        closed = 1.0 - (after**2 - 1.0) / (before**2 - 1.0)
+        closed = share_closed(before, after)
         sentence += f": {percent(min(closed, 1.0))} of what exceeds the noise is gone"
     if after > _NOISE_GAP:
         sentence += ", so what was added does not hold there" * (not falls)

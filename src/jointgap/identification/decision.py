@@ -151,15 +151,28 @@ def rank(
     base: Fit, fits: Sequence[Fit], limits: Thresholds, nuisance_bounds: Mapping[str, tuple[float, float, float]]
 ) -> list[Ranked]:
     """All explanations, best BIC first, the failed ones last."""
-    spare = base.chi2 - (base.residual.size - len(base.parameters))
-    ranked = []
-    for one in fits:
-        remark = one.reason if one.status == FAILED else _objection(one, nuisance_bounds)
-        share = (base.chi2 - one.chi2) / spare if spare > np.sqrt(2 * base.residual.size) else np.nan
-        admissible = one.status != FAILED and not remark
-        passes = bool(reduced(one) <= limits.omnibus)
-        ranked.append(Ranked(one, base.bic - one.bic, share, passes, admissible, remark or one.reason))
-    return sorted(ranked, key=lambda one: (one.fit.status == FAILED, -one.delta_bic))
+    ranking = [
+        weigh(base, fit, limits, "" if fit.status == FAILED else _objection(fit, nuisance_bounds)) for fit in fits
+    ]
+    return sorted(ranking, key=lambda ranked: (ranked.fit.status == FAILED, -ranked.delta_bic))
+
+
+def weigh(base: Fit, fit: Fit, limits: Thresholds, objection: str = "") -> Ranked:
+    """One explanation beside the base.
+
+    Parameters
+    ----------
+    base, fit : Fit
+    limits : Thresholds
+    objection : str
+        Why the explanation is not admissible; empty where it is.
+    """
+    excess = base.chi2 - (base.residual.size - len(base.parameters))
+    # An excess within a standard deviation of chi2 may be noise: a share of it says nothing.
+    share = (base.chi2 - fit.chi2) / excess if excess > np.sqrt(2 * base.residual.size) else np.nan
+    passes = bool(reduced(fit) <= limits.omnibus)
+    admissible = fit.status != FAILED and not objection
+    return Ranked(fit, base.bic - fit.bic, share, passes, admissible, objection or fit.reason)
 
 
 def reduced(one: Fit) -> float:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jointgap.identification.decision import RIVAL, rank, reduced
+from jointgap.identification.decision import RIVAL, Ranked, reduced, weigh
 from jointgap.identification.finite_differences import Differences
 from jointgap.identification.fit import FAILED, Fit, fit
 from jointgap.identification.initial_fit import fit_screened
@@ -83,6 +83,8 @@ class Regressed:
         The rest that was simulated, best first, the failed ones last.
     failed : mapping of label to reason
         Terms that could not be simulated.
+    ranking : list of Ranked
+        All laws that were simulated beside the base: the best one, its rivals, the others.
     """
 
     fit: Fit | None
@@ -91,6 +93,29 @@ class Regressed:
     rivals: list[Fit] = field(default_factory=list)
     others: list[Fit] = field(default_factory=list)
     failed: Mapping[str, str] = field(default_factory=dict)
+    ranking: list[Ranked] = field(default_factory=list)
+
+    @property
+    def named(self) -> bool:
+        """Whether one law is named: it is accepted, and no other explains the data equally well."""
+        return self.accepted and not self.rivals
+
+    @property
+    def verdict(self) -> str:
+        """``named``, ``named_with_remaining_misfit`` or ``unexplained``."""
+        if not self.named:
+            return "unexplained"
+        return "named" if self.ranking[0].passes else "named_with_remaining_misfit"
+
+    @property
+    def reason(self) -> str:
+        """The reason of the verdict, in a sentence."""
+        if not self.accepted:
+            return self.because
+        if self.rivals:
+            equal = ", ".join(fit.label for fit in (self.fit, *self.rivals))
+            return f"several laws explain it equally well: {equal}"
+        return f"no effect of the list explains it, but {self.law.words} does: {self.because}"
 
     @property
     def law(self) -> Law | None:
@@ -152,14 +177,15 @@ def regress(
     fits.sort(key=lambda one: cost[one.label])
     best = fits[0]
     if best.status == FAILED:
-        return Regressed(None, False, best.reason, others=fits, failed=known.failed)
+        return Regressed(None, False, best.reason, [], fits, known.failed, [weigh(base, one, limits) for one in fits])
     best = next((one for one in fits if len(one.explanation) == 1 and cost[one.label] - cost[best.label] < RIVAL), best)
     rest = [one for one in fits if one is not best]
     rivals = [one for one in rest if cost[one.label] - cost[best.label] < RIVAL and _differs(one, best, base)]
     accepted, because = _gate(base, best, cost[best.label], limits)
     others = [one for one in rest if one not in rivals]
     best = fit(problem, best.explanation, best.mapping, differences=differences, refresh=True)  # for its intervals
-    return Regressed(best, accepted, because, rivals, others, known.failed)
+    ranking = [weigh(base, one, limits) for one in (best, *rivals, *others)]
+    return Regressed(best, accepted, because, rivals, others, known.failed, ranking)
 
 
 def law_of(explanation: Explanation, values: Mapping[str, float]) -> Law:
@@ -229,7 +255,7 @@ def _differs(one: Fit, best: Fit, base: Fit) -> bool:
 
 
 def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds) -> tuple[bool, str]:
-    (ranked,) = rank(base, [best], limits, {})
+    ranked = weigh(base, best, limits)
     if base.bic - cost < max(RIVAL, limits.directed):
         return False, f"the best sum, {best.label}, is not better than chance"
     if ranked.passes:

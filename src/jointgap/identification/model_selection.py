@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.baseline import Recalibrated, drawn, other_numerics
+from jointgap.identification.baseline import Recalibrated, best_of, drawn, other_numerics
 from jointgap.identification.decision import RIVAL, SHARE, SLIGHT, Decision, decide, reduced
 from jointgap.identification.fit import FAILED, Fit, fit
 from jointgap.identification.initial_fit import fit_screened
@@ -252,3 +252,48 @@ def _moved(base: Recalibrated, one: Fit, to: Fit) -> Fit:
     start = {key: to.mapping.get(key, value) if "." not in key else value for key, value in one.mapping.items()}
     again = fit(base.problem, one.explanation, start, differences=base.differences)
     return again if again.chi2 < one.chi2 else one
+
+
+def select_explanation(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
+    """Choose among the fits; what is chosen is fitted once more to its end, for its intervals.
+
+    What leaving out one of two effects costs is the fit of the other alone, at its best: before two effects are named each is fitted
+    alone once more, from the nuisances of the pair and from other starts, and is open to choice like all others.
+
+    Parameters
+    ----------
+    base : Recalibrated
+    known : Signatures
+        Of all candidates.
+    fits : sequence of Fit
+        Of single effects and pairs.
+    limits : Thresholds
+    """
+    fits, done = [*fits, *swapped(base, known, fits)], set()
+    decision = verdict(base, known, fits, limits)
+    while members := _members_alone(base, [decision.chosen, *decision.equivalent], done):
+        fits += members
+        decision = verdict(base, known, fits, limits)
+    plain = decision.base if decision.base is base.base else refined(base, decision.base)
+    chosen = plain if decision.chosen is decision.base else decision.chosen
+    if chosen.explanation:
+        chosen = refined(base, chosen)
+    equivalent = [refined(base, fit) for fit in decision.equivalent]
+    return replace(decision, chosen=chosen, base=plain, equivalent=equivalent)
+
+
+def _members_alone(base: Recalibrated, chosen: Sequence[Fit], done: set[str]) -> list[Fit]:
+    """Fits of single effects of the pairs among `chosen` that are not `done` yet; then they are."""
+    fits = []
+    for pair in (one for one in chosen if len(one.explanation) > 1):
+        for kept in pair.explanation:
+            if kept.label in done:
+                continue
+            done.add(kept.label)
+            own = {
+                key: value for key, value in pair.mapping.items() if "." not in key or key.startswith(f"{kept.label}.")
+            }
+            shared = {p.key: p.nominal for p in base.problem.nuisances if p.run is None and p.key in own}
+            fits.append(fit(base.problem, (kept,), own, differences=base.differences))
+            fits.append(best_of(base.problem, base.differences, (kept,), own | shared, starts=1))
+    return fits

@@ -7,6 +7,9 @@ import numpy as np
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification import cycle_noise as cycles
+from jointgap.identification.confirmation import fit_run_parameters
+from jointgap.identification.fit import FAILED, fit
+from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Model, Series, runs_of
 from jointgap.identification.whitening import Noise
 
@@ -16,6 +19,7 @@ _FAR = 1.3  # a stated noise that differs from the found one by more than this f
 _LEAST_SHARE = (
     1e-4  # of what a channel varies by; no sensor resolves less, and a noise of 0 weighs every error infinitely
 )
+_GUESSED_SHARE = 0.02  # noise as a share of a channel's standard deviation, where nothing is known yet
 _NEGLIGIBLE = 0.05  # of the noise: less adds 0.1 % to it
 
 
@@ -36,6 +40,40 @@ class FoundNoise(Noise):
     found: float = np.nan
     effective_samples: float = np.nan
     remarks: tuple[str, ...] = ()
+
+
+def noise_of_model(model: Model) -> dict[Key, FoundNoise]:
+    """The noise of every series.
+
+    The model as it stands is fitted with noise as stated or guessed; what its residuals do not repeat from cycle to cycle is noise.
+
+    Raises
+    ------
+    InputError
+        The noise of a series is neither stated nor to be found.
+    SimulationError
+        The model as it stands cannot be simulated.
+    """
+    guess = {series.key: _guess(series) for series in model.series}
+    problem = Problem(model, guess)
+    first = fit(problem)
+    if first.status == FAILED:
+        raise SimulationError(f"the model as it stands cannot be fitted: {first.reason}")
+    values = first.mapping | fit_run_parameters(Problem(model, guess, held_out=True), first)
+    residuals = {}
+    for run in runs_of(model):
+        predicted = problem.predict(run, values)
+        residuals |= {s.key: s.value - predicted[s.channel] for s in model.series if s.run == run}
+    return estimate_noise(model, residuals)
+
+
+def _guess(series: Series) -> Noise:
+    """Noise that weighs the channels for a first fit."""
+    if series.stated_noise is not None:
+        return Noise(series.stated_noise)
+    known = series.value[telling(series) & np.isfinite(series.value)]
+    spread = max(_GUESSED_SHARE * float(np.std(known)), np.finfo(float).tiny) if known.size else 1.0
+    return Noise(np.full(series.value.shape, spread), source="guessed")
 
 
 def estimate_noise(model: Model, residuals: Mapping[Key, np.ndarray]) -> dict[Key, FoundNoise]:

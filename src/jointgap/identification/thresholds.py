@@ -1,11 +1,13 @@
 """Thresholds from simulated campaigns in which nothing is hidden: noise, and the disagreement of equally good numerics."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from jointgap.identification.baseline import Recalibrated, other_numerics
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import Signatures
+from jointgap.identification.screening import Signatures, signatures
 from jointgap.identification.signature_subspaces import Subspaces, orthonormal
 
 DRAWS = 4000
@@ -32,6 +34,32 @@ class Thresholds:
     omnibus: float
     directed: float
     rough: float = 0.0
+
+
+class Screening(NamedTuple):
+    """Signatures of all candidates, and the thresholds of the campaign."""
+
+    known: Signatures
+    limits: Thresholds
+
+
+def screen_candidates(base: Recalibrated, rate: float, noise_dof: float = np.inf, seed: int = 0) -> Screening:
+    """Simulate every candidate at a small size, and find what null campaigns would show of them.
+
+    Parameters
+    ----------
+    base : Recalibrated
+    rate : float
+        False alarms allowed [1].
+    noise_dof : float
+        Degrees of freedom from which the noise was estimated; infinite where it is stated.
+    seed : int
+        Of the null campaigns.
+    """
+    known = signatures(base.problem, base.base, base.differences)
+    numerics = other_numerics(base.problem, base.base)
+    rough = base.differences.rough_chi2
+    return Screening(known, thresholds(base.problem, known, numerics, rate, noise_dof, rough, seed))
 
 
 def thresholds(

@@ -10,6 +10,7 @@ import pandas as pd
 
 from jointgap.errors import InputError
 from jointgap.formula import compile_formula
+from jointgap.identification.confirmation import share_closed
 from jointgap.trials.make_trial import PIECES, values_of
 from jointgap.trials.size_calibration import NEAR
 
@@ -183,7 +184,7 @@ def _numbers(truth: Mapping, verdict: Mapping, outcome: str) -> dict[str, float]
     before, after = (math.nan if gap.get(key) is None else gap[key] for key in ("before", "after"))
     found |= {"gap_before": before, "gap_after": after}
     if before > 1.5:
-        found["closed"] = 0.0 if math.isnan(after) else 1 - (after**2 - 1) / (before**2 - 1)
+        found["closed"] = 0.0 if math.isnan(after) else share_closed(before, after)
     return found
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -36,37 +35,15 @@ class Confirmed:
     gaps: pd.DataFrame
 
 
-def gap_of(gaps: pd.DataFrame, role: str, run: str = "all") -> dict[str, float | None]:
-    """Gap before and after over all channels of a run, or of all runs, in a role, from table `jointgap.tables.GAPS`.
-
-    None where there is no such gap: what was added cannot be simulated there.
-    """
-    whole = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")].iloc[0]
-    return {when: None if np.isnan(whole[when]) else float(whole[when]) for when in ("before", "after")}
-
-
-def held_out(gaps: pd.DataFrame, roles: Mapping[str, str]) -> list[dict[str, Any]]:
-    """The held-out data as a verdict lists them.
+def share_closed(before: float, after: float) -> float:
+    """Share of what exceeds the noise that is gone, in squares; NaN where nothing exceeded it.
 
     Parameters
     ----------
-    gaps : DataFrame
-        Table `jointgap.tables.GAPS`.
-    roles : mapping of str to str
-        Of every run, as the campaign states it.
-
-    Returns
-    -------
-    list of dict
-        By run: ``run``, ``part`` of it, ``gap``; ``not_simulated``, the reason, where what was added cannot be simulated.
+    before, after : float
+        Gaps [1]: root mean squares of the residual over its noise, so that noise alone makes 1.
     """
-    found = []
-    for row in gaps[(gaps["role"] == "confirm") & (gaps["channel"] == "all")].to_dict("records"):
-        if (run := row["run"]) != "all":
-            part = "last_third" if roles[run] == "split" else "whole"
-            lost = {"not_simulated": row["remark"]} if isinstance(row["remark"], str) else {}
-            found.append({"run": run, "part": part, "gap": gap_of(gaps, "confirm", run), **lost})
-    return found
+    return 1.0 - (after**2 - 1.0) / (before**2 - 1.0) if before > 1.0 else np.nan
 
 
 def confirm(
@@ -99,9 +76,9 @@ def confirm(
     frames, remarks = [_compared(used, base.mapping, named.mapping, named.explanation).assign(role="identify")], {}
     for run in Problem(model, noise, held_out=True).runs:
         problem = Problem(_Alone(model, run), noise, held_out=True)
-        before = own_fitted(problem, base)
+        before = fit_run_parameters(problem, base)
         try:
-            after = before if named is base else own_fitted(problem, named)
+            after = before if named is base else fit_run_parameters(problem, named)
             frame = _compared(problem, before, after, named.explanation)
         except (InputError, SimulationError) as error:
             remarks[run] = str(error)
@@ -122,7 +99,7 @@ class _Alone:
         return getattr(self._model, name)
 
 
-def own_fitted(problem: Problem, found: Fit) -> dict[str, float]:
+def fit_run_parameters(problem: Problem, found: Fit) -> dict[str, float]:
     """Values of a fit, with those that a held-out run has for itself fitted to that run; nominal where it cannot be simulated."""
     known = {p.key for p in found.parameters}
     own = [p for p in problem.parameters(found.explanation) if p.run is not None and p.key not in known]
@@ -213,5 +190,5 @@ def _row(run: str, role: str, channel: str, parts: list[_Squares]) -> dict[str, 
         "before_high": high[0],
         "after_low": low[1],
         "after_high": high[1],
-        "closed": 1.0 - (after**2 - 1.0) / (before**2 - 1.0) if before > 1.0 else np.nan,
+        "closed": share_closed(before, after),
     }

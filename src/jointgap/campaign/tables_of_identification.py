@@ -1,0 +1,511 @@
+"""Noise, signatures, fits, verdicts and preflights as tables and back, so that stages hand them on through files."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from jointgap import tables
+from jointgap.campaign.clockwise import nuisances_as_read
+from jointgap.campaign.folder import Frames
+from jointgap.errors import InputError
+from jointgap.identification.baseline import Recalibrated
+from jointgap.identification.bounded_step import compressed
+from jointgap.identification.decision import Decision, Ranked
+from jointgap.identification.estimates import effect_estimates
+from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.force_law import Regressed
+from jointgap.identification.noise_model import FoundNoise
+from jointgap.identification.problem import Explanation, Problem, label_of
+from jointgap.identification.protocol import Candidate
+from jointgap.identification.screening import Screened, Signature, Signatures
+
+JOINED = " + "
+"""What stands between the labels of effects that are one explanation."""
+
+UNEXPLAINED, NO_DISAGREEMENT = "unexplained", "no_disagreement"
+
+_ORIGIN = "origin"  # in place of a parameter's name: residuals at zero size, where these are not the base's
+_BETWEEN_TEXTS = "; "
+
+
+def noise_to_frames(noise: Mapping[tuple[str, str], FoundNoise]) -> Frames:
+    """Tables `jointgap.tables.NOISE` and `jointgap.tables.NOISE_MEMORY`, by name."""
+    samples, memory = [], []
+    for (run, channel), series in noise.items():
+        count = series.sd.size
+        numerics = np.broadcast_to(series.numerics, count)
+        columns = {"run": run, "channel": channel, "sample": np.arange(count), "sd": series.sd, "numerics": numerics}
+        samples.append(pd.DataFrame(columns))
+        shared = {
+            "run": run,
+            "channel": channel,
+            "source": series.source,
+            "found": series.found,
+            "effective_samples": series.effective_samples,
+            "remarks": _BETWEEN_TEXTS.join(series.remarks),
+        }
+        memory += [
+            shared | {"lag": lag, "autocorrelation": rho} for lag, rho in enumerate((1.0, *series.autocorrelation))
+        ]
+    return {"noise": pd.concat(samples, ignore_index=True), "noise_memory": pd.DataFrame(memory)}
+
+
+def noise_from_frames(frames: Frames) -> dict[tuple[str, str], FoundNoise]:
+    """The noise of every series from the tables of `noise_to_frames`."""
+    lags = {
+        key: rows.sort_values("lag") for key, rows in frames["noise_memory"].groupby(["run", "channel"], sort=False)
+    }
+    noise = {}
+    for key, rows in frames["noise"].groupby(["run", "channel"], sort=False):
+        shared = lags[key].iloc[0]
+        noise[key] = FoundNoise(
+            rows["sd"].to_numpy(),
+            tuple(lags[key]["autocorrelation"].iloc[1:]),
+            rows["numerics"].to_numpy(),
+            shared["source"],
+            shared["found"],
+            shared["effective_samples"],
+            tuple(shared["remarks"].split(_BETWEEN_TEXTS)) if shared["remarks"] else (),
+        )
+    return noise
+
+
+def signatures_to_frames(known: Signatures) -> Frames:
+    """Tables `jointgap.tables.SIGNATURES` and `jointgap.tables.SIGNATURE_SHAPES`, by name."""
+    columns, shapes, count = [], [], {}
+    for signature in known.found:
+        label = signature.candidate.label
+        start = count[label] = count.get(label, -1) + 1
+        columns += [
+            (label, start, p.key, column) for p, column in zip(signature.amplitudes, signature.columns.T, strict=True)
+        ]
+        if signature.origin is not known.residual:
+            columns.append((label, start, _ORIGIN, signature.origin))
+        shapes += [(label, start, name, value) for name, value in signature.shape_parameters.items()]
+    frames = [
+        pd.DataFrame(
+            {"label": label, "start": start, "name": name, "sample": np.arange(column.size), "derivative": column}
+        )
+        for label, start, name, column in columns
+    ]
+    return {
+        "signatures": _frame(tables.SIGNATURES, frames),
+        "signature_shapes": pd.DataFrame(shapes, columns=["label", "start", "name", "value"]),
+    }
+
+
+def signatures_from_frames(frames: Frames, base: Recalibrated) -> Signatures:
+    """The signatures of all candidates from their tables.
+
+    Parameters
+    ----------
+    frames : mapping of str to DataFrame
+        Tables of `signatures_to_frames`, and ``screened``.
+    base : Recalibrated
+        About which the signatures were taken.
+
+    Raises
+    ------
+    InputError
+        They are of another model than that of `base`.
+    """
+    columns = {
+        key: {name: rows["derivative"].to_numpy() for name, rows in own.groupby("name", sort=False)}
+        for key, own in frames["signatures"].groupby(["label", "start"], sort=False)
+    }
+    shapes = {
+        key: dict(zip(rows["name"], rows["value"], strict=True))
+        for key, rows in frames["signature_shapes"].groupby(["label", "start"], sort=False)
+    }
+    fit, runs = base.base, base.problem.runs
+    by_label = {candidate.label: candidate for candidate in base.problem.model.candidates}
+    signatures = []
+    for (label, start), own in columns.items():
+        candidate = by_label.get(label)
+        sizes = [p.key for p in candidate.coordinates_in(runs) if p.key in candidate.amplitudes] if candidate else []
+        if candidate is None or not own.keys() >= set(sizes):
+            raise InputError(
+                f"screen/signatures.parquet: holds {label} of another model than the campaign file and its mechanism now give; run "
+                "`jointgap noise` on the campaign file again, and the stages after it"
+            )
+        derivatives = np.column_stack([own[key] for key in sizes]) if sizes else np.empty((fit.residual.size, 0))
+        origin = own.get(_ORIGIN, fit.residual)
+        signatures.append(Signature(candidate, shapes.get((label, start), {}), derivatives, origin, runs))
+    failed = frames["screened"].query("kind == 'failed'")
+    reasons = dict(zip(failed["explanation"], failed["reason"], strict=True))
+    return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, signatures, reasons)
+
+
+def screened_frame(known: Signatures, chosen: Sequence[Screened]) -> pd.DataFrame:
+    """Table `jointgap.tables.SCREENED`.
+
+    Parameters
+    ----------
+    known : Signatures
+        Of all candidates, with those that could not be simulated.
+    chosen : sequence of Screened
+        Single effects that are worth a fit, best first.
+    """
+    rows = [(one.label, kind_of(one.explanation), one.chi2, one.bic, None) for one in chosen]
+    rows += [(label, "failed", np.nan, np.nan, reason) for label, reason in known.failed.items()]
+    return pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "bic", "reason"])
+
+
+def explanation_of(label: str, candidates: Sequence[Candidate]) -> Explanation:
+    """The explanation that `label_of` calls so.
+
+    Parameters
+    ----------
+    label : str
+    candidates : sequence of Candidate
+
+    Raises
+    ------
+    InputError
+        The model has no such candidate.
+    """
+    by_label = {candidate.label: candidate for candidate in candidates}
+    names = [] if label == label_of(()) else label.split(JOINED)
+    if unknown := [name for name in names if name not in by_label]:
+        raise InputError(f"explanation '{label}': the model has no candidate {unknown}; run the stages before it again")
+    return tuple(by_label[name] for name in names)
+
+
+def kind_of(explanation: Explanation) -> str:
+    """What the table fits calls it: ``base``, ``single``, ``pair`` or ``formula``."""
+    if any(candidate.name.startswith("discovered_") for candidate in explanation):
+        return "formula"
+    return ("base", "single", "pair")[len(explanation)]
+
+
+def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, whole_jacobian: bool = False) -> Frames:
+    """Fits as tables; those that failed keep their reason and values, and have neither curvature nor residuals.
+
+    Parameters
+    ----------
+    fits : iterable of Fit
+    seconds : iterable of float, optional
+        How long each took [s].
+    whole_jacobian : bool
+        Whether to keep all rows of the Jacobians, which further fits start from, instead of their inner products alone.
+    """
+    fits = list(fits)
+    durations = [np.nan] * len(fits) if seconds is None else list(seconds)
+    rows, values, curvature, residuals = [], [], [], []
+    for fit, duration in zip(fits, durations, strict=True):
+        failed = fit.status == FAILED
+        rows.append(
+            {
+                "explanation": fit.label,
+                "kind": kind_of(fit.explanation),
+                "status": fit.status,
+                "reason": fit.reason or None,
+                "chi2": np.nan if failed else fit.chi2,
+                "samples": fit.residual.size,
+                "parameters": len(fit.parameters),
+                "bic": np.nan if failed else fit.bic,
+                "simulations": fit.simulations,
+                "seconds": duration,
+            }
+        )
+        keys = [p.key for p in fit.parameters]
+        values.append(_labelled(fit, {"key": keys, "value": fit.values}))
+        if not failed:
+            jacobian = fit.jacobian if whole_jacobian else compressed(fit.jacobian)[0]
+            samples = np.arange(len(jacobian))
+            curvature += [
+                _labelled(fit, {"key": key, "sample": samples, "derivative": jacobian[:, i]})
+                for i, key in enumerate(keys)
+            ]
+            residuals.append(_labelled(fit, {"sample": np.arange(fit.residual.size), "residual": fit.residual}))
+    return {
+        "fits": _frame(tables.FITS, [pd.DataFrame(rows)] if rows else []),
+        "fit_values": _frame(tables.FIT_VALUES, values),
+        "fit_curvature": _frame(tables.FIT_CURVATURE, curvature),
+        "fit_residuals": _frame(tables.FIT_RESIDUALS, residuals),
+    }
+
+
+def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate] = ()) -> list[Fit]:
+    """The fits in these tables, in order.
+
+    Unless they were kept whole, their Jacobians have as many rows as columns and the same inner products, which is all that
+    covariances ask of them.
+
+    Parameters
+    ----------
+    frames : mapping of str to DataFrame
+        Tables of `fits_to_frames`.
+    problem : Problem
+        That was fitted.
+    more : sequence of Candidate
+        Candidates beside the model's own, such as those of a library.
+    """
+    candidates = (*problem.model.candidates, *more)
+    values, jacobians, residuals = (
+        {label: rows for label, rows in frames[name].groupby("explanation", sort=False)}
+        for name in ("fit_values", "fit_curvature", "fit_residuals")
+    )
+    fits = []
+    for row in frames["fits"].to_dict("records"):
+        label = row["explanation"]
+        explanation = explanation_of(label, candidates)
+        stored = dict(zip(values[label]["key"], values[label]["value"], strict=True)) if label in values else {}
+        parameters = tuple(p for p in problem.parameters(explanation) if p.key in stored)
+        keys = [p.key for p in parameters]
+        fitted = np.array([stored[key] for key in keys], dtype=float)
+        jacobian, residual = np.empty((problem.size, 0)), np.full(problem.size, np.nan)
+        if row["status"] != FAILED:
+            residual = residuals[label]["residual"].to_numpy()
+            if keys:
+                jacobian = jacobians[label].pivot(index="sample", columns="key", values="derivative")[keys].to_numpy()
+        status = row["simulations"], row["status"], row["reason"] or ""
+        fits.append(Fit(explanation, parameters, fitted, residual, jacobian, *status))
+    return fits
+
+
+def parameter_frame(fits: Iterable[Fit], clockwise: Collection[str] = ()) -> pd.DataFrame:
+    """Table `jointgap.tables.FIT_PARAMETERS`: nuisances as fitted, effects' parameters as a verdict states them.
+
+    Parameters
+    ----------
+    fits : iterable of Fit
+    clockwise : collection of str
+        Runs whose crank turns clockwise: their first angles are those of the file.
+    """
+    rows = []
+    for fit in fits:
+        if fit.status == FAILED:
+            continue
+        covariance = fit.covariance()
+        for p, estimate in nuisances_as_read(fit, covariance, clockwise):
+            rows.append(_parameter_row(fit, p.key, p.name, estimate, run=p.run, unit=p.unit))
+        for candidate in fit.explanation:
+            for name, estimate in effect_estimates(fit, candidate, covariance).items():
+                rows.append(_parameter_row(fit, f"{candidate.label}.{name}", name, estimate, effect=candidate.label))
+    return _frame(tables.FIT_PARAMETERS, [pd.DataFrame(rows)] if rows else [])
+
+
+def _parameter_row(
+    fit: Fit,
+    key: str,
+    parameter: str,
+    estimate: dict,
+    effect: str | None = None,
+    run: str | None = None,
+    unit: str = "",
+) -> dict[str, Any]:
+    low, high = estimate["interval_90"]
+    return {
+        "explanation": fit.label,
+        "key": key,
+        "parameter": parameter,
+        "effect": effect,
+        "run": run,
+        "value": estimate["value"],
+        "sd": estimate["sd"],
+        "low_90": low,
+        "high_90": high,
+        "remark": estimate.get("remark"),
+        "unit": unit,
+    }
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A verdict with all that later stages need of the fits.
+
+    Attributes
+    ----------
+    verdict, because : str
+    chosen : Fit
+        The explanation named; the base where none is.
+    base : Fit
+        What explanations were compared with: the recalibrated base, or a better one that was found on the way.
+    equivalent : list of Fit
+    ranking : DataFrame
+        Table `jointgap.tables.RANKING`.
+    """
+
+    verdict: str
+    because: str
+    chosen: Fit
+    base: Fit
+    equivalent: list[Fit]
+    ranking: pd.DataFrame
+
+    def frame(self) -> pd.DataFrame:
+        """Table `jointgap.tables.DECISION`."""
+        nuisances = "nominal" if self.verdict == NO_DISAGREEMENT else "base"
+        return pd.DataFrame([{"verdict": self.verdict, "because": self.because, "nuisances": nuisances}])
+
+
+def outcome_of(decision: Decision, seconds: Mapping[str, float]) -> Outcome:
+    """A decision with its ranking as a table.
+
+    Parameters
+    ----------
+    decision : Decision
+    seconds : mapping of label to float
+        How long each fit took [s].
+    """
+    named = decision.chosen.label if decision.verdict.startswith("named") else ""
+    ranking = ranking_frame(decision.ranking, named, {fit.label for fit in decision.equivalent}, seconds)
+    return Outcome(decision.verdict, decision.because, decision.chosen, decision.base, decision.equivalent, ranking)
+
+
+def outcome_with_law(outcome: Outcome, proposed: Regressed) -> Outcome:
+    """The outcome with a force law for what is missing, where one is accepted and has no rival.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of the listed effects: ``unexplained``.
+    proposed : Regressed
+    """
+    laws = ranking_frame(proposed.ranking, proposed.fit.label if proposed.named else "")
+    ranking = pd.concat([outcome.ranking, laws], ignore_index=True)
+    if not proposed.named:
+        return replace(outcome, because=f"{outcome.because}; {proposed.reason}", ranking=ranking)
+    return Outcome(proposed.verdict, proposed.reason, proposed.fit, outcome.base, [], ranking)
+
+
+def ranking_frame(
+    ranking: Sequence[Ranked],
+    named: str = "",
+    equivalent: Collection[str] = (),
+    seconds: Mapping[str, float] | None = None,
+) -> pd.DataFrame:
+    """Table `jointgap.tables.RANKING`.
+
+    Parameters
+    ----------
+    ranking : sequence of Ranked
+    named : str
+        Label of the explanation that is named; empty where none is.
+    equivalent : collection of str
+        Labels of explanations that the data cannot tell apart.
+    seconds : mapping of label to float
+        How long each fit took [s].
+    """
+    fits = [ranked.fit for ranked in ranking]
+    frame = fits_to_frames(fits, [(seconds or {}).get(fit.label, np.nan) for fit in fits])["fits"]
+    failed = ~np.isfinite([ranked.delta_bic for ranked in ranking])
+    return frame.assign(
+        delta_bic=np.where(failed, np.nan, [ranked.delta_bic for ranked in ranking]),
+        explained_share=np.where(failed, np.nan, [ranked.share for ranked in ranking]),
+        passes=[ranked.passes for ranked in ranking],
+        admissible=[ranked.admissible for ranked in ranking],
+        place=["named" if fit.label == named else "equivalent" if fit.label in equivalent else "" for fit in fits],
+        remark=[ranked.remark or None for ranked in ranking],
+    )
+
+
+def confusability_frame(cosines: pd.DataFrame, merged: Iterable[Iterable[str]]) -> pd.DataFrame:
+    """Table `jointgap.tables.CONFUSABILITY`: a matrix of cosines as one row for each two effects.
+
+    Parameters
+    ----------
+    cosines : DataFrame
+        Labels x labels [1].
+    merged : lists of labels
+        Groups that the campaign cannot tell apart.
+    """
+    together = {frozenset((a, b)) for group in merged for a in group for b in group if a != b}
+    labels = list(cosines.columns)
+    rows = [
+        (first, second, cosines.loc[first, second], frozenset((first, second)) in together)
+        for first in labels
+        for second in labels
+    ]
+    return pd.DataFrame(rows, columns=["first", "second", "cosine", "merged"])
+
+
+def confusable_groups(confusability: pd.DataFrame) -> list[list[str]]:
+    """Groups of effects that a campaign cannot tell apart, from table `jointgap.tables.CONFUSABILITY`."""
+    groups: list[list[str]] = []
+    for first, rows in confusability[confusability["merged"]].groupby("first", sort=False):
+        group = sorted({first, *rows["second"]})
+        if group not in groups:
+            groups.append(group)
+    return groups
+
+
+def undetectable(detectable: pd.DataFrame) -> list[str]:
+    """Effects of which a campaign says nothing, from table `jointgap.tables.DETECTABLE`.
+
+    No size within their bounds shows them, or they cannot be simulated (`failures`).
+    """
+    seen = detectable.groupby("label", sort=False)["detectable"].any()
+    return list(seen.index[~seen])
+
+
+def failures(detectable: pd.DataFrame) -> dict[str, str]:
+    """Why effects could not be simulated, by label, from table `jointgap.tables.DETECTABLE`."""
+    failed = detectable[detectable["failed"].notna()]
+    return dict(zip(failed["label"], failed["failed"], strict=True))
+
+
+def assumed(detectable: pd.DataFrame) -> list[str]:
+    """Noise that was assumed where none is stated, by run and channel, from table `jointgap.tables.DETECTABLE`."""
+    return [text for texts in detectable["assumed"].unique() for text in texts.split(_BETWEEN_TEXTS) if text]
+
+
+def assumed_in_a_cell(assumptions: Iterable[str]) -> str:
+    """What `assumed` takes apart again."""
+    return _BETWEEN_TEXTS.join(assumptions)
+
+
+def gap_of(gaps: pd.DataFrame, role: str, run: str = "all") -> dict[str, float | None]:
+    """Gap before and after over all channels of a run, or of all runs, in a role, from table `jointgap.tables.GAPS`.
+
+    None where there is no such gap: what was added cannot be simulated there.
+
+    Parameters
+    ----------
+    gaps : DataFrame
+        Table `jointgap.tables.GAPS`.
+    role : str
+        ``identify`` or ``confirm``.
+    run : str
+    """
+    row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")].iloc[0]
+    return {when: None if np.isnan(row[when]) else float(row[when]) for when in ("before", "after")}
+
+
+def held_out(gaps: pd.DataFrame, roles: Mapping[str, str]) -> list[dict[str, Any]]:
+    """The held-out data as a verdict lists them.
+
+    Parameters
+    ----------
+    gaps : DataFrame
+        Table `jointgap.tables.GAPS`.
+    roles : mapping of str to str
+        Of every run, as the campaign states it.
+
+    Returns
+    -------
+    list of dict
+        By run: ``run``, ``part`` of it, ``gap``; ``not_simulated``, the reason, where what was added cannot be simulated.
+    """
+    runs = []
+    for row in gaps[(gaps["role"] == "confirm") & (gaps["channel"] == "all")].to_dict("records"):
+        if (run := row["run"]) != "all":
+            part = "last_third" if roles[run] == "split" else "whole"
+            reason = {"not_simulated": row["remark"]} if isinstance(row["remark"], str) else {}
+            runs.append({"run": run, "part": part, "gap": gap_of(gaps, "confirm", run), **reason})
+    return runs
+
+
+def _labelled(fit: Fit, columns: dict[str, Any]) -> pd.DataFrame:
+    return pd.DataFrame(columns).assign(explanation=fit.label)
+
+
+def _frame(table: tables.Table, parts: list[pd.DataFrame]) -> pd.DataFrame:
+    """The parts below each other, with the table's columns even where there is none."""
+    names = [column.name for column in table.columns]
+    filled = [part.reindex(columns=names) for part in parts if len(part)]
+    return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=names)
