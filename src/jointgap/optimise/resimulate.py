@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
 from jointgap.dynamics.parallel_runs import simulate_ensemble
-from jointgap.joints import JOINTS
+from jointgap.dynamics.solver.initial_state import perturbed_start
 from jointgap.mechanism import transmission_angle
 from jointgap.optimise.objective import MEASURES, Measures, evaluation_samples, measure
 
@@ -65,8 +65,7 @@ def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
     """
     random, loose = np.random.default_rng(options.seed), tuple(loose)
     drawn = [random.normal(0.0, options.perturbation, (options.members, columns)) for columns in (4, 2)]
-    free = np.repeat([joint in loose for joint in JOINTS], 2)
-    return np.concatenate(drawn, axis=1) * free
+    return perturbed_start(np.concatenate(drawn, axis=1), loose)
 
 
 def stretches(simulate: Simulate, optimise: Optimise, training_points: int) -> dict[str, np.ndarray]:

@@ -11,8 +11,8 @@ import numpy as np
 from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign
 from jointgap.dynamics.parallel_runs import cores
+from jointgap.dynamics.solver.initial_state import perturbed_start
 from jointgap.identification.protocol import Effects
-from jointgap.joints import JOINTS
 from jointgap.slider_crank.cycle_statistics import CycleStatistics, cycle_variance, persistence
 from jointgap.slider_crank.run_simulation import RunPlan, channels_read
 from jointgap.slider_crank.sample_grid import TURN, SampleGrid
@@ -78,10 +78,9 @@ def chaotic_channels(
 
 
 def _start(mechanism: Mechanism, distance: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Clearance vectors of crank pin, piston pin and crank pivot at the start; zero in ideal joints."""
-    loose = np.array([joint in mechanism.applied().loose for joint in JOINTS])
-    size = np.where(loose, distance, 0.0)
-    return np.column_stack([size * np.cos(direction), size * np.sin(direction)]).ravel()
+    """Start with clearance vectors of `distance` (3,) [m] and `direction` (3,) [rad], in the order of `JOINTS`."""
+    vectors = np.column_stack([distance * np.cos(direction), distance * np.sin(direction)]).ravel()
+    return perturbed_start(vectors, mechanism.applied().loose)
 
 
 def chaotic_run(

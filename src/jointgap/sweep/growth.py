@@ -9,8 +9,8 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.parallel_runs import Run, march_runs
+from jointgap.dynamics.solver.initial_state import perturbed_start
 from jointgap.errors import InputError
-from jointgap.joints import JOINT
 
 CHANGE = 1e-11
 """Size of the change [m]: what two good codes differ by."""
@@ -137,10 +137,7 @@ def growth(
         raise InputError(
             "growth of a small change: all joints are ideal, so the start cannot be changed; make one loose"
         )
-    directed = np.random.default_rng(seed).normal(size=(directions, 6))
-    for joint in JOINT.values():
-        if joint.name not in made.loose:
-            directed[:, joint.components] = 0.0
+    directed = perturbed_start(np.random.default_rng(seed).normal(size=(directions, 6)), made.loose)
     directed /= np.linalg.norm(directed, axis=1, keepdims=True)
     finer = options.model_copy(update={"tolerance": min(options.tolerance, change / _FINER)})
     starts = np.vstack([np.zeros(6), change * directed])

@@ -9,8 +9,8 @@ import numpy as np
 from jointgap.config import Mechanism, Scenario, Simulate, validate
 from jointgap.config.scenario import Runs
 from jointgap.dynamics.parallel_runs import Run
+from jointgap.dynamics.solver.initial_state import perturbed_start
 from jointgap.errors import InputError, did_you_mean
-from jointgap.joints import JOINT
 from jointgap.quantities import to_si
 
 WORDS = {"speed": "rad/s", "clearance": "m", "friction": "1", "restitution": "1"}
@@ -43,10 +43,7 @@ def perturbed_starts(mechanism: Mechanism, members: int, size: float, seed: int)
     """Starting clearance vectors, shape (members, 6) [m]: zero first, then normally distributed in the loose joints."""
     starts = np.random.default_rng(seed).normal(0.0, size, (members, 6))
     starts[0] = 0.0
-    for joint in JOINT.values():
-        if joint.name not in mechanism.loose:
-            starts[:, joint.components] = 0.0
-    return starts
+    return perturbed_start(starts, mechanism.loose)
 
 
 def altered(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:

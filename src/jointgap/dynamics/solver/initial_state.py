@@ -1,13 +1,32 @@
 """The state a simulation starts from."""
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
 from jointgap.dynamics.model.equations import FURTHER, STATES
 from jointgap.dynamics.model.parameters import Parameters
 from jointgap.errors import InputError
-from jointgap.joints import JOINT
+from jointgap.joints import JOINT, JOINTS
+
+
+def perturbed_start(vectors: np.ndarray, loose: Collection[str]) -> np.ndarray:
+    """Clearance vectors at the start, one start or several: those of `vectors` in loose joints, zero in ideal ones.
+
+    Parameters
+    ----------
+    vectors : (..., 6) array
+        r2 x, r2 y, r3 x, r3 y, r1 x, r1 y [m], as if all three joints were loose.
+    loose : collection of str
+        Names of the loose joints.
+
+    Returns
+    -------
+    (..., 6) array
+        [m].
+    """
+    return np.where(np.repeat([joint in loose for joint in JOINTS], 2), vectors, 0.0)
 
 
 def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarray]:
