@@ -7,12 +7,12 @@ import numpy as np
 
 from examples.emps.model import HELD_OUT, Emps
 from jointgap.errors import InputError
-from jointgap.identification.baseline import Recalibrated, recalibrate
+from jointgap.identification.baseline import Baseline, recalibrate
 from jointgap.identification.decision import Decision
 from jointgap.identification.estimates import HALF_WIDTH_90
 from jointgap.identification.fit import Fit
-from jointgap.identification.hypothesis_fits import doubles, singles
-from jointgap.identification.model_selection import select_explanation
+from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
+from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.noise_model import degrees_of_freedom, noise_of_model
 from jointgap.identification.thresholds import screen_candidates
 
@@ -24,7 +24,7 @@ FALSE_ALARMS = 0.01
 class Named:
     """The verdict and the fits that it rests on."""
 
-    base: Recalibrated
+    base: Baseline
     decision: Decision
 
     @property
@@ -35,7 +35,7 @@ class Named:
     @property
     def names(self) -> list[str]:
         """The effects named."""
-        return [candidate.label for candidate in self.chosen.explanation]
+        return [candidate.label for candidate in self.chosen.hypothesis]
 
 
 def name(model: Emps) -> Named:
@@ -43,16 +43,16 @@ def name(model: Emps) -> Named:
     noise = noise_of_model(model)
     base = recalibrate(model, noise)
     known, limits = screen_candidates(base, FALSE_ALARMS, degrees_of_freedom(noise))
-    alone, _ = singles(base, known, limits)
-    together, _ = doubles(base, known, limits, alone)
-    return Named(base, select_explanation(base, known, [*alone, *together], limits))
+    alone, _ = fit_singles(base, known, limits)
+    together, _ = fit_pairs(base, known, limits, alone)
+    return Named(base, select_hypothesis(base, known, [*alone, *together], limits))
 
 
 def force_error(model: Emps, run: str, found: Fit) -> float:
     """norm(f - f_model) / norm(f) of a run's force at every millisecond."""
     values = {p.name: found.mapping.get(p.key, p.nominal) for p in model.nuisances}
     effects = [
-        (one, {p.name: found.mapping[f"{one.label}.{p.name}"] for p in one.coordinates}) for one in found.explanation
+        (one, {p.name: found.mapping[f"{one.label}.{p.name}"] for p in one.coordinates}) for one in found.hypothesis
     ]
     force = model.force[run]
     return float(np.linalg.norm(force - model.simulated_force(run, values, effects)) / np.linalg.norm(force))

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import pytest
 
 from jointgap.campaign.tables_of_identification import Outcome, outcome_of
-from jointgap.identification import hypothesis_fits as explain
-from jointgap.identification.baseline import Recalibrated, recalibrate
+from jointgap.identification import hypothesis_fits
+from jointgap.identification.baseline import Baseline, recalibrate
 from jointgap.identification.fit import Fit
-from jointgap.identification.model_selection import select_explanation
+from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.noise_model import FoundNoise, degrees_of_freedom, noise_of_model, numerics_noise
 from jointgap.identification.protocol import Model
 from jointgap.identification.thresholds import Screening, screen_candidates
@@ -23,7 +23,7 @@ class Chain:
 
     model: Model
     noise: dict[tuple[str, str], FoundNoise]
-    recalibrated: Recalibrated
+    recalibrated: Baseline
     screening: Screening
     fits: list[Fit]
     outcome: Outcome
@@ -38,9 +38,9 @@ def chain() -> Chain:
     whole = numerics_noise(model, base.base.mapping, found)
     whole |= {part.series.key: part.noise for part in base.problem.parts}
     screening = screen_candidates(base, 0.01, degrees_of_freedom(found))
-    fits, seconds = explain.singles(base, screening.known, screening.limits)
-    pairs, more = explain.doubles(base, screening.known, screening.limits, fits)
+    fits, seconds = hypothesis_fits.fit_singles(base, screening.known, screening.limits)
+    pairs, more = hypothesis_fits.fit_pairs(base, screening.known, screening.limits, fits)
     fits, seconds = [*fits, *pairs], [*seconds, *more]
     times = {one.label: each for one, each in zip(fits, seconds, strict=True)}
-    outcome = outcome_of(select_explanation(base, screening.known, fits, screening.limits), times)
+    outcome = outcome_of(select_hypothesis(base, screening.known, fits, screening.limits), times)
     return Chain(model, whole, base, screening, fits, outcome)

@@ -9,7 +9,7 @@ from jointgap.campaign.tables_of_identification import outcome_of
 from jointgap.identification import model_selection
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.decision import Decision
-from jointgap.identification.fit import fit as regular_fit
+from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.thresholds import screen_candidates
 from tests.campaign.conftest import TRUTH
 from tests.identification.toy import stated_noise, toy
@@ -20,10 +20,10 @@ def test_the_other_one_of_two_effects_is_fitted_alone_where_it_never_was():
     base = recalibrate(model, stated_noise(model))
     known, limits = screen_candidates(base, 0.01)
     by_label = {candidate.label: candidate for candidate in model.candidates}
-    pair = regular_fit(base.problem, (by_label["coulomb"], by_label["spring"]))
-    coulomb = regular_fit(base.problem, (by_label["coulomb"],))
-    spring = regular_fit(base.problem, (by_label["spring"],))
-    outcome = outcome_of(model_selection.select_explanation(base, known, [pair, coulomb], limits), {})
+    pair = fit_hypothesis(base.problem, (by_label["coulomb"], by_label["spring"]))
+    coulomb = fit_hypothesis(base.problem, (by_label["coulomb"],))
+    spring = fit_hypothesis(base.problem, (by_label["spring"],))
+    outcome = outcome_of(model_selection.select_hypothesis(base, known, [pair, coulomb], limits), {})
     assert outcome.chosen.label == "coulomb + spring"
     gains = dict(zip(outcome.ranking["explanation"], outcome.ranking["bic"], strict=True)) | {"base": base.base.bic}
     costs = {one["name"]: one["delta_bic"] for one in verdict.effects(outcome.chosen, gains)}
@@ -34,9 +34,11 @@ def test_the_other_one_of_two_effects_is_fitted_alone_where_it_never_was():
 def test_a_better_base_that_was_found_on_the_way_is_the_one_handed_on(chain, monkeypatch):
     base, fitted = chain.recalibrated.base, []
     better = replace(base, values=base.values * (1.0 + 1e-5))
-    monkeypatch.setattr(model_selection, "verdict", lambda *_: Decision("parameters_only", better, better))
-    monkeypatch.setattr(model_selection, "refined", lambda _, one: fitted.append(one) or replace(one, status="refined"))
-    outcome = model_selection.select_explanation(chain.recalibrated, chain.screening.known, [], chain.screening.limits)
+    monkeypatch.setattr(model_selection, "refit_and_decide", lambda *_: Decision("parameters_only", better, better))
+    monkeypatch.setattr(
+        model_selection, "refit_jacobian", lambda _, one: fitted.append(one) or replace(one, status="refined")
+    )
+    outcome = model_selection.select_hypothesis(chain.recalibrated, chain.screening.known, [], chain.screening.limits)
     assert fitted == [better]
     assert outcome.chosen is outcome.base
     assert outcome.base.values is better.values

@@ -6,7 +6,7 @@ import pytest
 
 from jointgap.campaign.tables_of_identification import screened_frame, signatures_from_frames, signatures_to_frames
 from jointgap.errors import InputError
-from jointgap.identification.model_selection import shortlist
+from jointgap.identification.model_selection import shortlist_singles
 from jointgap.identification.problem import Problem
 
 
@@ -24,7 +24,9 @@ class _Without:
 def frames(chain):
     """Tables of the screening, by name."""
     known = chain.screening.known
-    return signatures_to_frames(known) | {"screened": screened_frame(known, shortlist(known, chain.screening.limits))}
+    return signatures_to_frames(known) | {
+        "screened": screened_frame(known, shortlist_singles(known, chain.screening.limits))
+    }
 
 
 def test_an_effect_that_the_model_no_longer_lacks_is_named_with_the_stage_to_run_again(chain):

@@ -43,7 +43,7 @@ def case(chain, better, tmp_path, monkeypatch):
         return found
 
     decision = Decision("parameters_only", better, better)
-    monkeypatch.setattr(model_selection, "select_explanation", lambda *_: decision)
+    monkeypatch.setattr(model_selection, "select_hypothesis", lambda *_: decision)
     monkeypatch.setattr(Case, "fits", lambda *_: ([], {}))
     stages.decide(made())
     return made
@@ -74,7 +74,7 @@ def test_gaps_and_gains_are_counted_from_the_better_base(case, chain, better):
 
 def test_a_law_for_what_is_missing_is_sought_from_the_better_base(case, chain, better, monkeypatch):
     unexplained = Decision("unexplained", better, better)
-    monkeypatch.setattr(model_selection, "select_explanation", lambda *_: unexplained)
+    monkeypatch.setattr(model_selection, "select_hypothesis", lambda *_: unexplained)
     stages.decide(case())
     asked, nothing = [], force_law.Regressed(None, False, "no law holds")
     monkeypatch.setattr(force_law, "regress", lambda problem, base, *_: asked.append(base) or nothing)
@@ -102,7 +102,7 @@ def test_the_lengths_are_optimised_again_only_where_something_was_added_to_the_m
     )
     (tmp_path / "loose.yaml").write_text(f"folder: '{DEMONSTRATION.parent}'\n{text}")
     (tmp_path / MECHANISM).write_text((ROOT / "config/mechanisms/erkaya2009.yaml").read_text())
-    chosen = SimpleNamespace(explanation=(SimpleNamespace(sensor=sensor),))
+    chosen = SimpleNamespace(hypothesis=(SimpleNamespace(sensor=sensor),))
     monkeypatch.setattr(Case, "outcome", lambda *_: SimpleNamespace(chosen=chosen))
     campaign = load_campaign(tmp_path / "loose.yaml")
     monkeypatch.setattr("jointgap.campaign.augment.mechanisms", lambda *_: (campaign.mechanism, campaign.mechanism))

@@ -15,11 +15,11 @@ from jointgap.campaign.folder import OF_FITS, OF_NOISE, Folder, tables_of
 from jointgap.campaign.tables_of_identification import (
     confusability_frame,
     confusable_groups,
-    explanation_of,
     fits_from_frames,
     fits_to_frames,
     gap_of,
     held_out,
+    hypothesis_of,
     noise_from_frames,
     noise_to_frames,
     parameter_frame,
@@ -28,11 +28,9 @@ from jointgap.campaign.tables_of_identification import (
     signatures_to_frames,
 )
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification import hypothesis_fits as explain
-from jointgap.identification import model_selection as naming
+from jointgap.identification import hypothesis_fits, model_selection
 from jointgap.identification.confirmation import confirm, fit_run_parameters
-from jointgap.identification.fit import FAILED
-from jointgap.identification.fit import fit as regular_fit
+from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.noise_model import noise_of_model
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Parameter
@@ -105,7 +103,7 @@ def test_a_held_out_run_that_cannot_be_simulated_with_the_effect_has_no_gap_afte
     model = toy({"coulomb": {"force_N": TRUTH}}, held_out=("mid", "fast"))
     noise_ = stated_noise(model)
     problem = Problem(model, noise_)
-    base, named = regular_fit(problem), regular_fit(problem, (candidate_of("coulomb"),))
+    base, named = fit_hypothesis(problem), fit_hypothesis(problem, (candidate_of("coulomb"),))
     whole = confirm(model, noise_, base, named).gaps
     folder = Folder(tmp_path)
     found = confirm(_Breaking(model, "fast"), noise_, base, named)
@@ -149,7 +147,7 @@ def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
     bounded = replace(candidate_of("coulomb"), coordinates=(Parameter("force_N", 0.0, 0.0, 1.0, 0.3, "N"),))
     derived = replace(bounded, parameters=lambda at: {"push_N": 2.0 * at["force_N"], "length_m": 0.1})
     for candidate, names in ((bounded, ["force_N"]), (derived, ["push_N", "length_m"])):
-        one = regular_fit(problem, (candidate,))
+        one = fit_hypothesis(problem, (candidate,))
         folder = Folder(tmp_path)
         folder.write("fit_parameters", parameter_frame([one]), "decide")
         shown = folder.read("fit_parameters", "decide").set_index("key")
@@ -177,18 +175,20 @@ def test_noise_comes_back_from_files(chain, tmp_path):
 
 def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain, tmp_path):
     folder, known = Folder(tmp_path), chain.screening.known
-    expected = naming.shortlist(known, chain.screening.limits)
+    expected = model_selection.shortlist_singles(known, chain.screening.limits)
     folder.write_all(signatures_to_frames(known) | {"screened": screened_frame(known, expected)}, "screen")
     frames = folder.read_all(("signatures", "signature_shapes", "screened"), "screen")
-    chosen = naming.shortlist(signatures_from_frames(frames, chain.recalibrated), chain.screening.limits)
+    chosen = model_selection.shortlist_singles(
+        signatures_from_frames(frames, chain.recalibrated), chain.screening.limits
+    )
     assert [one.label for one in chosen] == [one.label for one in expected]
     assert [one.start for one in chosen] == [one.start for one in expected]
 
 
 def test_parts_of_the_fits_together_are_all_of_them(chain):
     of = chain.recalibrated, chain.screening.known, chain.screening.limits
-    whole = [one.label for one in explain.singles(*of)[0]]
-    parts = [explain.singles(*of, part, 2)[0] for part in (0, 1)]
+    whole = [one.label for one in hypothesis_fits.fit_singles(*of)[0]]
+    parts = [hypothesis_fits.fit_singles(*of, part, 2)[0] for part in (0, 1)]
     assert all(parts)
     assert sorted(one.label for part in parts for one in part) == sorted(whole)
 
@@ -197,11 +197,11 @@ def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, m
     def fails(problem, one, *others):
         if one.label == "viscous":
             raise SimulationError("the slide flies off")
-        return fit_screened(problem, one, *others)
+        return fit_from_signatures(problem, one, *others)
 
-    fit_screened = naming.fit_screened
-    monkeypatch.setattr(naming, "fit_screened", fails)
-    found, _ = explain.singles(chain.recalibrated, chain.screening.known, chain.screening.limits)
+    fit_from_signatures = model_selection.fit_from_signatures
+    monkeypatch.setattr(model_selection, "fit_from_signatures", fails)
+    found, _ = hypothesis_fits.fit_singles(chain.recalibrated, chain.screening.known, chain.screening.limits)
     rows = fits_to_frames(found)["fits"].set_index("explanation")
     assert rows.loc["viscous", "status"] == FAILED
     assert rows.loc["viscous", "reason"] == "the slide flies off"
@@ -230,15 +230,15 @@ def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain
 
 def test_in_a_pair_each_effect_has_what_leaving_it_out_costs(chain):
     by_label = {candidate.label: candidate for candidate in chain.model.candidates}
-    pair = regular_fit(chain.recalibrated.problem, (by_label["coulomb"], by_label["constant_force"]))
+    pair = fit_hypothesis(chain.recalibrated.problem, (by_label["coulomb"], by_label["constant_force"]))
     alone = {"coulomb": 900.0, "constant_force": 2000.0}
-    for effect, other in zip(verdict.effects(pair, alone), reversed(pair.explanation), strict=True):
+    for effect, other in zip(verdict.effects(pair, alone), reversed(pair.hypothesis), strict=True):
         assert effect["delta_bic"] == pytest.approx(alone[other.label] - pair.bic)
 
 
 def test_what_leaving_an_effect_out_costs_is_not_known_where_the_rest_cannot_be_simulated(chain):
     by_label = {candidate.label: candidate for candidate in chain.model.candidates}
-    pair = regular_fit(chain.recalibrated.problem, (by_label["coulomb"], by_label["constant_force"]))
+    pair = fit_hypothesis(chain.recalibrated.problem, (by_label["coulomb"], by_label["constant_force"]))
     first, second = verdict.effects(pair, {"base": 2000.0, "coulomb": 900.0})
     assert first["delta_bic"] is None
     assert second["delta_bic"] == pytest.approx(900.0 - pair.bic)
@@ -279,7 +279,7 @@ def test_every_table_of_a_stage_has_one_place_and_a_description():
 
 def test_a_label_of_no_candidate_is_refused(chain):
     with pytest.raises(InputError, match="no candidate"):
-        explanation_of("coulomb + ghost", chain.model.candidates)
+        hypothesis_of("coulomb + ghost", chain.model.candidates)
 
 
 def test_a_file_that_is_no_verdict_is_refused(tmp_path):

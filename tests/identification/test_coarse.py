@@ -5,18 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.identification import baseline as recalibrating
-from jointgap.identification import coarse_search as seek
-from jointgap.identification import smoother as coarse
+from jointgap.identification import baseline, coarse_search
+from jointgap.identification import smoother as smoothing
 from jointgap.identification.baseline import other_numerics, recalibrate
-from jointgap.identification.coarse_search import PARTNERS, sought, sought_pairs
-from jointgap.identification.finite_differences import Differences
-from jointgap.identification.fit import FAILED, fit
-from jointgap.identification.hypothesis_fits import doubles, singles
-from jointgap.identification.model_selection import fitted, shortlist, verdict
+from jointgap.identification.coarse_search import PARTNERS, search_pairs, search_singles
+from jointgap.identification.finite_differences import FiniteDifferences
+from jointgap.identification.fit import FAILED, fit_hypothesis
+from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
+from jointgap.identification.model_selection import fit_screened, refit_and_decide, shortlist_singles
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import signatures
-from jointgap.identification.smoother import descended, views
+from jointgap.identification.smoother import coarse_to_fine_fit, smoothers_of
 from jointgap.identification.thresholds import thresholds
 from tests.identification.knocks import knocking
 from tests.identification.toy import stated_noise, toy
@@ -29,9 +28,9 @@ def problem_of(model) -> Problem:
 def test_noise_keeps_its_variance_in_every_view():
     problem = problem_of(toy(samples=360))
     noise = np.random.default_rng(0).standard_normal((problem.size, 40))
-    for view in views(problem):
-        assert np.mean(np.square(view(noise))) == pytest.approx(1.0, abs=0.05)
-        assert view(noise[:, 0]) == pytest.approx(view(noise)[:, 0])
+    for smoother in smoothers_of(problem):
+        assert np.mean(np.square(smoother(noise))) == pytest.approx(1.0, abs=0.05)
+        assert smoother(noise[:, 0]) == pytest.approx(smoother(noise)[:, 0])
 
 
 def test_a_view_keeps_what_is_slow_and_loses_what_is_sharp():
@@ -39,24 +38,26 @@ def test_a_view_keeps_what_is_slow_and_loses_what_is_sharp():
     spike = np.zeros(problem.size)
     spike[200] = 1.0
     slow = np.sin(np.arange(problem.size) * 2 * np.pi / 360)
-    for view, samples in zip(views(problem), (24, 6), strict=True):
-        assert np.abs(view(spike)).max() == pytest.approx((np.sqrt(np.pi) * samples) ** -0.5, rel=0.01)
-        assert np.abs(view(slow)).max() == pytest.approx((2.0 * np.sqrt(np.pi) * samples) ** 0.5, rel=0.1)
+    for smoother, samples in zip(smoothers_of(problem), (24, 6), strict=True):
+        assert np.abs(smoother(spike)).max() == pytest.approx((np.sqrt(np.pi) * samples) ** -0.5, rel=0.01)
+        assert np.abs(smoother(slow)).max() == pytest.approx((2.0 * np.sqrt(np.pi) * samples) ** 0.5, rel=0.1)
 
 
 def test_nothing_is_seen_from_afar_where_no_angle_is_known_or_statistics_are_compared():
     model = toy()
     for change in ({"angle": np.full(360, np.nan)}, {"statistic": True}):
-        assert views(problem_of(replace(model, series=tuple(replace(one, **change) for one in model.series)))) == ()
+        assert (
+            smoothers_of(problem_of(replace(model, series=tuple(replace(one, **change) for one in model.series)))) == ()
+        )
 
 
 @pytest.mark.parametrize("clearance", [0.93, 0.97, 1.04, 1.08])
 def test_a_fit_from_afar_ends_in_the_valley_of_the_truth(clearance):
     problem = problem_of(knocking(clearance=clearance))
-    differences = Differences(problem)
-    near = fit(problem, differences=differences)
-    far = descended(problem, (), {}, differences, views(problem))
-    found = fit(problem, start=far.mapping, differences=differences)
+    differences = FiniteDifferences(problem)
+    near = fit_hypothesis(problem, differences=differences)
+    far = coarse_to_fine_fit(problem, (), {}, differences, smoothers_of(problem))
+    found = fit_hypothesis(problem, start=far.mapping, differences=differences)
     assert near.chi2 > 3.0 * problem.size
     assert found.chi2 < 1.1 * problem.size
     assert found.mapping["clearance"] == pytest.approx(clearance, abs=1e-3)
@@ -66,11 +67,11 @@ def test_a_descent_that_fails_in_a_finer_view_ends_with_the_coarser_fit(monkeypa
     problem, made = problem_of(knocking(clearance=1.04)), []
 
     def once(*args, **options):
-        made.append(fit(*args, **options))
+        made.append(fit_hypothesis(*args, **options))
         return made[0] if len(made) == 1 else replace(made[-1], status=FAILED)
 
-    monkeypatch.setattr(coarse, "fit", once)
-    assert descended(problem, (), {}, Differences(problem), views(problem)) is made[0]
+    monkeypatch.setattr(smoothing, "fit_hypothesis", once)
+    assert coarse_to_fine_fit(problem, (), {}, FiniteDifferences(problem), smoothers_of(problem)) is made[0]
     assert len(made) == 2
 
 
@@ -81,11 +82,11 @@ def test_without_views_a_poor_fit_is_tried_from_every_drawn_start(monkeypatch):
 
     def counted(*args, **options):
         starts.append(dict(options.get("start") or args[2]))
-        return fit(*args, **options)
+        return fit_hypothesis(*args, **options)
 
-    monkeypatch.setattr(recalibrating, "fit", counted)
-    recalibrating.best_of(problem, Differences(problem))
-    assert len(starts) == recalibrating.STARTS
+    monkeypatch.setattr(baseline, "fit_hypothesis", counted)
+    baseline.multistart_fit(problem, FiniteDifferences(problem))
+    assert len(starts) == baseline.STARTS
     assert len({start["slider_mass"] for start in starts}) == len(starts)
 
 
@@ -102,18 +103,18 @@ def test_an_effect_that_moves_every_knock_is_found_by_the_second_look_alone():
     base = recalibrate(model, stated_noise(model))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    first = [fitted(base, known, one) for one in shortlist(known, limits)]
+    first = [fit_screened(base, known, one) for one in shortlist_singles(known, limits)]
     assert min(one.chi2 for one in first) > 2.0 * base.problem.size
-    best, *_ = sought(base, limits)
+    best, *_ = search_singles(base, limits)
     assert best.label == "spring"
     assert best.chi2 < 1.1 * base.problem.size
-    fits, _ = singles(base, known, limits)
-    more, seconds = doubles(base, known, limits, fits)
+    fits, _ = fit_singles(base, known, limits)
+    more, seconds = fit_pairs(base, known, limits, fits)
     assert len({one.label for one in more}) == len(more) == len(seconds)
-    again = [one for part in (1, 0) for one in doubles(base, known, limits, fits[::-1], part, 2)[0]]
+    again = [one for part in (1, 0) for one in fit_pairs(base, known, limits, fits[::-1], part, 2)[0]]
     assert [one.label for one in again] == [one.label for one in more]
     assert [one.chi2 for one in again] == [one.chi2 for one in more]
-    decision = verdict(base, known, [*fits, *more], limits)
+    decision = refit_and_decide(base, known, [*fits, *more], limits)
     assert decision.verdict == "named"
     assert decision.chosen.label == "spring"
     assert decision.chosen.mapping["spring.stiffness_N_m"] == pytest.approx(2.0, rel=0.02)
@@ -125,17 +126,17 @@ def test_two_effects_that_move_every_knock_are_found_among_few_pairs(monkeypatch
     base = recalibrate(model, stated_noise(model))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    fits = [*singles(base, known, limits)[0], *sought(base, limits)]
+    fits = [*fit_singles(base, known, limits)[0], *search_singles(base, limits)]
     assert min(one.chi2 for one in fits) > 100.0 * base.problem.size
-    tried, race = [], seek.raced
+    tried, race = [], coarse_search.successive_elimination
 
-    def raced(base, chosen, *rest):
-        tried.extend([candidate.label for candidate in pair.explanation] for pair, _ in chosen)
+    def successive_elimination(base, chosen, *rest):
+        tried.extend([candidate.label for candidate in pair.hypothesis] for pair, _ in chosen)
         return race(base, chosen, *rest)
 
-    monkeypatch.setattr(seek, "raced", raced)
-    best, *_ = sought_pairs(base, fits, limits)
-    assert {candidate.label for candidate in best.explanation} == hidden.keys()
+    monkeypatch.setattr(coarse_search, "successive_elimination", successive_elimination)
+    best, *_ = search_pairs(base, fits, limits)
+    assert {candidate.label for candidate in best.hypothesis} == hidden.keys()
     assert best.chi2 < 1.1 * base.problem.size
     leading = tried[0][0]
     assert [

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from jointgap.identification.bounded_step import bounded_step, compressed
-from jointgap.identification.finite_differences import Differences
-from jointgap.identification.fit import CONVERGED, FAILED, bounds_of, fit
+from jointgap.identification.bounded_step import bounded_step, compress_rows
+from jointgap.identification.finite_differences import FiniteDifferences
+from jointgap.identification.fit import CONVERGED, FAILED, bounds_of, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
 from tests.identification.toy import stated_noise, toy
@@ -23,7 +23,7 @@ def candidate(model, label):
 def test_compression_keeps_all_inner_products():
     generator = np.random.default_rng(0)
     a, b = generator.standard_normal((40, 3)), generator.standard_normal(40)
-    small_a, small_b = compressed(a, b)
+    small_a, small_b = compress_rows(a, b)
     assert small_a.shape == (4, 3)
     np.testing.assert_allclose(small_a.T @ small_a, a.T @ a)
     np.testing.assert_allclose(small_a.T @ small_b, a.T @ b)
@@ -49,11 +49,11 @@ def test_a_column_that_changes_nothing_takes_no_step():
 
 def test_the_fit_is_where_another_optimiser_ends():
     model = toy({"viscous": {"damping_N_s_m": 0.5}}, {"slider_mass": 0.51}, seed=1)
-    here, explanation = problem(model), (candidate(model, "viscous"),)
-    found = fit(here, explanation)
-    parameters = here.parameters(explanation)
+    here, hypothesis = problem(model), (candidate(model, "viscous"),)
+    found = fit_hypothesis(here, hypothesis)
+    parameters = here.parameters(hypothesis)
     peer = least_squares(
-        lambda x: here.residual({p.key: v for p, v in zip(parameters, x, strict=True)}, explanation),
+        lambda x: here.residual({p.key: v for p, v in zip(parameters, x, strict=True)}, hypothesis),
         [p.nominal for p in parameters],
         bounds=bounds_of(parameters),
         x_scale=[p.step for p in parameters],
@@ -68,7 +68,7 @@ def test_the_fit_is_where_another_optimiser_ends():
 def test_the_true_parameters_lie_within_their_errors(seed):
     truth = {"slider_mass": 0.512, "viscous.damping_N_s_m": 0.5}
     model = toy({"viscous": {"damping_N_s_m": 0.5}}, {"slider_mass": 0.512}, seed=seed)
-    found = fit(problem(model), (candidate(model, "viscous"),), refresh=True)
+    found = fit_hypothesis(problem(model), (candidate(model, "viscous"),), refresh=True)
     errors = dict(zip((p.key for p in found.parameters), np.sqrt(np.diag(found.covariance())), strict=True))
     for key, value in truth.items():
         assert abs(found.mapping[key] - value) < 4 * errors[key]
@@ -77,7 +77,7 @@ def test_the_true_parameters_lie_within_their_errors(seed):
 def test_what_is_left_is_noise():
     model = toy({"coulomb": {"force_N": 0.4}}, seed=7)
     here = problem(model)
-    found = fit(here, (candidate(model, "coulomb"),))
+    found = fit_hypothesis(here, (candidate(model, "coulomb"),))
     dof = here.size - len(found.parameters)
     assert abs(found.chi2 - dof) < 4 * np.sqrt(2 * dof)
     assert here.gap(found.residual) == pytest.approx(1.0, abs=0.1)
@@ -85,14 +85,14 @@ def test_what_is_left_is_noise():
 
 def test_a_fit_that_cannot_be_simulated_fails_with_its_reason():
     model = toy(seed=0)
-    found = fit(problem(model), start={"crank_length": -0.1}, vary=())
+    found = fit_hypothesis(problem(model), start={"crank_length": -0.1}, vary=())
     assert found.status == FAILED and "does not turn" in found.reason
     assert found.chi2 == np.inf
 
 
 def test_bounds_hold_and_a_parameter_at_its_bound_has_no_error():
     model = toy({"added_mass": {"mass_kg": 0.3}}, seed=0)
-    found = fit(problem(model))
+    found = fit_hypothesis(problem(model))
     low, high = bounds_of(found.parameters)
     assert (found.values >= low).all() and (found.values <= high).all()
     at = [p.key for p in found.parameters].index("slider_mass")
@@ -103,10 +103,10 @@ def test_bounds_hold_and_a_parameter_at_its_bound_has_no_error():
 def test_known_derivatives_save_simulations():
     model = toy({"viscous": {"damping_N_s_m": 0.5}}, seed=3)
     here = problem(model)
-    differences, explanation = Differences(here), (candidate(model, "viscous"),)
-    first = fit(here, explanation, differences=differences, refresh=True)
+    differences, hypothesis = FiniteDifferences(here), (candidate(model, "viscous"),)
+    first = fit_hypothesis(here, hypothesis, differences=differences, refresh=True)
     known = {p.key: column for p, column in zip(first.parameters, first.jacobian.T, strict=True)}
-    again = fit(here, explanation, first.mapping, known, differences)
+    again = fit_hypothesis(here, hypothesis, first.mapping, known, differences)
     assert again.simulations <= 2 * len(here.runs)
     assert again.chi2 == pytest.approx(first.chi2, abs=0.2)
 
@@ -114,13 +114,13 @@ def test_known_derivatives_save_simulations():
 def test_a_difference_is_taken_over_a_step_that_noise_could_just_hide():
     model = toy(seed=0)
     here = problem(model)
-    differences = Differences(here)
+    differences = FiniteDifferences(here)
     at = {p.key: p.nominal for p in here.nuisances}
     residual = here.residual(at)
     clumsy = Parameter("slider_mass", 0.5, 0.0, 10.0, step=5.0, unit="kg")
     column = differences.column(clumsy, at, residual, ())
     fine = Parameter("slider_mass", 0.5, 0.0, 10.0, step=1e-4, unit="kg")
-    np.testing.assert_allclose(column, Differences(here).column(fine, at, residual, ()), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(column, FiniteDifferences(here).column(fine, at, residual, ()), rtol=1e-6, atol=1e-6)
 
 
 def test_an_effect_takes_the_place_of_the_nuisance_that_is_its_own_parameter():
@@ -137,7 +137,7 @@ def test_labels_name_the_site_where_there_is_a_choice():
 
 def test_what_the_data_leave_open_is_as_uncertain_as_its_bounds_say():
     model = toy(seed=0, channels=("acceleration",))  # no force is read: the mass changes nothing
-    found = fit(problem(model), refresh=True)
+    found = fit_hypothesis(problem(model), refresh=True)
     at = [p.key for p in found.parameters].index("slider_mass")
     mass = found.parameters[at]
     assert np.sqrt(found.covariance()[at, at]) == pytest.approx((mass.high - mass.low) / np.sqrt(12.0))

@@ -8,8 +8,8 @@ import pytest
 
 from jointgap.identification.disagreement import adjusted, circular_spans, ljung_box, locate
 from jointgap.identification.problem import Problem
-from jointgap.identification.unwhitening import coloured
-from jointgap.identification.whitening import Noise, whitened
+from jointgap.identification.unwhitening import unwhiten
+from jointgap.identification.whitening import Noise, whiten
 from tests.identification.toy import coloured as noise_of
 from tests.identification.toy import stated_noise, toy
 
@@ -115,7 +115,7 @@ def test_whitened_residuals_are_turned_back_exactly():
     residual = np.random.default_rng(0).standard_normal(50)
     residual[[7, 8, 20, 22]] = np.nan
     noise = Noise(np.full(50, 2.0), (0.6, 0.5, 0.2))
-    assert coloured(whitened(residual, noise), noise) == pytest.approx(residual / 2.0, nan_ok=True)
+    assert unwhiten(whiten(residual, noise), noise) == pytest.approx(residual / 2.0, nan_ok=True)
 
 
 def test_the_spectrum_shows_the_order_of_a_disagreement():

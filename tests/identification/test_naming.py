@@ -7,9 +7,16 @@ import pytest
 
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decision import Decision
-from jointgap.identification.fit import fit
-from jointgap.identification.hypothesis_fits import doubles, singles
-from jointgap.identification.model_selection import bent, beside_best, fitted, shortlist, swapped, verdict
+from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
+from jointgap.identification.model_selection import (
+    fit_screened,
+    nonlinearity,
+    refit_and_decide,
+    shortlist_singles,
+    swap_one_effect,
+    two_effect_thresholds,
+)
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.screening import Screen, signatures
@@ -24,10 +31,10 @@ def named(effects=None, more=(), **how) -> tuple[Decision, float]:
     base = recalibrate(model, stated_noise(model))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    fits, _ = singles(base, known, limits)
-    fits = [*fits, *doubles(base, known, limits, fits)[0]]
-    fits += swapped(base, known, fits)
-    return verdict(base, known, fits, limits), base.problem.gap(base.base.residual)
+    fits, _ = fit_singles(base, known, limits)
+    fits = [*fits, *fit_pairs(base, known, limits, fits)[0]]
+    fits += swap_one_effect(base, known, fits)
+    return refit_and_decide(base, known, fits, limits), base.problem.gap(base.base.residual)
 
 
 HIDDEN = {
@@ -89,11 +96,11 @@ def test_another_choice_of_numerics_is_no_second_effect():
     base = recalibrate(model, stated_noise(model))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    fits = [fitted(base, known, one) for one in shortlist(known, limits)]
+    fits = [fit_screened(base, known, one) for one in shortlist_singles(known, limits)]
     best = min(fits, key=lambda one: one.chi2)
     assert best.label == "coulomb"
     changed = np.sum(other_numerics(base.problem, best) ** 2)
-    second = beside_best(base, fits, limits)
+    second = two_effect_thresholds(base, fits, limits)
     assert second.omnibus == pytest.approx(limits.omnibus + second.directed / best.residual.size)
     assert 0.5 * changed < second.directed <= changed
     assert limits.directed < second.directed
@@ -110,7 +117,7 @@ def test_where_nothing_is_missing_hardly_anything_is_fitted():
     base = recalibrate(model, stated_noise(model))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    assert len(shortlist(known, limits)) <= 3
+    assert len(shortlist_singles(known, limits)) <= 3
 
 
 def test_a_gain_of_one_sensor_alone_hides_behind_a_length_within_its_range():
@@ -141,7 +148,7 @@ def test_a_mass_beyond_its_range_is_an_effect_with_its_value_beyond_nominal():
 def test_both_of_two_effects_are_named_and_no_third():
     decision, _ = named({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1)
     assert decision.verdict == "named"
-    assert {c.label for c in decision.chosen.explanation} == {"coulomb", "spring"}
+    assert {c.label for c in decision.chosen.hypothesis} == {"coulomb", "spring"}
 
 
 def test_at_one_speed_a_spring_is_not_told_from_a_force_that_grows_with_speed():
@@ -188,7 +195,9 @@ def test_a_pair_in_another_order_is_no_rival():
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
     labelled = {candidate.label: candidate for candidate in model.candidates}
     pair = labelled["coulomb"], labelled["spring"]
-    decision = verdict(base, known, [fit(base.problem, pair), fit(base.problem, pair[::-1])], limits)
+    decision = refit_and_decide(
+        base, known, [fit_hypothesis(base.problem, pair), fit_hypothesis(base.problem, pair[::-1])], limits
+    )
     assert decision.verdict == "named"
     assert len(decision.ranking) == 1
 
@@ -217,14 +226,14 @@ def test_what_residuals_to_one_side_foretell_of_the_other_holds_where_they_are_l
     for model, least, most in ((smooth, 0.0, 1e-6), (stepping(smooth, 0.5), 0.9, 1.1)):
         problem = Problem(model, stated_noise(model))
         mass = next(p for p in problem.nuisances if p.name == "slider_mass")
-        fitted_mass = fit(problem, refresh=True, vary=[mass])
+        fitted_mass = fit_hypothesis(problem, refresh=True, vary=[mass])
         here = problem.residual({"slider_mass": 0.5})
         found = replace(fitted_mass, values=np.array([0.5]), residual=here)
         error = float(np.sqrt(found.covariance()[0, 0]))
         beyond = problem.residual({"slider_mass": 0.5 + error})
         foretold = 2.0 * here - problem.residual({"slider_mass": 0.5 - error})
         jump = float(beyond @ beyond - foretold @ foretold)
-        assert least * abs(jump) <= bent(problem, found) <= most * max(abs(jump), 1.0)
+        assert least * abs(jump) <= nonlinearity(problem, found) <= most * max(abs(jump), 1.0)
 
 
 def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_added():
@@ -232,14 +241,14 @@ def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_add
     smooth = toy(effects, seed=11)
     problem = Problem(smooth, stated_noise(smooth))
     viscous = tuple(one for one in smooth.candidates if one.label == "viscous")
-    found = fit(problem, viscous, refresh=True)
+    found = fit_hypothesis(problem, viscous, refresh=True)
     place = [p.key for p in found.parameters].index("slider_mass")
     model = stepping(smooth, found.values[place] + 0.5 * np.sqrt(found.covariance()[place, place]))
     base = recalibrate(model, stated_noise(model))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    fits, _ = singles(base, known, limits)
-    assert beside_best(base, fits, limits).directed > 5.0 * limits.directed
-    decision = verdict(base, known, [*fits, *doubles(base, known, limits, fits)[0]], limits)
+    fits, _ = fit_singles(base, known, limits)
+    assert two_effect_thresholds(base, fits, limits).directed > 5.0 * limits.directed
+    decision = refit_and_decide(base, known, [*fits, *fit_pairs(base, known, limits, fits)[0]], limits)
     assert decision.verdict == "named"
     assert decision.chosen.label == "viscous"

@@ -10,7 +10,7 @@ import pytest
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.advice import advise, assumed_noise, preflight
 from jointgap.identification.decision import RIVAL
-from jointgap.identification.fit import fit
+from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate
 from tests.identification.toy import SPEEDS, Toy, candidate_of, stated_noise, toy
@@ -93,7 +93,7 @@ def test_a_typical_size_leaves_the_gap_of_one_and_a_half_after_recalibration(lab
     row = preflight(planned()).effects.set_index("label").loc[label]
     model = toy({label: {row["parameter"]: row["typical"]}}, seed=1, **PLAN)
     problem = Problem(model, stated_noise(toy(**PLAN)))
-    assert problem.gap(fit(problem).residual) == pytest.approx(1.5, abs=0.05)
+    assert problem.gap(fit_hypothesis(problem).residual) == pytest.approx(1.5, abs=0.05)
 
 
 def test_the_smallest_detectable_size_is_found_nine_times_in_ten():
@@ -103,7 +103,7 @@ def test_the_smallest_detectable_size_is_found_nine_times_in_ten():
     for seed in range(seeds):
         model = toy({"coulomb": {"force_N": size}}, seed=seed, **options)
         problem = Problem(model, stated_noise(model))
-        gain = fit(problem).chi2 - fit(problem, (candidate_of("coulomb"),)).chi2
+        gain = fit_hypothesis(problem).chi2 - fit_hypothesis(problem, (candidate_of("coulomb"),)).chi2
         hits += gain > np.log(problem.size) + RIVAL
     assert 0.8 <= hits / seeds <= 0.99
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from jointgap.identification.fit import fit
+from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.force_law import law_of, regress, term_of
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
@@ -58,7 +58,7 @@ def measured(hidden, seed=1, **changed):
     data = toy(hidden=lambda x, v, angle, time: hidden(x, v, angle), seed=seed, **changed)
     model = WithTerms(data.series, data.nuisances, data.candidates, data.speeds)
     problem = Problem(model, stated_noise(model))
-    return problem, fit(problem, refresh=True)
+    return problem, fit_hypothesis(problem, refresh=True)
 
 
 def coefficient_errors(found) -> dict[str, float]:
@@ -81,7 +81,7 @@ def test_two_terms_are_found_where_two_act():
     problem, base = measured(lambda x, v, angle: -0.4 * v**3 + 2.0 * x * v)
     found = regress(problem, base, LIBRARY, LIMITS)
     assert found.accepted, found.because
-    assert {term_of(c) for c in found.fit.explanation} == {"v^3", "x*v"}
+    assert {term_of(c) for c in found.fit.hypothesis} == {"v^3", "x*v"}
     truth = {"v^3": -0.4, "x*v": 2.0}
     errors = coefficient_errors(found)
     for name, text in found.law.terms.items():

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.identification.finite_differences import Differences
-from jointgap.identification.fit import fit
+from jointgap.identification.finite_differences import FiniteDifferences
+from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import Screen, signatures
 from jointgap.identification.signature_subspaces import Subspaces
@@ -16,8 +16,8 @@ from tests.identification.toy import stated_noise, toy
 def screened(effects, **how):
     model = toy(effects, **how)
     problem = Problem(model, stated_noise(model))
-    differences = Differences(problem)
-    base = fit(problem, differences=differences, refresh=True)
+    differences = FiniteDifferences(problem)
+    base = fit_hypothesis(problem, differences=differences, refresh=True)
     return problem, differences, base, signatures(problem, base, differences)
 
 
@@ -41,7 +41,7 @@ def test_what_signatures_foretell_is_what_a_fit_finds():
     """Sizes act linearly here, so both must agree."""
     problem, differences, _, known = screened({"viscous": {"damping_N_s_m": 0.3}}, seed=2)
     first = Screen(known).singles()[0]
-    found = fit(problem, first.explanation, first.start, known.known(first.signatures), differences)
+    found = fit_hypothesis(problem, first.hypothesis, first.start, known.known(first.signatures), differences)
     assert first.chi2 == pytest.approx(found.chi2, abs=0.5)
     assert first.bic == pytest.approx(found.bic, abs=0.5)
     assert found.mapping["viscous.damping_N_s_m"] == pytest.approx(first.start["viscous.damping_N_s_m"], rel=1e-2)
@@ -50,8 +50,8 @@ def test_what_signatures_foretell_is_what_a_fit_finds():
 def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal():
     model = toy({"added_mass": {"mass_kg": 0.05}}, seed=5)
     problem = Problem(model, stated_noise(model))
-    differences = Differences(problem)
-    base = fit(problem, differences=differences, refresh=True)
+    differences = FiniteDifferences(problem)
+    base = fit_hypothesis(problem, differences=differences, refresh=True)
     mass = next(p for p in model.nuisances if p.name == "slider_mass")
     assert base.mapping["slider_mass"] != pytest.approx(mass.nominal, rel=1e-3)
     (one,) = signatures(problem, base, differences).of("added_mass")
@@ -78,8 +78,8 @@ def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows():
 def test_beside_one_of_two_hidden_effects_the_other_is_first():
     problem, differences, _, known = screened({"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}, seed=5)
     coulomb = next(one for one in Screen(known).singles() if one.label == "coulomb")
-    found = fit(problem, coulomb.explanation, coulomb.start, known.known(coulomb.signatures), differences)
-    partners = Screen(known.about(found), found.explanation).singles()
+    found = fit_hypothesis(problem, coulomb.hypothesis, coulomb.start, known.known(coulomb.signatures), differences)
+    partners = Screen(known.about(found), found.hypothesis).singles()
     assert partners[0].label == "coulomb + spring"
     assert partners[0].start["spring.stiffness_N_m"] == pytest.approx(5.0, rel=0.1)
     assert "coulomb + coulomb" not in {one.label for one in partners}
@@ -88,8 +88,8 @@ def test_beside_one_of_two_hidden_effects_the_other_is_first():
 def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():
     model = toy(seed=0)
     problem = Problem(model, stated_noise(model))
-    differences = Differences(problem)
-    base = fit(problem, differences=differences)
+    differences = FiniteDifferences(problem)
+    base = fit_hypothesis(problem, differences=differences)
     real = model.simulate
 
     def failing(run, values, effects=(), numerics=0):

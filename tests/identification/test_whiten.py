@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.identification.whitening import Noise, prediction, whitened
+from jointgap.identification.whitening import Noise, prediction, whiten
 
 
 def autoregressive(weights, size, seed):
@@ -25,12 +25,12 @@ def exact_autocorrelation(weights):
 
 def test_white_noise_is_only_scaled():
     residual = np.array([1.0, -2.0, np.nan, 4.0])
-    np.testing.assert_array_equal(whitened(residual, Noise(np.full(4, 2.0))), [0.5, -1.0, np.nan, 2.0])
+    np.testing.assert_array_equal(whiten(residual, Noise(np.full(4, 2.0))), [0.5, -1.0, np.nan, 2.0])
 
 
 def test_numerics_widen_the_spread():
     noise = Noise(np.full(2, 3.0), numerics=np.array([0.0, 4.0]))
-    np.testing.assert_allclose(whitened(np.array([3.0, 5.0]), noise), [1.0, 1.0])
+    np.testing.assert_allclose(whiten(np.array([3.0, 5.0]), noise), [1.0, 1.0])
 
 
 def test_the_innovations_of_an_autoregressive_process_are_found():
@@ -38,7 +38,7 @@ def test_the_innovations_of_an_autoregressive_process_are_found():
     values, drawn = autoregressive(weights, 400, 1)
     rho = exact_autocorrelation(weights)
     sd = np.sqrt(1 / (1 - weights[0] * rho[0] - weights[1] * rho[1]))  # of the process, innovations of variance 1
-    found = whitened(values, Noise(np.full(values.size, sd), rho))
+    found = whiten(values, Noise(np.full(values.size, sd), rho))
     np.testing.assert_allclose(found[2:], drawn[2:], rtol=1e-9, atol=1e-9)
 
 
@@ -49,7 +49,7 @@ def test_whitening_is_exact_from_the_first_sample_and_after_gaps():
     while len(orders) < 6:
         orders.append(0.5 * orders[-1] + 0.2 * orders[-2])
     values = np.array([0.3, -1.0, 0.2, np.nan, 1.5, 0.1, -0.4])
-    found = whitened(values, Noise(np.ones(values.size), rho))
+    found = whiten(values, Noise(np.ones(values.size), rho))
     expected = 0.0
     for piece in (values[:3], values[4:]):
         covariance = np.array([[orders[abs(i - j)] for j in range(piece.size)] for i in range(piece.size)])
@@ -60,9 +60,9 @@ def test_whitening_is_exact_from_the_first_sample_and_after_gaps():
 def test_columns_are_whitened_alike():
     values = np.random.default_rng(2).standard_normal((50, 3))
     noise = Noise(np.full(50, 1.3), (0.4,))
-    together = whitened(values, noise)
+    together = whiten(values, noise)
     for column in range(3):
-        np.testing.assert_allclose(together[:, column], whitened(values[:, column], noise))
+        np.testing.assert_allclose(together[:, column], whiten(values[:, column], noise))
 
 
 def test_an_impossible_autocorrelation_is_refused():

@@ -80,7 +80,7 @@ def test_a_cubic_resistance_is_found_with_its_size_and_goes_into_a_mechanism_fil
     assert not found.rivals
     assert (found.law.effect, found.law.formula) == ("discovered_slider_force", "c1*v^3")
     assert found.law.coefficients["c1"] == pytest.approx(-0.1, rel=0.05)
-    augmented = augmented_mechanism(model.campaign.mechanism, found.fit.explanation, found.fit.mapping)
+    augmented = augmented_mechanism(model.campaign.mechanism, found.fit.hypothesis, found.fit.mapping)
     law = augmented.effect("discovered_slider_force")
     assert list(law.coefficients.values()) == [found.law.coefficients["c1"]]
 

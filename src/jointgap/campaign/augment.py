@@ -29,8 +29,8 @@ def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechani
         Values that make the mechanism impossible.
     """
     chosen = outcome.chosen
-    augmented = augmented_mechanism(campaign.mechanism, chosen.explanation, chosen.mapping)
-    plain = outcome.base if chosen.explanation else chosen
+    augmented = augmented_mechanism(campaign.mechanism, chosen.hypothesis, chosen.mapping)
+    plain = outcome.base if chosen.hypothesis else chosen
     return augmented_mechanism(campaign.mechanism, (), plain.mapping), augmented
 
 
@@ -58,7 +58,7 @@ def augment(campaign: Campaign, outcome: Outcome) -> tuple[str, pd.DataFrame]:
     body = yaml.safe_dump(augmented.model_dump(mode="json"), sort_keys=False, width=_WIDTH, allow_unicode=True)
     speeds = {run.id: run.speed for run in campaign.runs if run.role != "confirm"}
     columns = [column.name for column in tables.MISSING_FORCE.columns]
-    physical = any(not candidate.sensor for candidate in outcome.chosen.explanation)
+    physical = any(not candidate.sensor for candidate in outcome.chosen.hypothesis)
     force = missing_force(plain, augmented, speeds, clockwise(campaign)) if physical else pd.DataFrame(columns=columns)
     return "\n".join([*(f"# {line}" for line in _header(campaign, outcome)), body]), force
 
@@ -71,7 +71,7 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
         error = "" if one["sd"] is None else f" +- {one['sd']:.2g}"
         line = f"{p.key}: {one['value']:.6g}{error} {p.unit}".removesuffix(" 1")
         lines.append(line + (f" ({one['remark']})" if one["sd"] is None else ""))
-    for candidate in chosen.explanation:
+    for candidate in chosen.hypothesis:
         for name, one in effect_estimates(chosen, candidate, covariance).items():
             sensor = " (a fault of the sensor, no part of the mechanism)" if candidate.sensor else ""
             lines.append(f"{candidate.label}, {name}: {one['value']:.6g}{_error(one)}{sensor}")

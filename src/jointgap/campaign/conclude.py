@@ -84,5 +84,5 @@ def _separated_by(case: Case, equivalent: list[Fit]) -> str:
         return ""
     if not case.folder.place("advice").is_file():
         preflight(case)
-    explanations = [{candidate.label for candidate in fit.explanation} for fit in equivalent]
+    explanations = [{candidate.label for candidate in fit.hypothesis} for fit in equivalent]
     return separated_by(case.folder.read("advice"), explanations, confusable_groups(case.folder.read("confusability")))

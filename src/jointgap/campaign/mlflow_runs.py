@@ -34,7 +34,7 @@ def records(folder: Path) -> list[Record]:
     metrics = {f"gap/{role}_{when}": value for role, gap in verdict["gap"].items() for when, value in gap.items()}
     metrics |= {"windows": len(verdict["where"]), "equivalent": len(verdict["equivalent"])}
     ranking = places.read("ranking", "regress")
-    labels = {label for explanation in ranking["explanation"] for label in explanation.split(JOINED)}
+    labels = {label for hypothesis in ranking["explanation"] for label in hypothesis.split(JOINED)}
     for effect in verdict["effects"]:
         own = _metric(effect, labels)
         metrics[f"{own}_delta_bic"] = effect["delta_bic"]

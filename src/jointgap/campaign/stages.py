@@ -78,7 +78,7 @@ def recalibrate(case: Case) -> None:
 def screen(case: Case) -> None:
     """Simulate every candidate at a small size, and choose what is worth a fit."""
     from jointgap.campaign.tables_of_identification import screened_frame, signatures_to_frames
-    from jointgap.identification.model_selection import shortlist
+    from jointgap.identification.model_selection import shortlist_singles
     from jointgap.identification.noise_model import degrees_of_freedom
     from jointgap.identification.thresholds import screen_candidates
 
@@ -86,16 +86,16 @@ def screen(case: Case) -> None:
     known, limits = case.screening = screen_candidates(case.recalibrated, FALSE_ALARM_RATE, dof, SEED)
     case.folder.write_all(signatures_to_frames(known), "screen")
     case.folder.write("thresholds", pd.DataFrame([vars(limits)]))
-    case.folder.write("screened", screened_frame(known, shortlist(known, limits)))
+    case.folder.write("screened", screened_frame(known, shortlist_singles(known, limits)))
 
 
 def fit(case: Case, part: int = 0, parts: int = 1) -> None:
     """Fit one part of the chosen single effects by forward simulation."""
     from jointgap.campaign.tables_of_identification import fits_to_frames
-    from jointgap.identification import hypothesis_fits as explain
+    from jointgap.identification import hypothesis_fits
 
     screened = case.screening
-    found, seconds = explain.singles(case.recalibrated, screened.known, screened.limits, part, parts)
+    found, seconds = hypothesis_fits.fit_singles(case.recalibrated, screened.known, screened.limits, part, parts)
     case.folder.write_all(fits_to_frames(found, seconds, whole_jacobian=True), f"fit/{part}")
 
 
@@ -105,20 +105,20 @@ def pair(case: Case, part: int = 0, parts: int = 1) -> None:
     Where none of these is enough the first part takes a second look at them all.
     """
     from jointgap.campaign.tables_of_identification import fits_to_frames
-    from jointgap.identification import hypothesis_fits as explain
+    from jointgap.identification import hypothesis_fits
 
     screened, (alone, _) = case.screening, case.fits("fit", parts)
-    found, seconds = explain.doubles(case.recalibrated, screened.known, screened.limits, alone, part, parts)
+    found, seconds = hypothesis_fits.fit_pairs(case.recalibrated, screened.known, screened.limits, alone, part, parts)
     case.folder.write_all(fits_to_frames(found, seconds, whole_jacobian=True), f"pair/{part}")
 
 
 def decide(case: Case, parts: int = 1) -> None:
     """Choose among the fits of all parts."""
     from jointgap.campaign.tables_of_identification import fits_to_frames, outcome_of
-    from jointgap.identification.model_selection import select_explanation
+    from jointgap.identification.model_selection import select_hypothesis
 
     (singles, seconds), (doubles, more) = (case.fits(stage, parts) for stage in ("fit", "pair"))
-    decision = select_explanation(case.recalibrated, case.screening.known, [*singles, *doubles], case.screening.limits)
+    decision = select_hypothesis(case.recalibrated, case.screening.known, [*singles, *doubles], case.screening.limits)
     case.settled = replace(case.recalibrated, base=decision.base)
     case.folder.write_all(fits_to_frames([decision.base], whole_jacobian=True), "decide/base")
     durations = {label: seconds.get(label, 0.0) + more.get(label, 0.0) for label in seconds | more}
@@ -166,7 +166,7 @@ def confirm(case: Case) -> None:
     from jointgap.identification import confirmation
 
     outcome = case.outcome("regress")
-    named = outcome.chosen if outcome.chosen.explanation else None
+    named = outcome.chosen if outcome.chosen.hypothesis else None
     plain = outcome.base if named else outcome.chosen  # nominal values where these are enough
     found = confirmation.confirm(case.model, case.whole_noise, plain, named, SEED)
     case.folder.write("residuals", residuals_as_read(found.residuals, clockwise(case.campaign)))
@@ -191,7 +191,7 @@ def rechain(case: Case) -> None:
     # the transmission angle of ideal joints follows from the lengths alone, whatever acts on the slider
     loose = case.campaign.mechanism.applied().loose or written.applied().loose
     outcome = case.outcome("regress") if loose else None
-    if outcome is None or all(candidate.sensor for candidate in outcome.chosen.explanation):
+    if outcome is None or all(candidate.sensor for candidate in outcome.chosen.hypothesis):
         case.folder.write("campaign_optimum", pd.DataFrame(columns=[column.name for column in OPTIMUM.columns]))
         return
     from jointgap.campaign.augment import mechanisms

@@ -13,7 +13,7 @@ from jointgap.errors import InputError
 
 if TYPE_CHECKING:  # what a stage does not ask for is not imported: the compiled dynamics take seconds to load
     from jointgap.campaign.tables_of_identification import Outcome
-    from jointgap.identification.baseline import Recalibrated
+    from jointgap.identification.baseline import Baseline
     from jointgap.identification.fit import Fit
     from jointgap.identification.noise_model import FoundNoise
     from jointgap.identification.protocol import Candidate, Model
@@ -92,10 +92,10 @@ class Case:
         return found
 
     @cached_property
-    def recalibrated(self) -> "Recalibrated":
+    def recalibrated(self) -> "Baseline":
         """The base that every explanation is compared with."""
         from jointgap.campaign.tables_of_identification import fits_from_frames
-        from jointgap.identification.baseline import Recalibrated, probed
+        from jointgap.identification.baseline import Baseline, probed_differences
         from jointgap.identification.problem import Problem
 
         problem = Problem(self.model, self.whole_noise)
@@ -103,10 +103,10 @@ class Case:
             fits_from_frames(self.folder.read_all(OF_FITS, f"recalibrate/{which}"), problem)
             for which in ("nominal", "base")
         )
-        return Recalibrated(problem, probed(problem, base.mapping), nominal, base)
+        return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 
     @cached_property
-    def settled(self) -> "Recalibrated":
+    def settled(self) -> "Baseline":
         """The same with the base that the verdict rests on: a better one may have been found on the way to it."""
         from jointgap.campaign.tables_of_identification import fits_from_frames
 

@@ -11,14 +11,14 @@ from jointgap import tables
 from jointgap.campaign.clockwise import nuisances_as_read
 from jointgap.campaign.folder import Frames
 from jointgap.errors import InputError
-from jointgap.identification.baseline import Recalibrated
-from jointgap.identification.bounded_step import compressed
+from jointgap.identification.baseline import Baseline
+from jointgap.identification.bounded_step import compress_rows
 from jointgap.identification.decision import Decision, Ranked
 from jointgap.identification.estimates import effect_estimates
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.force_law import Regressed
 from jointgap.identification.noise_model import FoundNoise
-from jointgap.identification.problem import Explanation, Problem, label_of
+from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import Screened, Signature, Signatures
 
@@ -97,14 +97,14 @@ def signatures_to_frames(known: Signatures) -> Frames:
     }
 
 
-def signatures_from_frames(frames: Frames, base: Recalibrated) -> Signatures:
+def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
     """The signatures of all candidates from their tables.
 
     Parameters
     ----------
     frames : mapping of str to DataFrame
         Tables of `signatures_to_frames`, and ``screened``.
-    base : Recalibrated
+    base : Baseline
         About which the signatures were taken.
 
     Raises
@@ -149,12 +149,12 @@ def screened_frame(known: Signatures, chosen: Sequence[Screened]) -> pd.DataFram
     chosen : sequence of Screened
         Single effects that are worth a fit, best first.
     """
-    rows = [(one.label, kind_of(one.explanation), one.chi2, one.bic, None) for one in chosen]
+    rows = [(one.label, kind_of(one.hypothesis), one.chi2, one.bic, None) for one in chosen]
     rows += [(label, "failed", np.nan, np.nan, reason) for label, reason in known.failed.items()]
     return pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "bic", "reason"])
 
 
-def explanation_of(label: str, candidates: Sequence[Candidate]) -> Explanation:
+def hypothesis_of(label: str, candidates: Sequence[Candidate]) -> Hypothesis:
     """The explanation that `label_of` calls so.
 
     Parameters
@@ -174,11 +174,11 @@ def explanation_of(label: str, candidates: Sequence[Candidate]) -> Explanation:
     return tuple(by_label[name] for name in names)
 
 
-def kind_of(explanation: Explanation) -> str:
+def kind_of(hypothesis: Hypothesis) -> str:
     """What the table fits calls it: ``base``, ``single``, ``pair`` or ``formula``."""
-    if any(candidate.name.startswith("discovered_") for candidate in explanation):
+    if any(candidate.name.startswith("discovered_") for candidate in hypothesis):
         return "formula"
-    return ("base", "single", "pair")[len(explanation)]
+    return ("base", "single", "pair")[len(hypothesis)]
 
 
 def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, whole_jacobian: bool = False) -> Frames:
@@ -200,7 +200,7 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
         rows.append(
             {
                 "explanation": fit.label,
-                "kind": kind_of(fit.explanation),
+                "kind": kind_of(fit.hypothesis),
                 "status": fit.status,
                 "reason": fit.reason or None,
                 "chi2": np.nan if failed else fit.chi2,
@@ -214,7 +214,7 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
         keys = [p.key for p in fit.parameters]
         values.append(_labelled(fit, {"key": keys, "value": fit.values}))
         if not failed:
-            jacobian = fit.jacobian if whole_jacobian else compressed(fit.jacobian)[0]
+            jacobian = fit.jacobian if whole_jacobian else compress_rows(fit.jacobian)[0]
             samples = np.arange(len(jacobian))
             curvature += [
                 _labelled(fit, {"key": key, "sample": samples, "derivative": jacobian[:, i]})
@@ -252,9 +252,9 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
     fits = []
     for row in frames["fits"].to_dict("records"):
         label = row["explanation"]
-        explanation = explanation_of(label, candidates)
+        hypothesis = hypothesis_of(label, candidates)
         stored = dict(zip(values[label]["key"], values[label]["value"], strict=True)) if label in values else {}
-        parameters = tuple(p for p in problem.parameters(explanation) if p.key in stored)
+        parameters = tuple(p for p in problem.parameters(hypothesis) if p.key in stored)
         keys = [p.key for p in parameters]
         fitted = np.array([stored[key] for key in keys], dtype=float)
         jacobian, residual = np.empty((problem.size, 0)), np.full(problem.size, np.nan)
@@ -263,7 +263,7 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
             if keys:
                 jacobian = jacobians[label].pivot(index="sample", columns="key", values="derivative")[keys].to_numpy()
         status = row["simulations"], row["status"], row["reason"] or ""
-        fits.append(Fit(explanation, parameters, fitted, residual, jacobian, *status))
+        fits.append(Fit(hypothesis, parameters, fitted, residual, jacobian, *status))
     return fits
 
 
@@ -283,7 +283,7 @@ def parameter_frame(fits: Iterable[Fit], clockwise: Collection[str] = ()) -> pd.
         covariance = fit.covariance()
         for p, estimate in nuisances_as_read(fit, covariance, clockwise):
             rows.append(_parameter_row(fit, p.key, p.name, estimate, run=p.run, unit=p.unit))
-        for candidate in fit.explanation:
+        for candidate in fit.hypothesis:
             for name, estimate in effect_estimates(fit, candidate, covariance).items():
                 rows.append(_parameter_row(fit, f"{candidate.label}.{name}", name, estimate, effect=candidate.label))
     return _frame(tables.FIT_PARAMETERS, [pd.DataFrame(rows)] if rows else [])

@@ -109,10 +109,10 @@ def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
         BIC by label of an explanation.
     """
     covariance = fit.covariance()
-    laws = [candidate for candidate in fit.explanation if candidate.name.startswith(_FOUND)]
+    laws = [candidate for candidate in fit.hypothesis if candidate.name.startswith(_FOUND)]
     found = [
         _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_estimates(fit, candidate, covariance))
-        for candidate in fit.explanation
+        for candidate in fit.hypothesis
         if candidate not in laws
     ]
     if laws:
@@ -130,7 +130,7 @@ def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
 
 def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
     """One effect; its delta_bic is what leaving it out costs, None where the rest cannot be simulated by itself."""
-    left = label_of(tuple(candidate for candidate in fit.explanation if candidate not in own))
+    left = label_of(tuple(candidate for candidate in fit.hypothesis if candidate not in own))
     cost = gains[left] - fit.bic if left in gains else None
     return {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
 

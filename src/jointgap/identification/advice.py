@@ -8,8 +8,8 @@ import pandas as pd
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.detectability import Survey
-from jointgap.identification.finite_differences import Differences
-from jointgap.identification.fit import FAILED, fit
+from jointgap.identification.finite_differences import FiniteDifferences
+from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.noise_model import Key, numerics_noise
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Model, Series, runs_of
@@ -179,8 +179,8 @@ def _surveyed(model: Model, noise, rate: float, counts: Mapping[Key, int]) -> tu
         noise, assumed = assumed_noise(model)
         noise = numerics_noise(model, {}, noise)
     problem = Problem(model, noise, planned=True)
-    differences = Differences(problem)
-    base = fit(problem, differences=differences)
+    differences = FiniteDifferences(problem)
+    base = fit_hypothesis(problem, differences=differences)
     if base.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
     known = signatures(problem, base, differences)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.finite_differences import Differences
-from jointgap.identification.fit import FAILED, Fit, fit
+from jointgap.identification.finite_differences import FiniteDifferences
+from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.noise_model import numerics_noise
-from jointgap.identification.problem import Explanation, Problem
+from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Model
-from jointgap.identification.smoother import descended, views
+from jointgap.identification.smoother import coarse_to_fine_fit, smoothers_of
 from jointgap.identification.whitening import Noise
 
 STARTS = 3
@@ -24,14 +24,14 @@ _SURE = 3.0  # standard deviations of chi2 that noise alone may leave
 
 
 @dataclass(frozen=True)
-class Recalibrated:
+class Baseline:
     """The base that every explanation is compared with.
 
     Attributes
     ----------
     problem : Problem
         With the noise of the numerics in it.
-    differences : Differences
+    differences : FiniteDifferences
     nominal : Fit
         All shared nuisances at nominal; only what belongs to single runs (speed, first angle) is fitted.
     base : Fit
@@ -39,12 +39,12 @@ class Recalibrated:
     """
 
     problem: Problem
-    differences: Differences
+    differences: FiniteDifferences
     nominal: Fit
     base: Fit
 
 
-def recalibrate(model: Model, noise: Mapping[tuple[str, str], Noise]) -> Recalibrated:
+def recalibrate(model: Model, noise: Mapping[tuple[str, str], Noise]) -> Baseline:
     """Fit the nuisances; then count in what equally good numerics would predict, and fit again.
 
     Raises
@@ -53,26 +53,26 @@ def recalibrate(model: Model, noise: Mapping[tuple[str, str], Noise]) -> Recalib
         The model cannot be simulated as it stands.
     """
     first = Problem(model, noise)
-    start = best_of(first, probed(first, {p.key: p.nominal for p in first.nuisances}))
+    start = multistart_fit(first, probed_differences(first, {p.key: p.nominal for p in first.nuisances}))
     if start.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {start.reason}")
     problem = Problem(model, numerics_noise(model, start.mapping, noise))
-    differences = probed(problem, start.mapping)
+    differences = probed_differences(problem, start.mapping)
     own = [p for p in problem.nuisances if p.run is not None]
-    nominal = fit(
+    nominal = fit_hypothesis(
         problem,
         start={key: value for key, value in start.mapping.items() if "@" in key},
         differences=differences,
         vary=own,
     )
-    base = fit(problem, start=start.mapping, differences=differences, refresh=True)
-    return Recalibrated(problem, probed(problem, base.mapping), nominal, base)  # as they come back from files
+    base = fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True)
+    return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)  # as they come back from files
 
 
-def best_of(
+def multistart_fit(
     problem: Problem,
-    differences: Differences,
-    explanation: Explanation = (),
+    differences: FiniteDifferences,
+    hypothesis: Hypothesis = (),
     start: Mapping[str, float] | None = None,
     starts: int = STARTS,
 ) -> Fit:
@@ -85,24 +85,24 @@ def best_of(
     Parameters
     ----------
     problem : Problem
-    differences : Differences
-    explanation : tuple of Candidate
+    differences : FiniteDifferences
+    hypothesis : tuple of Candidate
     start : mapping of str to float
         Where the first fit starts, and what is no shared nuisance always does; nominal where absent.
     starts : int
         From how many values of the nuisances, at most; the first ones also from among the samples.
     """
-    at = {p.key: p.nominal for p in problem.parameters(explanation)} | dict(start or {})
-    best = fit(problem, explanation, at, differences=differences)
-    through = views(problem)
+    at = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(start or {})
+    best = fit_hypothesis(problem, hypothesis, at, differences=differences)
+    through = smoothers_of(problem)
     again = (at,) if through else ()  # the same start once more, from afar
-    for values in (*again, *(at | one for one in drawn(problem, explanation, starts - 1))):
+    for values in (*again, *(at | one for one in random_nuisances(problem, hypothesis, starts - 1))):
         dof = max(problem.size - len(best.parameters), 1)
         if best.status == FAILED or best.chi2 < dof + _SURE * np.sqrt(2.0 * dof):
             break
-        near = descended(problem, explanation, values, differences, through) if through else None
+        near = coarse_to_fine_fit(problem, hypothesis, values, differences, through) if through else None
         start = values if near is None or near.status == FAILED else near.mapping
-        found = fit(problem, explanation, start, differences=differences)
+        found = fit_hypothesis(problem, hypothesis, start, differences=differences)
         same = bool(through) and abs(found.chi2 - best.chi2) < _SAME * best.chi2
         best = min(best, found, key=lambda one: one.chi2)
         if same:
@@ -110,17 +110,17 @@ def best_of(
     return best
 
 
-def drawn(problem: Problem, explanation: Explanation, count: int) -> list[dict[str, float]]:
+def random_nuisances(problem: Problem, hypothesis: Hypothesis, count: int) -> list[dict[str, float]]:
     """Values of the nuisances that runs share, drawn evenly from their ranges, by key; none where there are no such nuisances."""
-    shared = [p for p in problem.parameters(explanation) if p.run is None and p in problem.nuisances]
+    shared = [p for p in problem.parameters(hypothesis) if p.run is None and p in problem.nuisances]
     bounded = [p for p in shared if np.isfinite(p.high - p.low)]
     generator = np.random.default_rng(0)
     return [{p.key: float(generator.uniform(p.low, p.high)) for p in bounded} for _ in range(count if bounded else 0)]
 
 
-def probed(problem: Problem, values: Mapping[str, float]) -> Differences:
+def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteDifferences:
     """Differences that know how rough the model is at `values`, if it can be simulated there."""
-    differences = Differences(problem)
+    differences = FiniteDifferences(problem)
     try:
         differences.probe(problem.nuisances, values, problem.residual(values))
     except (InputError, SimulationError):
@@ -132,5 +132,5 @@ def other_numerics(problem: Problem, base: Fit) -> np.ndarray:
     """What other numerics change in the whitened residuals of a fit, shape (number of them, n)."""
     changes = []
     for i in range(len(problem.model.numerics)):
-        changes.append(problem.residual(base.mapping, base.explanation, numerics=i + 1) - base.residual)
+        changes.append(problem.residual(base.mapping, base.hypothesis, numerics=i + 1) - base.residual)
     return np.array(changes).reshape(len(changes), problem.size)

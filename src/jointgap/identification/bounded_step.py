@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 
-def compressed(*blocks: np.ndarray) -> list[np.ndarray]:
+def compress_rows(*blocks: np.ndarray) -> list[np.ndarray]:
     """The blocks' columns in fewer rows, with all inner products between them kept.
 
     Parameters
@@ -49,7 +49,7 @@ def bounded_step(jacobian, residual, low, high, damping: float = 0.0) -> tuple[n
     step = np.zeros(jacobian.shape[1])
     if not live.any():
         return step, float(residual @ residual)
-    small, rest = compressed(jacobian[:, live] / length[live], residual)
+    small, rest = compress_rows(jacobian[:, live] / length[live], residual)
     # A touch of damping keeps directions that nothing tells apart from running off to the bounds.
     ridge = np.sqrt(damping + 1e-10) * np.eye(small.shape[1])
     scale = length[live]

@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jointgap.identification.baseline import Recalibrated
+from jointgap.identification.baseline import Baseline
 from jointgap.identification.decision import reduced
-from jointgap.identification.fit import FAILED, Fit, fit
-from jointgap.identification.model_selection import fitted
-from jointgap.identification.problem import Explanation
+from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
+from jointgap.identification.model_selection import fit_screened
+from jointgap.identification.problem import Hypothesis
 from jointgap.identification.screening import Screen, Screened, Signatures, signatures
-from jointgap.identification.smoother import View, descended, looked_through, views
+from jointgap.identification.smoother import Smoother, coarse_to_fine_fit, coordinate_scan, smoothers_of
 from jointgap.identification.thresholds import Thresholds
 
 SOUGHT = 8
@@ -35,19 +35,21 @@ _SHOWS = 1.5  # chi2 per sample that is left in a view in which something is to 
 _BEHIND = 3.0  # times the chi2 of the best one: too far behind to go on
 
 
-def sought(base: Recalibrated, limits: Thresholds) -> list[Fit]:
+def search_singles(base: Baseline, limits: Thresholds) -> list[Fit]:
     """Fits of single effects that come from afar, best first, the failed ones last."""
-    through = views(base.problem)
-    if not through:
+    smoothers = smoothers_of(base.problem)
+    if not smoothers:
         return []
-    far, through = _about(base, (), base.nominal.mapping, through)
+    far, smoothers = _about(base, (), base.nominal.mapping, smoothers)
     if far.status == FAILED:
         return []
     known = signatures(base.problem, far, base.differences)
-    return raced(base, [(one, known) for one in _shortlist(known, through[0], SOUGHT)], through, limits)
+    return successive_elimination(
+        base, [(one, known) for one in _shortlist(known, smoothers[0], SOUGHT)], smoothers, limits
+    )
 
 
-def sought_pairs(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> list[Fit]:
+def search_pairs(base: Baseline, fits: Sequence[Fit], limits: Thresholds) -> list[Fit]:
     """Fits of pairs of effects where no single one is enough, best first, the failed ones last.
 
     The single effects that explain most in the first view in which the base leaves something to be seen are paired with what would
@@ -55,40 +57,40 @@ def sought_pairs(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) ->
 
     Parameters
     ----------
-    base : Recalibrated
+    base : Baseline
     fits : sequence of Fit
         Of the single effects.
     limits : Thresholds
     """
-    through = views(base.problem)
-    first = next((view for view in through if _shows(base.base, view)), next(iter(through[-1:]), None))
+    smoothers = smoothers_of(base.problem)
+    first = next((smoother for smoother in smoothers if _shows(base.base, smoother)), next(iter(smoothers[-1:]), None))
     best: dict[str, Fit] = {}
     for one in sorted((one for one in fits if one.status != FAILED), key=lambda one: _left(one, first)):
         best.setdefault(one.label, one)
     leading = [one for one in best.values() if _left(one, first) < _BEHIND * _left(next(iter(best.values())), first)]
     # what is sought on a grid may come nearer beside another effect though it does not alone
-    lost = {one.label for one in fits if not any(c.grid for c in one.explanation)} - best.keys()
+    lost = {one.label for one in fits if not any(c.grid for c in one.hypothesis)} - best.keys()
     chosen: dict[frozenset[str], tuple[Screened, Signatures]] = {}
-    rest: Sequence[View] = ()
+    rest: Sequence[Smoother] = ()
     for rank, one in enumerate(leading[:LEADING]):
-        about, here = _about(base, one.explanation, one.mapping, through)
+        about, here = _about(base, one.hypothesis, one.mapping, smoothers)
         if about.status == FAILED:
             continue
         rest = max(rest, here, key=len)
         beside = signatures(base.problem, about, base.differences)
-        for pair in _shortlist(beside, next(iter(here), None), PARTNERS, about.explanation, untold=rank == 0):
-            if pair.explanation[-1].label not in lost:
-                chosen.setdefault(frozenset(c.label for c in pair.explanation), (pair, beside))
+        for pair in _shortlist(beside, next(iter(here), None), PARTNERS, about.hypothesis, untold=rank == 0):
+            if pair.hypothesis[-1].label not in lost:
+                chosen.setdefault(frozenset(c.label for c in pair.hypothesis), (pair, beside))
     going = list(chosen.values())
-    if not through:  # none is left behind on the way then, and each is fitted to its end
+    if not smoothers:  # none is left behind on the way then, and each is fitted to its end
         going = sorted(going, key=lambda pair: pair[0].chi2)[: KEPT[0]]
-    return raced(base, going, rest, limits)
+    return successive_elimination(base, going, rest, limits)
 
 
 def _shortlist(
-    known: Signatures, view: View | None, most: int, beside: Explanation = (), untold: bool = True
+    known: Signatures, smoother: Smoother | None, most: int, beside: Hypothesis = (), untold: bool = True
 ) -> list[Screened]:
-    singles = Screen(known, beside, view).singles()
+    singles = Screen(known, beside, smoother).singles()
     return [*singles[:most], *(one for one in singles[most:] if untold and _untold(one))]
 
 
@@ -98,26 +100,26 @@ def _untold(one: Screened) -> bool:
     return any(candidate.replaces or candidate.grid or candidate.is_perturbation for candidate in candidates)
 
 
-def raced(
-    base: Recalibrated, chosen: Sequence[tuple[Screened, Signatures]], through: Sequence[View], limits: Thresholds
+def successive_elimination(
+    base: Baseline, chosen: Sequence[tuple[Screened, Signatures]], smoothers: Sequence[Smoother], limits: Thresholds
 ) -> list[Fit]:
     """Fits of explanations through all views to the samples, best first, the failed ones last; after each view the worst are left
     behind.
 
     Parameters
     ----------
-    base : Recalibrated
+    base : Baseline
     chosen : sequence of (Screened, Signatures)
         Explanations, each with the signatures that it was found by.
-    through : sequence of View
+    smoothers : sequence of Smoother
         Coarsest first; none to begin with the samples.
     limits : Thresholds
     """
     problem, differences = base.problem, base.differences
-    going, lost, first = [], [], next(iter(through), None)
+    going, lost, first = [], [], next(iter(smoothers), None)
     least = np.inf
     for one, known in chosen:
-        found = fitted(base, known, one, enough=least, view=first)
+        found = fit_screened(base, known, one, sufficient_chi2=least, smoother=first)
         if found.status == FAILED:
             lost.append(found)
             continue
@@ -126,52 +128,64 @@ def raced(
         if first:
             least = min(least, _left(found, first))
         going.append(found)
-    onward = (*through[1:], None)[: len(through)]
-    for view, finer, most in zip(through, onward, KEPT[len(KEPT) - len(through) :], strict=True):
-        left = sorted((_left(one, view), i) for i, one in enumerate(going))
+    onward = (*smoothers[1:], None)[: len(smoothers)]
+    for smoother, finer, most in zip(smoothers, onward, KEPT[len(KEPT) - len(smoothers) :], strict=True):
+        left = sorted((_left(one, smoother), i) for i, one in enumerate(going))
         best = [going[i] for value, i in left[:most] if value < _BEHIND * left[0][0]]
         going, least = [], np.inf
         for one in best:
-            going.append(_onward(base, one, view, finer, least))
+            going.append(_onward(base, one, smoother, finer, least))
             least = min(least, _left(going[-1], finer))
         lost += [one for one in going if one.status == FAILED]
         going = [one for one in going if one.status != FAILED]
     going.sort(key=lambda one: one.chi2)
     if going and first and reduced(going[0]) > limits.omnibus:
         for one in going[:CAREFUL]:
-            near = descended(problem, one.explanation, one.mapping, differences, through)
+            near = coarse_to_fine_fit(problem, one.hypothesis, one.mapping, differences, smoothers)
             if near.status != FAILED:
-                going.append(fit(problem, one.explanation, near.mapping, differences=differences))
+                going.append(fit_hypothesis(problem, one.hypothesis, near.mapping, differences=differences))
     return [*sorted(going, key=lambda one: one.chi2), *lost]
 
 
 def _about(
-    base: Recalibrated, explanation: Explanation, start: Mapping[str, float], through: Sequence[View]
-) -> tuple[Fit, Sequence[View]]:
+    base: Baseline, hypothesis: Hypothesis, start: Mapping[str, float], smoothers: Sequence[Smoother]
+) -> tuple[Fit, Sequence[Smoother]]:
     """The fit of an explanation in the first view in which it leaves something to be seen, or in the last; and the views from there."""
-    for i, view in enumerate(through):
-        one = fit(base.problem, explanation, start, None, base.differences, refresh=True, view=view)
-        if one.status == FAILED or view is through[-1] or _shows(one, view):
-            return one, through[i:]
-    return fit(base.problem, explanation, start, None, base.differences, refresh=True), through
+    for i, smoother in enumerate(smoothers):
+        one = fit_hypothesis(base.problem, hypothesis, start, None, base.differences, refresh=True, smoother=smoother)
+        if one.status == FAILED or smoother is smoothers[-1] or _shows(one, smoother):
+            return one, smoothers[i:]
+    return fit_hypothesis(base.problem, hypothesis, start, None, base.differences, refresh=True), smoothers
 
 
-def _onward(base: Recalibrated, one: Fit, view: View, finer: View | None, enough: float = np.inf) -> Fit:
-    """The fit in the finer view that starts from one in `view`, where changes of what is known are looked through."""
-    moved = looked_through(base.problem, one, view, finer, sizes_alone=True)
+def _onward(
+    base: Baseline, one: Fit, smoother: Smoother, finer: Smoother | None, sufficient_chi2: float = np.inf
+) -> Fit:
+    """The fit in the finer view that starts from one in `smoother`, where changes of what is known are looked through."""
+    moved = coordinate_scan(base.problem, one, smoother, finer, sizes_alone=True)
     if moved is not None:
-        found = fit(base.problem, one.explanation, moved, None, base.differences, enough=enough, view=finer)
+        found = fit_hypothesis(
+            base.problem, one.hypothesis, moved, None, base.differences, sufficient_chi2=sufficient_chi2, smoother=finer
+        )
         if found.status != FAILED:
             return found
-    if finer is view:
+    if finer is smoother:
         return one
     near = dict(zip((p.key for p in one.parameters), one.jacobian.T, strict=True))
-    return fit(base.problem, one.explanation, one.mapping, near, base.differences, enough=enough, view=finer)
+    return fit_hypothesis(
+        base.problem,
+        one.hypothesis,
+        one.mapping,
+        near,
+        base.differences,
+        sufficient_chi2=sufficient_chi2,
+        smoother=finer,
+    )
 
 
-def _shows(one: Fit, view: View) -> bool:
-    return _left(one, view) > _SHOWS * one.residual.size
+def _shows(one: Fit, smoother: Smoother) -> bool:
+    return _left(one, smoother) > _SHOWS * one.residual.size
 
 
-def _left(one: Fit, view: View | None) -> float:
-    return one.chi2 if view is None else float(np.sum(np.square(view(one.residual))))
+def _left(one: Fit, smoother: Smoother | None) -> float:
+    return one.chi2 if smoother is None else float(np.sum(np.square(smoother(one.residual))))

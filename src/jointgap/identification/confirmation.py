@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.fit import Fit, fit
-from jointgap.identification.problem import Explanation, Problem
+from jointgap.identification.fit import Fit, fit_hypothesis
+from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Model
 from jointgap.identification.whitening import Noise
 
@@ -73,13 +73,13 @@ def confirm(
     """
     named = base if named is None else named
     used = Problem(model, noise)
-    frames, remarks = [_compared(used, base.mapping, named.mapping, named.explanation).assign(role="identify")], {}
+    frames, remarks = [_compared(used, base.mapping, named.mapping, named.hypothesis).assign(role="identify")], {}
     for run in Problem(model, noise, held_out=True).runs:
         problem = Problem(_Alone(model, run), noise, held_out=True)
         before = fit_run_parameters(problem, base)
         try:
             after = before if named is base else fit_run_parameters(problem, named)
-            frame = _compared(problem, before, after, named.explanation)
+            frame = _compared(problem, before, after, named.hypothesis)
         except (InputError, SimulationError) as error:
             remarks[run] = str(error)
             frame = _compared(problem, before).assign(augmented=np.nan, whitened_augmented=np.nan)
@@ -102,21 +102,21 @@ class _Alone:
 def fit_run_parameters(problem: Problem, found: Fit) -> dict[str, float]:
     """Values of a fit, with those that a held-out run has for itself fitted to that run; nominal where it cannot be simulated."""
     known = {p.key for p in found.parameters}
-    own = [p for p in problem.parameters(found.explanation) if p.run is not None and p.key not in known]
+    own = [p for p in problem.parameters(found.hypothesis) if p.run is not None and p.key not in known]
     if not own:
         return found.mapping
-    refitted = fit(problem, found.explanation, start=found.mapping, vary=own)
+    refitted = fit_hypothesis(problem, found.hypothesis, start=found.mapping, vary=own)
     return found.mapping | refitted.mapping
 
 
-def _compared(problem: Problem, before: dict, after: dict | None = None, explanation: Explanation = ()) -> pd.DataFrame:
+def _compared(problem: Problem, before: dict, after: dict | None = None, hypothesis: Hypothesis = ()) -> pd.DataFrame:
     """Rows of the table residuals, run by run; the base stands for the named effects where there are none."""
     whitened = problem.residual(before)
-    whitened_after = problem.residual(after, explanation) if explanation else whitened
+    whitened_after = problem.residual(after, hypothesis) if hypothesis else whitened
     frames = []
     for run in problem.runs:
         predicted = problem.predict(run, before)
-        augmented = problem.predict(run, after, explanation) if explanation else predicted
+        augmented = problem.predict(run, after, hypothesis) if hypothesis else predicted
         for part in problem.parts:
             series = part.series
             if series.run != run:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jointgap.identification.fit import FAILED, Fit
-from jointgap.identification.problem import Explanation
+from jointgap.identification.problem import Hypothesis
 from jointgap.identification.thresholds import Thresholds
 
 RIVAL = 10.0
@@ -86,7 +86,7 @@ def decide(
     limits: Thresholds,
     alikeness: Mapping[str, float],
     nuisance_bounds: Mapping[str, tuple[float, float, float]],
-    within: Callable[[Explanation, Explanation], bool],
+    within: Callable[[Hypothesis, Hypothesis], bool],
     second: float = 0.0,
 ) -> Decision:
     """Choose among fitted explanations.
@@ -125,7 +125,7 @@ def decide(
         for one in ranking
         if one.admissible
         and _rivals(one.fit, best.fit, RIVAL + limits.rough)
-        and not within(best.fit.explanation, one.fit.explanation)
+        and not within(best.fit.hypothesis, one.fit.hypothesis)
     ]
     if equals:
         alike = [best.fit, *(one.fit for one in equals)]
@@ -183,7 +183,7 @@ def reduced(one: Fit) -> float:
 def _objection(one: Fit, nuisance_bounds) -> str:
     """Why an explanation claims an effect that is not there; empty where it does not."""
     values, errors = one.mapping, None
-    for candidate in one.explanation:
+    for candidate in one.hypothesis:
         sizes = {
             key: values[f"{candidate.label}.{key}"]
             for key in candidate.amplitudes
@@ -209,8 +209,8 @@ def _objection(one: Fit, nuisance_bounds) -> str:
 def _best(good: Sequence[Ranked], needed: float) -> Ranked | None:
     """The best explanation; one of more effects only where it gains more than `needed` over the best one of fewer."""
     best = None
-    for count in range(1, 1 + max((len(one.fit.explanation) for one in good), default=0)):
-        of_count = [one for one in good if len(one.fit.explanation) == count]
+    for count in range(1, 1 + max((len(one.fit.hypothesis) for one in good), default=0)):
+        of_count = [one for one in good if len(one.fit.hypothesis) == count]
         if not of_count:
             continue
         first = of_count[0]
@@ -221,5 +221,5 @@ def _best(good: Sequence[Ranked], needed: float) -> Ranked | None:
 
 def _rivals(one: Fit, best: Fit, apart: float) -> bool:
     """Whether `one` is another explanation that is as good as `best`: not one that merely adds to it or leaves something out."""
-    names, named = ({c.label for c in fit.explanation} for fit in (one, best))
+    names, named = ({c.label for c in fit.hypothesis} for fit in (one, best))
     return one.bic - best.bic < apart and not names >= named and not names < named and len(names) <= len(named)

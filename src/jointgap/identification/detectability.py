@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import optimize, stats
 
-from jointgap.identification.bounded_step import bounded_step, compressed
+from jointgap.identification.bounded_step import bounded_step, compress_rows
 from jointgap.identification.decision import RIVAL
 from jointgap.identification.fit import bounds_of
 from jointgap.identification.screening import Signature, Signatures
@@ -44,8 +44,8 @@ class Survey:
         weight = np.repeat(np.sqrt(np.divide(counts, lengths)), lengths)[:, None]
         share = np.repeat((len(lengths) * np.array(lengths)) ** -0.5, lengths)[:, None]
         # The same in few rows: as chi2 sees them, and as the gap does, in which each channel of each run counts the same.
-        self._chi2 = self._by_signature(compressed(*(weight * block for block in blocks)))
-        self._gap = self._by_signature(compressed(*(share * block for block in blocks)))
+        self._chi2 = self._by_signature(compress_rows(*(weight * block for block in blocks)))
+        self._gap = self._by_signature(compress_rows(*(share * block for block in blocks)))
 
     def _by_signature(self, blocks):
         return blocks[0], {id(one): block for one, block in zip(self.known.found, blocks[1:], strict=True)}

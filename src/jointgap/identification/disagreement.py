@@ -8,8 +8,8 @@ from scipy.special import chdtrc
 
 from jointgap.identification.order_spectrum import order_spectrum, speed_scaling
 from jointgap.identification.problem import Part, Problem
-from jointgap.identification.unwhitening import coloured
-from jointgap.identification.whitening import Noise, whitened
+from jointgap.identification.unwhitening import unwhiten
+from jointgap.identification.whitening import Noise, whiten
 
 BINS = 36
 
@@ -151,7 +151,7 @@ def _bins(part: Part, residual: np.ndarray) -> list[dict]:
     # Whitened residuals right after a window still compare with what was in it: each stay in a bin is whitened for itself.
     white = np.full(used.size, np.nan)
     white[used] = residual
-    scaled = coloured(white, part.noise)
+    scaled = unwhiten(white, part.noise)
     turn = np.mod(series.angle, 2 * np.pi) / (2 * np.pi) * BINS
     place = np.where(used, np.minimum(turn.astype(int), BINS - 1), -1)
     line = 2.0 * (turn - place - 0.5)
@@ -188,7 +188,7 @@ def _whitened_apart(columns: np.ndarray, place: np.ndarray, autocorrelation: tup
     row = np.arange(place.size) + entered  # a gap before every stay
     spaced = np.full((row[-1] + 1, columns.shape[1]), np.nan)
     spaced[row] = columns
-    return whitened(spaced, Noise(np.ones(spaced.shape[0]), autocorrelation))[row]
+    return whiten(spaced, Noise(np.ones(spaced.shape[0]), autocorrelation))[row]
 
 
 def _disagreement(white: np.ndarray, basis: np.ndarray) -> tuple[float, float]:

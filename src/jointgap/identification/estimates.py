@@ -26,7 +26,7 @@ def nuisance_estimates(fit: Fit, covariance: np.ndarray) -> list[tuple[Parameter
     covariance : (k, k) array
         Of all parameters of the fit [SI], in their order.
     """
-    of_effects = {f"{c.label}.{p.key}" for c in fit.explanation for p in c.coordinates}
+    of_effects = {f"{c.label}.{p.key}" for c in fit.hypothesis for p in c.coordinates}
     return [
         (p, estimate_with_interval(fit.values[i], np.sqrt(covariance[i, i]), p.low, p.high))
         for i, p in enumerate(fit.parameters)

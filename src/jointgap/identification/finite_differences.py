@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.problem import Explanation, Problem
+from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Parameter
 
 _TARGET = 5.0
@@ -28,12 +28,12 @@ _PROBED = 2  # parameters that are changed so
 _NEAR = 4.0  # a step whose change is within this factor of the target is good enough
 
 
-class Differences:
+class FiniteDifferences:
     """Derivatives of a problem's residuals; remembers which steps were good.
 
     Attributes
     ----------
-    roughness : float
+    numerical_noise : float
         Length of the change of the whitened residuals that means nothing (`probe`); 0 until it is found.
     """
 
@@ -42,33 +42,33 @@ class Differences:
         statistics = sum(part.place.stop - part.place.start for part in problem.parts if part.series.statistic)
         self.target = max(_TARGET, _STATISTICS * np.sqrt(statistics))
         self._steps: dict[str, float] = {}
-        self.roughness = 0.0
+        self.numerical_noise = 0.0
 
     @property
-    def rough_chi2(self) -> float:
+    def numerical_noise_chi2(self) -> float:
         """How far chi2 wanders with the roughness: it is added to residuals of about unit length along its own direction."""
-        return 2.0 * self.roughness
+        return 2.0 * self.numerical_noise
 
     def probe(self, parameters: Sequence[Parameter], values: Mapping[str, float], residual: np.ndarray) -> None:
         """Find how rough the model is: the whitened change, as a length, where parameters are changed by next to nothing.
 
         Where contacts begin and end a hair earlier, an integration takes other steps; no derivative can be had from smaller
-        changes than `roughness`, and no fit is better than it.
+        changes than `numerical_noise`, and no fit is better than it.
         """
         shared = [p for p in parameters if p.run is None][:_PROBED] or list(parameters[:_PROBED])
         changes = []
         for p in shared:
             step = _TINY * p.step * (1.0 if values[p.key] + _TINY * p.step <= p.high else -1.0)
             changes.append(np.linalg.norm(self.problem.residual({**values, p.key: values[p.key] + step}) - residual))
-        self.roughness = float(max(changes, default=0.0))
-        self.target = max(self.target, _ABOVE * self.roughness)
+        self.numerical_noise = float(max(changes, default=0.0))
+        self.target = max(self.target, _ABOVE * self.numerical_noise)
 
     def jacobian(
         self,
         parameters: Sequence[Parameter],
         values: Mapping[str, float],
         residual: np.ndarray,
-        explanation: Explanation,
+        hypothesis: Hypothesis,
         known: Mapping[str, np.ndarray] | None = None,
         fine: bool = False,
     ) -> np.ndarray:
@@ -77,7 +77,7 @@ class Differences:
         `fine`: over steps that noise could just hide, however large the residuals are.
         """
         columns = [
-            known[p.key] if known and p.key in known else self.column(p, values, residual, explanation, fine)
+            known[p.key] if known and p.key in known else self.column(p, values, residual, hypothesis, fine)
             for p in parameters
         ]
         return np.column_stack(columns) if columns else np.empty((residual.size, 0))
@@ -87,7 +87,7 @@ class Differences:
         parameter: Parameter,
         values: Mapping[str, float],
         residual: np.ndarray,
-        explanation: Explanation,
+        hypothesis: Hypothesis,
         fine: bool = False,
     ) -> np.ndarray:
         """Derivative with respect to one parameter, shape (size,); `fine` as in `jacobian`.
@@ -99,13 +99,13 @@ class Differences:
         """
         target = self.target if fine else max(self.target, _MISFIT * float(np.linalg.norm(residual)))
         step = self._steps.get(parameter.key, parameter.step)
-        change, step = self._change(parameter, step, values, residual, explanation)
+        change, step = self._change(parameter, step, values, residual, hypothesis)
         length = float(np.linalg.norm(change))
         if length > 0 and not target / _NEAR < length < target * _NEAR:
             better = self._within(parameter, step * np.clip(target / length, 1e-4, 1e4))
             if abs(better) < abs(step) / 1.5 or abs(better) > abs(step) * 1.5:
                 try:
-                    change, step = self._change(parameter, abs(better), values, residual, explanation)
+                    change, step = self._change(parameter, abs(better), values, residual, hypothesis)
                 except (InputError, SimulationError):
                     pass  # too far; the first one will do
         self._steps[parameter.key] = abs(step)
@@ -116,7 +116,7 @@ class Differences:
         span = parameter.high - parameter.low
         return min(step, 0.5 * span) if np.isfinite(span) else step
 
-    def _change(self, parameter, step, values, residual, explanation) -> tuple[np.ndarray, float]:
+    def _change(self, parameter, step, values, residual, hypothesis) -> tuple[np.ndarray, float]:
         """Change of the residuals over a step up, or down where up is out of bounds or fails."""
         here, step = values[parameter.key], self._within(parameter, step)
         runs = None if parameter.run is None else [parameter.run]
@@ -126,7 +126,7 @@ class Differences:
                 continue
             moved = {**values, parameter.key: here + signed}
             try:
-                return self.problem.residual(moved, explanation, runs, residual) - residual, signed
+                return self.problem.residual(moved, hypothesis, runs, residual) - residual, signed
             except (InputError, SimulationError) as error:
                 problems.append(error)
         raise problems[0] if problems else SimulationError(f"{parameter.key} cannot be varied within its bounds")

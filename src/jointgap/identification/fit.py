@@ -11,8 +11,8 @@ import numpy as np
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.bounded_step import bounded_step
-from jointgap.identification.finite_differences import Differences
-from jointgap.identification.problem import Explanation, Problem, label_of
+from jointgap.identification.finite_differences import FiniteDifferences
+from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Parameter
 
 CONVERGED, STOPPED, FAILED = "converged", "stopped", "failed"
@@ -43,7 +43,7 @@ class Fit:
 
     Attributes
     ----------
-    explanation : tuple of Candidate
+    hypothesis : tuple of Candidate
     parameters : tuple of Parameter
         What was varied, k of them.
     values : (k,) array
@@ -60,7 +60,7 @@ class Fit:
         What to know of the status; empty where all is well.
     """
 
-    explanation: Explanation
+    hypothesis: Hypothesis
     parameters: tuple[Parameter, ...]
     values: np.ndarray
     residual: np.ndarray
@@ -72,7 +72,7 @@ class Fit:
     @property
     def label(self) -> str:
         """The explanation in words."""
-        return label_of(self.explanation)
+        return label_of(self.hypothesis)
 
     @property
     def chi2(self) -> float:
@@ -85,7 +85,7 @@ class Fit:
 
         A nuisance that an effect replaces still counts: the effect says that it is out of its range.
         """
-        replaced = sum(len(candidate.replaces) for candidate in self.explanation)
+        replaced = sum(len(candidate.replaces) for candidate in self.hypothesis)
         return self.chi2 + (len(self.parameters) + replaced) * np.log(self.residual.size)
 
     @property
@@ -121,37 +121,37 @@ def bounds_of(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
     return np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
 
 
-def fit(
+def fit_hypothesis(
     problem: Problem,
-    explanation: Explanation = (),
+    hypothesis: Hypothesis = (),
     start: Mapping[str, float] | None = None,
     known: Mapping[str, np.ndarray] | None = None,
-    differences: Differences | None = None,
+    differences: FiniteDifferences | None = None,
     refresh: bool = False,
     vary: Sequence[Parameter] | None = None,
-    enough: float = np.inf,
-    view: Callable[[np.ndarray], np.ndarray] | None = None,
+    sufficient_chi2: float = np.inf,
+    smoother: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Fit:
     """Fit nuisances and the parameters of an explanation's effects.
 
     Parameters
     ----------
     problem : Problem
-    explanation : tuple of Candidate
+    hypothesis : tuple of Candidate
         () for the model as it stands.
     start : mapping of str to float
         Values by key to start from; nominal where absent.
     known : mapping of str to (n,) array
         Derivatives by key that were found near the start: they save simulations.
-    differences : Differences
+    differences : FiniteDifferences
         Shared with other fits of the problem, so that good steps are found once.
     refresh : bool
         Whether to make the Jacobian anew at the end, for intervals.
     vary : sequence of Parameter
         Vary these alone, the others stay at `start`. All that belong to the explanation by default.
-    enough : float
+    sufficient_chi2 : float
         chi2 of another explanation that leaves noise alone: a fit far above it, and no more in haste, ends early.
-    view : function
+    smoother : function
         Linear, from residuals or a Jacobian to what of them is to be small (`jointgap.identification.smoother`): such a fit is on its way
         to another, and takes less care.
 
@@ -160,39 +160,39 @@ def fit(
     Fit
         A fit that cannot be simulated at its start comes out as failed, with the reason.
     """
-    parameters = tuple(problem.parameters(explanation) if vary is None else vary)
-    fixed = {p.key: p.nominal for p in problem.parameters(explanation)} | dict(start or {})
+    parameters = tuple(problem.parameters(hypothesis) if vary is None else vary)
+    fixed = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(start or {})
     low, high = bounds_of(parameters)
     x = np.clip([fixed[p.key] for p in parameters], low, high)
-    differences = differences or Differences(problem)
+    differences = differences or FiniteDifferences(problem)
     begin = problem.simulations
 
     def named(values) -> dict[str, float]:
         return fixed | {p.key: float(v) for p, v in zip(parameters, values, strict=True)}
 
     def derivatives(at, residual, known=None, fine=False):
-        return differences.jacobian(parameters, named(at), residual, explanation, known, fine)
+        return differences.jacobian(parameters, named(at), residual, hypothesis, known, fine)
 
     def finished(status, reason=""):
-        return Fit(explanation, parameters, x, r, jacobian, problem.simulations - begin, status, reason)
+        return Fit(hypothesis, parameters, x, r, jacobian, problem.simulations - begin, status, reason)
 
     r, jacobian = np.full(problem.size, np.nan), np.empty((problem.size, 0))
     try:
-        r = problem.residual(named(x), explanation)
+        r = problem.residual(named(x), hypothesis)
         jacobian = derivatives(x, r, known)
     except (InputError, SimulationError) as error:
         return finished(FAILED, str(error))
 
     # `fresh`: the Jacobian was made at x. `trusted`: it foretold the last step well, so it may say that the end is reached.
-    fresh, trusted, damping = not known, view is None, 0.0
-    most, share = (_MOST_STEPS, 0.0) if view is None else (_FEW_STEPS, _COARSE)
-    seen = view or (lambda values: values)
+    fresh, trusted, damping = not known, smoother is None, 0.0
+    most, share = (_MOST_STEPS, 0.0) if smoother is None else (_FEW_STEPS, _COARSE)
+    seen = smoother or (lambda values: values)
     status, reason = STOPPED, f"no end after {most} steps"
-    rough, sr = differences.rough_chi2, seen(r)
+    rough, sr = differences.numerical_noise_chi2, seen(r)
     creeping, renewed, at_renewal = max(_CREEPING, rough), 0, np.inf
     course = [float(sr @ sr)]
     for taken in range(most):
-        beaten = course[-1] > _BEATEN * enough
+        beaten = course[-1] > _BEATEN * sufficient_chi2
         patience, progress = (_SHORT, _HASTE) if beaten else (_PATIENCE, _PROGRESS)
         behind = course[max(len(course) - 1 - patience, 0)]
         if len(course) > patience and behind - course[-1] < progress * course[-1] > progress * _POOR * r.size:
@@ -222,7 +222,7 @@ def fit(
         if promised >= worth:
             trial = np.clip(x + step, low, high)
             try:
-                r_trial = problem.residual(named(trial), explanation)
+                r_trial = problem.residual(named(trial), hypothesis)
             except (InputError, SimulationError):
                 r_trial = None
             if r_trial is not None:
@@ -245,7 +245,7 @@ def fit(
             damping = max(10 * damping, 1e-3)
     if refresh:
         try:
-            jacobian = derivatives(x, r, fine=view is None)
+            jacobian = derivatives(x, r, fine=smoother is None)
         except (InputError, SimulationError) as error:
             reason = reason or str(error)
     return finished(status, reason)

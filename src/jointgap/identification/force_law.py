@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jointgap.identification.decision import RIVAL, Ranked, reduced, weigh
-from jointgap.identification.finite_differences import Differences
-from jointgap.identification.fit import FAILED, Fit, fit
-from jointgap.identification.initial_fit import fit_screened
-from jointgap.identification.problem import Explanation, Problem
+from jointgap.identification.finite_differences import FiniteDifferences
+from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
+from jointgap.identification.initial_fit import fit_from_signatures
+from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import Screen, Screened, signatures
 from jointgap.identification.thresholds import Thresholds
@@ -120,7 +120,7 @@ class Regressed:
     @property
     def law(self) -> Law | None:
         """The best sum as a formula."""
-        return None if self.fit is None else law_of(self.fit.explanation, self.fit.mapping)
+        return None if self.fit is None else law_of(self.fit.hypothesis, self.fit.mapping)
 
 
 def regress(
@@ -128,7 +128,7 @@ def regress(
     base: Fit,
     library: Sequence[Candidate],
     limits: Thresholds,
-    differences: Differences | None = None,
+    differences: FiniteDifferences | None = None,
 ) -> Regressed:
     """Find the law, of at most two terms of one effect, that takes the place of what is missing.
 
@@ -153,7 +153,7 @@ def regress(
     -------
     Regressed
     """
-    differences = differences or Differences(problem)
+    differences = differences or FiniteDifferences(problem)
     known = signatures(problem, base, differences, library)
     screen = Screen(known)
     sums = [screen.explained(chosen) for chosen in _subsets(known.found)]
@@ -161,48 +161,50 @@ def regress(
         return Regressed(None, False, "no term of the library could be simulated", failed=known.failed)
     counts = {size: sum(len(one.signatures) == size for one in sums) for size in range(1, len(COEFFICIENTS) + 1)}
 
-    def price(explanation: Explanation) -> float:
+    def price(hypothesis: Hypothesis) -> float:
         """What the choice among all sums of so many terms is worth, beside the BIC's own k ln n."""
-        return 2.0 * math.log(counts[len(explanation)])
+        return 2.0 * math.log(counts[len(hypothesis)])
 
     sums.sort(key=lambda one: one.bic)
 
     def fitted(chosen: Sequence[Screened]) -> list[Fit]:
-        return [fit_screened(problem, one, known.known(one.signatures), differences) for one in chosen]
+        return [fit_from_signatures(problem, one, known.known(one.signatures), differences) for one in chosen]
 
     fits = fitted(_singles(sums))
     alone = min(fits, key=lambda one: one.bic)
     fits += fitted(_pairs(sums, alone, reduced(alone) <= limits.omnibus))
-    cost = {one.label: one.bic + price(one.explanation) for one in fits}
+    cost = {one.label: one.bic + price(one.hypothesis) for one in fits}
     fits.sort(key=lambda one: cost[one.label])
     best = fits[0]
     if best.status == FAILED:
         return Regressed(None, False, best.reason, [], fits, known.failed, [weigh(base, one, limits) for one in fits])
-    best = next((one for one in fits if len(one.explanation) == 1 and cost[one.label] - cost[best.label] < RIVAL), best)
+    best = next((one for one in fits if len(one.hypothesis) == 1 and cost[one.label] - cost[best.label] < RIVAL), best)
     rest = [one for one in fits if one is not best]
     rivals = [one for one in rest if cost[one.label] - cost[best.label] < RIVAL and _differs(one, best, base)]
     accepted, because = _gate(base, best, cost[best.label], limits)
     others = [one for one in rest if one not in rivals]
-    best = fit(problem, best.explanation, best.mapping, differences=differences, refresh=True)  # for its intervals
+    best = fit_hypothesis(
+        problem, best.hypothesis, best.mapping, differences=differences, refresh=True
+    )  # for its intervals
     ranking = [weigh(base, one, limits) for one in (best, *rivals, *others)]
     return Regressed(best, accepted, because, rivals, others, known.failed, ranking)
 
 
-def law_of(explanation: Explanation, values: Mapping[str, float]) -> Law:
+def law_of(hypothesis: Hypothesis, values: Mapping[str, float]) -> Law:
     """Terms of a library as one formula.
 
     Parameters
     ----------
-    explanation : tuple of Candidate
+    hypothesis : tuple of Candidate
         Of one effect.
     values : mapping of str to float
         By key, as in `Fit.mapping`.
     """
-    named = dict(zip(COEFFICIENTS, explanation, strict=False))
+    named = dict(zip(COEFFICIENTS, hypothesis, strict=False))
     keys = {name: f"{candidate.label}.{candidate.amplitudes[0]}" for name, candidate in named.items()}
     terms = {name: term_of(candidate) for name, candidate in named.items()}
     coefficients = {name: values[key] for name, key in keys.items()}
-    return Law(effect_of(explanation[0]), explanation[0].site, terms, coefficients, keys)
+    return Law(effect_of(hypothesis[0]), hypothesis[0].site, terms, coefficients, keys)
 
 
 def effect_of(candidate: Candidate) -> str:
@@ -231,8 +233,8 @@ def _singles(sums: Sequence[Screened]) -> list[Screened]:
     """The single terms that explain most, among them some of each effect; `sums` is best first."""
     singles = [one for one in sums if len(one.signatures) == 1]
     chosen = singles[:_FITTED]
-    for effect in dict.fromkeys(effect_of(one.explanation[0]) for one in singles):
-        of_effect = [one for one in singles if effect_of(one.explanation[0]) == effect]
+    for effect in dict.fromkeys(effect_of(one.hypothesis[0]) for one in singles):
+        of_effect = [one for one in singles if effect_of(one.hypothesis[0]) == effect]
         chosen += [one for one in of_effect[:_OF_EACH] if one not in chosen]
     return chosen
 
@@ -240,16 +242,16 @@ def _singles(sums: Sequence[Screened]) -> list[Screened]:
 def _pairs(sums: Sequence[Screened], alone: Fit, enough: bool) -> list[Screened]:
     """The pairs that add to the best single term, and the best others where it is not enough; `sums` is best first."""
     pairs = [one for one in sums if len(one.signatures) > 1]
-    adding = [one for one in pairs if {c.label for c in alone.explanation} < {c.label for c in one.explanation}]
+    adding = [one for one in pairs if {c.label for c in alone.hypothesis} < {c.label for c in one.hypothesis}]
     chosen = adding[:_OF_EACH]
     return chosen if enough else chosen + [one for one in pairs[:_FITTED] if one not in chosen]
 
 
 def _differs(one: Fit, best: Fit, base: Fit) -> bool:
     """Whether a sum says something else than the best one: not the same force in another form, nor with a term added."""
-    if {c.label for c in one.explanation} > {c.label for c in best.explanation}:
+    if {c.label for c in one.hypothesis} > {c.label for c in best.hypothesis}:
         return False
-    another = effect_of(one.explanation[0]) != effect_of(best.explanation[0])
+    another = effect_of(one.hypothesis[0]) != effect_of(best.hypothesis[0])
     apart = np.linalg.norm(one.residual - best.residual)
     return another or bool(apart > _SAME * np.linalg.norm(base.residual - best.residual))
 

@@ -6,11 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointgap.identification.baseline import Recalibrated, probed
-from jointgap.identification.coarse_search import sought, sought_pairs
+from jointgap.identification.baseline import Baseline, probed_differences
+from jointgap.identification.coarse_search import search_pairs, search_singles
 from jointgap.identification.decision import reduced
 from jointgap.identification.fit import Fit
-from jointgap.identification.model_selection import beside_best, enough, fitted, pairs, shortlist
+from jointgap.identification.model_selection import (
+    best_sufficient,
+    fit_screened,
+    shortlist_pairs,
+    shortlist_singles,
+    two_effect_thresholds,
+)
 from jointgap.identification.screening import Screened, Signatures
 from jointgap.identification.thresholds import Thresholds
 
@@ -18,7 +24,7 @@ Fitted = tuple[list[Fit], list[float]]
 """Fits, one of each explanation, and how long each took [s]."""
 
 
-def singles(found: Recalibrated, known: Signatures, limits: Thresholds, part: int = 0, parts: int = 1) -> Fitted:
+def fit_singles(found: Baseline, known: Signatures, limits: Thresholds, part: int = 0, parts: int = 1) -> Fitted:
     """Fit every single effect of one part.
 
     A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those of the same part
@@ -26,17 +32,17 @@ def singles(found: Recalibrated, known: Signatures, limits: Thresholds, part: in
 
     Parameters
     ----------
-    found : Recalibrated
+    found : Baseline
     known : Signatures
     limits : Thresholds
     part, parts : int
         Which of how many parts, counted from 0.
     """
-    return _each(found, known, [(one, None) for one in shortlist(known, limits)[part::parts]], limits)
+    return _each(found, known, [(one, None) for one in shortlist_singles(known, limits)[part::parts]], limits)
 
 
-def doubles(
-    found: Recalibrated, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
+def fit_pairs(
+    found: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
 ) -> Fitted:
     """Fit every pair of one part that is worth it beside the fits of single effects `alone`.
 
@@ -55,30 +61,31 @@ def doubles(
     return _beside(found, known, limits, alone, part, parts)
 
 
-def _wanting(found: Recalibrated, alone: Sequence[Fit], limits: Thresholds) -> bool:
+def _wanting(found: Baseline, alone: Sequence[Fit], limits: Thresholds) -> bool:
     """Whether there is more to be found than the base and single effects explain."""
-    return reduced(found.base) > limits.omnibus and enough(found, alone, beside_best(found, alone, limits)) is None
+    return (
+        reduced(found.base) > limits.omnibus
+        and best_sufficient(found, alone, two_effect_thresholds(found, alone, limits)) is None
+    )
 
 
-def _beside(
-    found: Recalibrated, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part=0, parts=1
-) -> Fitted:
+def _beside(found: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part=0, parts=1) -> Fitted:
     """Pairs beside the single effect that is enough; none where none is."""
-    second = beside_best(found, alone, limits)
-    best = enough(found, alone, second)
-    return _each(found, known, pairs(known, best, alone, second)[part::parts] if best else [], limits)
+    second = two_effect_thresholds(found, alone, limits)
+    best = best_sufficient(found, alone, second)
+    return _each(found, known, shortlist_pairs(known, best, alone, second)[part::parts] if best else [], limits)
 
 
-def _from_afar(found: Recalibrated, known: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> Fitted:
+def _from_afar(found: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> Fitted:
     """Single effects from afar, and pairs: beside one that is enough now, or from afar too; the better one of each explanation."""
     begin = time.monotonic()
     # steps as nobody else left them: the outcome must not depend on what else ran in this process
     at = {p.key: p.nominal for p in found.problem.nuisances} | found.nominal.mapping
-    found = replace(found, differences=probed(found.problem, at))
-    more = sought(found, limits)
+    found = replace(found, differences=probed_differences(found.problem, at))
+    more = search_singles(found, limits)
     whole = [*alone, *more]
     more += (
-        sought_pairs(found, whole, limits)
+        search_pairs(found, whole, limits)
         if _wanting(found, whole, limits)
         else _beside(found, known, limits, whole)[0]
     )
@@ -90,12 +97,12 @@ def _from_afar(found: Recalibrated, known: Signatures, limits: Thresholds, alone
 
 
 def _each(
-    found: Recalibrated, known: Signatures, chosen: Sequence[tuple[Screened, Fit | None]], limits: Thresholds
+    found: Baseline, known: Signatures, chosen: Sequence[tuple[Screened, Fit | None]], limits: Thresholds
 ) -> Fitted:
     fits, seconds = [], []
     for one, beside in chosen:
         begin = time.monotonic()
         least = min((one.chi2 for one in fits if reduced(one) <= limits.omnibus), default=np.inf)
-        fits.append(fitted(found, known, one, beside, least))
+        fits.append(fit_screened(found, known, one, beside, least))
         seconds.append(time.monotonic() - begin)
     return fits, seconds

@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.finite_differences import Differences
-from jointgap.identification.fit import Fit, fit
+from jointgap.identification.finite_differences import FiniteDifferences
+from jointgap.identification.fit import Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import Screened, Signature
 from jointgap.identification.signature_subspaces import orthonormal
@@ -18,13 +18,13 @@ _LIKELY = 0.5  # of the distance to the course without the effect: a size that c
 _BESIDE, _FINE = 1.35, 31  # how far around the best of a grid samples are looked at, and at how many sizes
 
 
-def fit_screened(
+def fit_from_signatures(
     problem: Problem,
     one: Screened,
     known: Mapping[str, np.ndarray],
-    differences: Differences,
-    enough: float = np.inf,
-    view: Callable[[np.ndarray], np.ndarray] | None = None,
+    differences: FiniteDifferences,
+    sufficient_chi2: float = np.inf,
+    smoother: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Fit:
     """The fit from the best of 1, 2, 4 ... times the linear answer, or of the sizes on a candidate's grid.
 
@@ -37,9 +37,9 @@ def fit_screened(
     one : Screened
     known : mapping of str to (n,) array
         Derivatives by key about the base; used where the start is near it.
-    differences : Differences
-    enough, view
-        As of `jointgap.identification.fit.fit`.
+    differences : FiniteDifferences
+    sufficient_chi2, smoother
+        As of `jointgap.identification.fit.fit_hypothesis`.
 
     Returns
     -------
@@ -58,22 +58,44 @@ def fit_screened(
                 raise SimulationError(
                     f"no size of {new.candidate.label} that was tried comes nearer to the data than none"
                 )
-            return fit(problem, one.explanation, start, differences=differences, enough=enough, view=view)
+            return fit_hypothesis(
+                problem,
+                one.hypothesis,
+                start,
+                differences=differences,
+                sufficient_chi2=sufficient_chi2,
+                smoother=smoother,
+            )
     if any(
         p.key in new.shape_parameters for new in one.signatures for p in new.amplitudes
     ):  # it starts far from the base already
-        return fit(problem, one.explanation, one.start, differences=differences, enough=enough, view=view)
-    start, multiple = _stretched(problem, one, view)
+        return fit_hypothesis(
+            problem,
+            one.hypothesis,
+            one.start,
+            differences=differences,
+            sufficient_chi2=sufficient_chi2,
+            smoother=smoother,
+        )
+    start, multiple = _stretched(problem, one, smoother)
     near = multiple <= 1.0  # derivatives at the base are good enough
-    return fit(problem, one.explanation, start, known if near else None, differences, enough=enough, view=view)
+    return fit_hypothesis(
+        problem,
+        one.hypothesis,
+        start,
+        known if near else None,
+        differences,
+        sufficient_chi2=sufficient_chi2,
+        smoother=smoother,
+    )
 
 
 def _stretched(
-    problem: Problem, one: Screened, view: Callable[[np.ndarray], np.ndarray] | None
+    problem: Problem, one: Screened, smoother: Callable[[np.ndarray], np.ndarray] | None
 ) -> tuple[dict[str, float], float]:
     """The best of 1, 2, 4 ... times the linear answer, as a start, and which it is."""
     sizes = {f"{new.candidate.label}.{p.key}" for new in one.signatures for p in new.amplitudes}
-    bounds = {p.key: (p.low, p.high) for p in problem.parameters(one.explanation)}
+    bounds = {p.key: (p.low, p.high) for p in problem.parameters(one.hypothesis)}
     start, best, multiple, least = dict(one.start), 1.0, 1.0, np.inf
     while multiple <= _FARTHEST:
         trial = {
@@ -81,10 +103,10 @@ def _stretched(
             for key, value in one.start.items()
         }
         try:
-            residual = problem.residual(trial, one.explanation)
+            residual = problem.residual(trial, one.hypothesis)
         except (InputError, SimulationError):
             break
-        chi2 = float(np.sum(np.square(residual if view is None else view(residual))))
+        chi2 = float(np.sum(np.square(residual if smoother is None else smoother(residual))))
         if chi2 >= least:
             break
         start, least, best, multiple = trial, chi2, multiple, 2.0 * multiple
@@ -103,7 +125,7 @@ def _from_grid(
     key = f"{new.candidate.label}.{size.key}"
     # nuisances stay where the origin was seen from: the answer to a secant that does not hold would lead them astray
     start = {name: one.near.get(name, value) for name, value in one.start.items()}
-    kept = [known[p.key] for p in problem.parameters(one.explanation) if p.key in known and p.key != key]
+    kept = [known[p.key] for p in problem.parameters(one.hypothesis) if p.key in known and p.key != key]
     across = orthonormal(np.column_stack(kept) if kept else np.empty((problem.size, 0)))
     origin = new.origin
     sought = _course(problem, np.square(origin))
@@ -128,7 +150,7 @@ def _best_of(problem: Problem, one: Screened, start, key: str, values, measure) 
     for value in values:
         trial = {**start, key: float(value)}
         try:
-            found = measure(problem.residual(trial, one.explanation))
+            found = measure(problem.residual(trial, one.hypothesis))
         except (InputError, SimulationError):
             continue
         if found < least:

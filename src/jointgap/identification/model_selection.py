@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.baseline import Recalibrated, best_of, drawn, other_numerics
+from jointgap.identification.baseline import Baseline, multistart_fit, other_numerics, random_nuisances
 from jointgap.identification.decision import RIVAL, SHARE, SLIGHT, Decision, decide, reduced
-from jointgap.identification.fit import FAILED, Fit, fit
-from jointgap.identification.initial_fit import fit_screened
+from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
+from jointgap.identification.initial_fit import fit_from_signatures
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import Screen, Screened, Signatures
 from jointgap.identification.signature_subspaces import Subspaces, orthonormal
-from jointgap.identification.smoother import descended, views
+from jointgap.identification.smoother import coarse_to_fine_fit, smoothers_of
 from jointgap.identification.thresholds import Thresholds
 
 SINGLES = 8
@@ -39,7 +39,7 @@ EVERYWHERE = 4
 off holds impacts at other instants, a valley of its own."""
 
 
-def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
+def shortlist_singles(known: Signatures, limits: Thresholds) -> list[Screened]:
     """Single effects that are worth a fit, best first."""
     singles = Screen(known).singles()
     free = known.residual.size - len(known.parameters)
@@ -54,21 +54,23 @@ def shortlist(known: Signatures, limits: Thresholds) -> list[Screened]:
     return singles[: min(max(len(near), FEWEST), SINGLES)]
 
 
-def enough(base: Recalibrated, fits: Sequence[Fit], second: Thresholds) -> Fit | None:
+def best_sufficient(base: Baseline, fits: Sequence[Fit], second: Thresholds) -> Fit | None:
     """The best of the fits of single effects that leave no more than null campaigns and other numerics do; None if none does.
 
     Parameters
     ----------
-    base : Recalibrated
+    base : Baseline
     fits : sequence of Fit
     second : Thresholds
-        As `beside_best` says.
+        As `two_effect_thresholds` says.
     """
     good = [one for one in fits if one.bic < base.base.bic and reduced(one) <= second.omnibus]
     return min(good, key=lambda one: one.bic, default=None)
 
 
-def pairs(known: Signatures, best: Fit, fits: Sequence[Fit], second: Thresholds) -> list[tuple[Screened, Fit]]:
+def shortlist_pairs(
+    known: Signatures, best: Fit, fits: Sequence[Fit], second: Thresholds
+) -> list[tuple[Screened, Fit]]:
     """Pairs of effects that are worth a fit beside a single one that is enough, each with the fit of that.
 
     Only partners that would add to it beyond chance.
@@ -81,45 +83,47 @@ def pairs(known: Signatures, best: Fit, fits: Sequence[Fit], second: Thresholds)
     fits : sequence of Fit
         Of the single effects.
     second : Thresholds
-        As `beside_best` says.
+        As `two_effect_thresholds` says.
     """
     lost = {one.label for one in fits} - {one.label for one in fits if one.status != FAILED}
-    partners = Screen(known.about(best), best.explanation).singles()
-    worth = [one for one in partners if one.explanation[-1].label not in lost and best.bic - one.bic > second.directed]
+    partners = Screen(known.about(best), best.hypothesis).singles()
+    worth = [one for one in partners if one.hypothesis[-1].label not in lost and best.bic - one.bic > second.directed]
     return [(one, best) for one in worth[:AMONG]]
 
 
-def fitted(
-    base: Recalibrated,
+def fit_screened(
+    base: Baseline,
     known: Signatures,
     one: Screened,
     beside: Fit | None = None,
-    enough: float = np.inf,
-    view: Callable[[np.ndarray], np.ndarray] | None = None,
+    sufficient_chi2: float = np.inf,
+    smoother: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Fit:
     """The forward-simulated fit of a screened explanation, from where its signatures say; `beside`: the fit it adds to.
 
-    `enough`, `view`: as of `jointgap.identification.fit.fit`.
+    `sufficient_chi2`, `smoother`: as of `jointgap.identification.fit.fit_hypothesis`.
     """
     near = known if beside is None else known.about(beside)
     try:
-        return fit_screened(base.problem, one, near.known(one.signatures), base.differences, enough, view)
+        return fit_from_signatures(
+            base.problem, one, near.known(one.signatures), base.differences, sufficient_chi2, smoother
+        )
     except (InputError, SimulationError) as error:
-        parameters = base.problem.parameters(one.explanation)
+        parameters = base.problem.parameters(one.hypothesis)
         start = np.array([one.start.get(p.key, p.nominal) for p in parameters])
         lost, size = np.empty((0, len(parameters))), base.problem.size
-        return Fit(one.explanation, parameters, start, np.full(size, np.nan), lost, 0, FAILED, str(error))
+        return Fit(one.hypothesis, parameters, start, np.full(size, np.nan), lost, 0, FAILED, str(error))
 
 
-def beside_best(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
+def two_effect_thresholds(base: Baseline, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
     """The thresholds for explanations of more effects, with the best single one there.
 
     The numerics may matter more where it is there: a joint that was ideal hits and slides. What other numerics change there,
     beyond what nuisances can, may be left and is no sign of a second effect, as long as it is a small part of what the effect explains;
     of more than that, the small part is what a second effect has to gain. Where the single one is enough, a second effect has to gain
-    more than fits gain by ending at this side of a jump or that too (`bent`).
+    more than fits gain by ending at this side of a jump or that too (`nonlinearity`).
     """
-    alone = [one for one in fits if one.status != FAILED and len(one.explanation) == 1]
+    alone = [one for one in fits if one.status != FAILED and len(one.hypothesis) == 1]
     best = min(alone, key=lambda one: one.chi2, default=None)
     if best is None:
         return limits
@@ -135,10 +139,10 @@ def beside_best(base: Recalibrated, fits: Sequence[Fit], limits: Thresholds) -> 
         found = replace(found, omnibus=limits.omnibus + left / best.residual.size)
     if reduced(best) > found.omnibus:
         return found
-    return replace(found, directed=max(found.directed, bent(base.problem, best)))
+    return replace(found, directed=max(found.directed, nonlinearity(base.problem, best)))
 
 
-def bent(problem: Problem, one: Fit) -> float:
+def nonlinearity(problem: Problem, one: Fit) -> float:
     """How far chi2, a standard error of one parameter off, is from what the residuals as far to the other side foretell; at most.
 
     Where an impact comes or does not come, chi2 jumps by more than parameters change it otherwise, and a fit ends at this side of
@@ -152,7 +156,7 @@ def bent(problem: Problem, one: Fit) -> float:
             continue
         try:
             there, back = (
-                problem.residual(one.mapping | {p.key: value + signed}, one.explanation) for signed in (step, -step)
+                problem.residual(one.mapping | {p.key: value + signed}, one.hypothesis) for signed in (step, -step)
             )
         except (InputError, SimulationError):
             continue
@@ -161,24 +165,24 @@ def bent(problem: Problem, one: Fit) -> float:
     return most
 
 
-def refined(base: Recalibrated, one: Fit) -> Fit:
+def refit_jacobian(base: Baseline, one: Fit) -> Fit:
     """A fit with its Jacobian made anew at the end: what intervals need."""
     if one.status == FAILED:
         return one
-    return fit(base.problem, one.explanation, one.mapping, differences=base.differences, refresh=True)
+    return fit_hypothesis(base.problem, one.hypothesis, one.mapping, differences=base.differences, refresh=True)
 
 
-def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
+def refit_and_decide(base: Baseline, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
     """Weigh the fits (`jointgap.identification.decision.decide`), the best of each explanation.
 
     Where the motion is rough, base and rivals are first fitted again from the best one's nuisances: an explanation must not win
     by having found a deeper valley of parameters that all share.
     """
-    second = beside_best(base, fits, limits)
+    second = two_effect_thresholds(base, fits, limits)
     limits = replace(second, directed=limits.directed)
     best: dict[frozenset[str], Fit] = {}
     for one in sorted(fits, key=lambda one: one.chi2):
-        best.setdefault(frozenset(candidate.label for candidate in one.explanation), one)
+        best.setdefault(frozenset(candidate.label for candidate in one.hypothesis), one)
     plain, ranked = base.base, sorted(best.values(), key=lambda one: one.bic)
     if ranked and limits.rough > _SMOOTH and ranked[0].bic < plain.bic:
         plain = _moved(base, plain, ranked[0])
@@ -190,14 +194,14 @@ def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: 
             if deeper.chi2 < plain.chi2:
                 plain = deeper
                 for one in ranked[: 1 + AMONG]:
-                    names = frozenset(candidate.label for candidate in one.explanation)
+                    names = frozenset(candidate.label for candidate in one.hypothesis)
                     if one.status != FAILED:
                         best[names] = _moved(base, best[names], deeper)
     subspaces = Subspaces(known)
     alikeness = {
-        one.label: subspaces.nearest(one.explanation)[1]
+        one.label: subspaces.nearest(one.hypothesis)[1]
         for one in best.values()
-        if one.status != FAILED and one.explanation
+        if one.status != FAILED and one.hypothesis
     }
     bounds = {p.name: (p.nominal, p.low, p.high) for p in base.problem.nuisances}
     return decide(
@@ -205,56 +209,58 @@ def verdict(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: 
     )
 
 
-def swapped(base: Recalibrated, known: Signatures, fits: Sequence[Fit]) -> list[Fit]:
+def swap_one_effect(base: Baseline, known: Signatures, fits: Sequence[Fit]) -> list[Fit]:
     """Fits of the pairs that differ from the best one in one effect, as far as they are not among `fits`.
 
     One of two effects may stand for another as long as the second is not beside it, and lead to the wrong pair.
     """
     best = min((one for one in fits if one.status != FAILED), key=lambda one: one.bic, default=None)
-    if best is None or len(best.explanation) < 2:
+    if best is None or len(best.hypothesis) < 2:
         return []
-    done, found = {frozenset(c.label for c in one.explanation) for one in fits}, []
-    for kept in best.explanation:
+    done, found = {frozenset(c.label for c in one.hypothesis) for one in fits}, []
+    for kept in best.hypothesis:
         alone = min((one for one in fits if one.label == kept.label), key=lambda one: one.chi2, default=None)
         if alone is None or alone.status == FAILED:
             start = {
                 key: value for key, value in best.mapping.items() if "." not in key or key.startswith(f"{kept.label}.")
             }
-            alone = fit(base.problem, (kept,), start, differences=base.differences)
+            alone = fit_hypothesis(base.problem, (kept,), start, differences=base.differences)
         if alone.status == FAILED:
             continue
-        partners = Screen(known.about(alone), alone.explanation).singles()
+        partners = Screen(known.about(alone), alone.hypothesis).singles()
         for pair in partners[:AMONG]:
-            names = frozenset(candidate.label for candidate in pair.explanation)
+            names = frozenset(candidate.label for candidate in pair.hypothesis)
             if names not in done:
                 done.add(names)
-                found.append(fitted(base, known, pair, alone))
+                found.append(fit_screened(base, known, pair, alone))
     return found
 
 
-def _deepest(base: Recalibrated, plain: Fit) -> Fit:
+def _deepest(base: Baseline, plain: Fit) -> Fit:
     """The base or, if it is better, the best fit of it that comes from afar (`jointgap.identification.smoother`), from everywhere.
 
     An effect that is called missing where the base leaves no more than noise must not be the way out of a valley.
     """
-    problem, through = base.problem, views(base.problem)
+    problem, smoothers = base.problem, smoothers_of(base.problem)
     nominal = {p.key: p.nominal for p in problem.nuisances if p.run is None}
-    for values in (nominal, *drawn(problem, (), EVERYWHERE - 1)):
-        near = descended(problem, (), plain.mapping | values, base.differences, through) if through else None
+    for values in (nominal, *random_nuisances(problem, (), EVERYWHERE - 1)):
+        near = (
+            coarse_to_fine_fit(problem, (), plain.mapping | values, base.differences, smoothers) if smoothers else None
+        )
         start = plain.mapping | values if near is None or near.status == FAILED else near.mapping
-        found = fit(problem, (), start, differences=base.differences)
+        found = fit_hypothesis(problem, (), start, differences=base.differences)
         plain = min(plain, found, key=lambda one: one.chi2)
     return plain
 
 
-def _moved(base: Recalibrated, one: Fit, to: Fit) -> Fit:
+def _moved(base: Baseline, one: Fit, to: Fit) -> Fit:
     """A fit or, if it is better, one that starts from the nuisances of another."""
     start = {key: to.mapping.get(key, value) if "." not in key else value for key, value in one.mapping.items()}
-    again = fit(base.problem, one.explanation, start, differences=base.differences)
+    again = fit_hypothesis(base.problem, one.hypothesis, start, differences=base.differences)
     return again if again.chi2 < one.chi2 else one
 
 
-def select_explanation(base: Recalibrated, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
+def select_hypothesis(base: Baseline, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
     """Choose among the fits; what is chosen is fitted once more to its end, for its intervals.
 
     What leaving out one of two effects costs is the fit of the other alone, at its best: before two effects are named each is fitted
@@ -262,31 +268,31 @@ def select_explanation(base: Recalibrated, known: Signatures, fits: Sequence[Fit
 
     Parameters
     ----------
-    base : Recalibrated
+    base : Baseline
     known : Signatures
         Of all candidates.
     fits : sequence of Fit
         Of single effects and pairs.
     limits : Thresholds
     """
-    fits, done = [*fits, *swapped(base, known, fits)], set()
-    decision = verdict(base, known, fits, limits)
+    fits, done = [*fits, *swap_one_effect(base, known, fits)], set()
+    decision = refit_and_decide(base, known, fits, limits)
     while members := _members_alone(base, [decision.chosen, *decision.equivalent], done):
         fits += members
-        decision = verdict(base, known, fits, limits)
-    plain = decision.base if decision.base is base.base else refined(base, decision.base)
+        decision = refit_and_decide(base, known, fits, limits)
+    plain = decision.base if decision.base is base.base else refit_jacobian(base, decision.base)
     chosen = plain if decision.chosen is decision.base else decision.chosen
-    if chosen.explanation:
-        chosen = refined(base, chosen)
-    equivalent = [refined(base, fit) for fit in decision.equivalent]
+    if chosen.hypothesis:
+        chosen = refit_jacobian(base, chosen)
+    equivalent = [refit_jacobian(base, fit) for fit in decision.equivalent]
     return replace(decision, chosen=chosen, base=plain, equivalent=equivalent)
 
 
-def _members_alone(base: Recalibrated, chosen: Sequence[Fit], done: set[str]) -> list[Fit]:
+def _members_alone(base: Baseline, chosen: Sequence[Fit], done: set[str]) -> list[Fit]:
     """Fits of single effects of the pairs among `chosen` that are not `done` yet; then they are."""
     fits = []
-    for pair in (one for one in chosen if len(one.explanation) > 1):
-        for kept in pair.explanation:
+    for pair in (one for one in chosen if len(one.hypothesis) > 1):
+        for kept in pair.hypothesis:
             if kept.label in done:
                 continue
             done.add(kept.label)
@@ -294,6 +300,6 @@ def _members_alone(base: Recalibrated, chosen: Sequence[Fit], done: set[str]) ->
                 key: value for key, value in pair.mapping.items() if "." not in key or key.startswith(f"{kept.label}.")
             }
             shared = {p.key: p.nominal for p in base.problem.nuisances if p.run is None and p.key in own}
-            fits.append(fit(base.problem, (kept,), own, differences=base.differences))
-            fits.append(best_of(base.problem, base.differences, (kept,), own | shared, starts=1))
+            fits.append(fit_hypothesis(base.problem, (kept,), own, differences=base.differences))
+            fits.append(multistart_fit(base.problem, base.differences, (kept,), own | shared, starts=1))
     return fits

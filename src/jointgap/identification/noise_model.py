@@ -8,7 +8,7 @@ import numpy as np
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification import cycle_noise as cycles
 from jointgap.identification.confirmation import fit_run_parameters
-from jointgap.identification.fit import FAILED, fit
+from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Model, Series, runs_of
 from jointgap.identification.whitening import Noise
@@ -56,7 +56,7 @@ def noise_of_model(model: Model) -> dict[Key, FoundNoise]:
     """
     guess = {series.key: _guess(series) for series in model.series}
     problem = Problem(model, guess)
-    first = fit(problem)
+    first = fit_hypothesis(problem)
     if first.status == FAILED:
         raise SimulationError(f"the model as it stands cannot be fitted: {first.reason}")
     values = first.mapping | fit_run_parameters(Problem(model, guess, held_out=True), first)

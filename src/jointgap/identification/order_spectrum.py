@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.identification.problem import Part, Problem
-from jointgap.identification.unwhitening import coloured
+from jointgap.identification.unwhitening import unwhiten
 
 HIGHEST_ORDER = 20.0
 
@@ -101,7 +101,7 @@ def _excess(part: Part, residual: np.ndarray) -> tuple[float, float, float] | No
     speed = (angle[-1] - angle[0]) / (time[-1] - time[0])
     white = np.full(part.used.size, np.nan)
     white[part.used] = residual
-    square = (coloured(white, part.noise) * part.noise.spread)[part.used] ** 2
+    square = (unwhiten(white, part.noise) * part.noise.spread)[part.used] ** 2
     noise = float(np.mean(part.noise.spread[part.used] ** 2))
     excess = float(square.mean()) - noise
     sd = noise * np.sqrt(2.0 / square.size) + 2.0 * np.sqrt(noise * max(excess, 0.0) / square.size)

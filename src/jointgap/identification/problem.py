@@ -9,15 +9,15 @@ import numpy as np
 from jointgap.errors import SimulationError
 from jointgap.identification.protocol import Candidate, Model, Parameter, Series, runs_of
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.identification.whitening import Noise, whitened
+from jointgap.identification.whitening import Noise, whiten
 
-Explanation = tuple[Candidate, ...]
+Hypothesis = tuple[Candidate, ...]
 """Effects that are added to the model together; () is the model as it stands."""
 
 
-def label_of(explanation: Explanation) -> str:
+def label_of(hypothesis: Hypothesis) -> str:
     """``gravity + slider_spring``; ``base`` for the model as it stands."""
-    return " + ".join(candidate.label for candidate in explanation) or "base"
+    return " + ".join(candidate.label for candidate in hypothesis) or "base"
 
 
 @dataclass(frozen=True)
@@ -85,26 +85,26 @@ class Problem:
         """Nuisances that matter to the runs here."""
         return tuple(p for p in self.model.nuisances if p.run in (None, *self.runs))
 
-    def parameters(self, explanation: Explanation) -> tuple[Parameter, ...]:
-        """What a fit of `explanation` varies, in order: nuisances that no effect replaces, then coordinates.
+    def parameters(self, hypothesis: Hypothesis) -> tuple[Parameter, ...]:
+        """What a fit of `hypothesis` varies, in order: nuisances that no effect replaces, then coordinates.
 
         Coordinates are renamed ``label.coordinate``; those of other runs are left out.
         """
-        replaced = {name for candidate in explanation for name in candidate.replaces}
+        replaced = {name for candidate in hypothesis for name in candidate.replaces}
         kept = [p for p in self.nuisances if p.name not in replaced]
-        for candidate in explanation:
+        for candidate in hypothesis:
             for p in candidate.coordinates_in(self.runs):
                 kept.append(Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high, p.step, p.unit, p.run))
         return tuple(kept)
 
     def predict(
-        self, run: str, values: Mapping[str, float], explanation: Explanation = (), numerics: int = 0
+        self, run: str, values: Mapping[str, float], hypothesis: Hypothesis = (), numerics: int = 0
     ) -> Mapping[str, np.ndarray]:
         """What the model reads in `run`, by channel; `values` by key, absent nuisances at nominal."""
         nuisances = {p.name: values.get(p.key, p.nominal) for p in self.model.nuisances if p.run in (None, run)}
         effects = [
             (candidate, {p.name: values[f"{candidate.label}.{p.key}"] for p in candidate.coordinates_in((run,))})
-            for candidate in explanation
+            for candidate in hypothesis
         ]
         self.simulations += 1
         return self.model.simulate(run, nuisances, effects, numerics)
@@ -112,7 +112,7 @@ class Problem:
     def residual(
         self,
         values: Mapping[str, float],
-        explanation: Explanation = (),
+        hypothesis: Hypothesis = (),
         runs: Sequence[str] | None = None,
         out: np.ndarray | None = None,
         numerics: int = 0,
@@ -123,7 +123,7 @@ class Problem:
         ----------
         values : mapping of str to float
             By key of `parameters`.
-        explanation : tuple of Candidate
+        hypothesis : tuple of Candidate
         runs : sequence of str, optional
             Simulate these alone; the others' residuals stay as in `out`.
         out : (size,) array, optional
@@ -138,7 +138,7 @@ class Problem:
         """
         found = np.empty(self.size) if out is None else out.copy()
         for run in self.runs if runs is None else runs:
-            predicted = self.predict(run, values, explanation, numerics)
+            predicted = self.predict(run, values, hypothesis, numerics)
             for part in self.parts:
                 if part.series.run == run:
                     found[part.place] = self._whitened(part, predicted[part.series.channel])
@@ -148,7 +148,7 @@ class Problem:
         if not np.isfinite(predicted[part.used]).all():
             raise SimulationError(f"run {part.series.run}: {part.series.channel} as simulated is not finite")
         value = self._planned.get(part.series.key, part.series.value)
-        return whitened(np.where(part.used, value - predicted, np.nan), part.noise)[part.used]
+        return whiten(np.where(part.used, value - predicted, np.nan), part.noise)[part.used]
 
     def with_noise(self, noise: Mapping[tuple[str, str], Noise]) -> "Problem":
         """The same samples measured by another noise."""

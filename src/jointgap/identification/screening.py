@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.bounded_step import bounded_step, compressed
-from jointgap.identification.finite_differences import Differences
+from jointgap.identification.bounded_step import bounded_step, compress_rows
+from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import Fit, bounds_of
 from jointgap.identification.frequency_search import frequencies
-from jointgap.identification.problem import Explanation, Problem, label_of
+from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate, Parameter
 
 MOST_FREQUENCIES = 3  # at which one candidate is tried
@@ -83,7 +83,7 @@ class Signatures:
 
     def about(self, one: Fit) -> "Signatures":
         """The other candidates' signatures beside the effects of a fit, as they are about the base."""
-        taken = {name for candidate in one.explanation for name in (candidate.label, *candidate.replaces)}
+        taken = {name for candidate in one.hypothesis for name in (candidate.label, *candidate.replaces)}
         others = [
             replace(s, origin=one.residual + (s.origin - self.residual))
             for s in self.found
@@ -127,22 +127,22 @@ class Screened:
     chi2: float
     start: Mapping[str, float]
     bic: float
-    beside: Explanation = ()
+    beside: Hypothesis = ()
     near: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def explanation(self) -> Explanation:
+    def hypothesis(self) -> Hypothesis:
         """The effects."""
         return (*self.beside, *(one.candidate for one in self.signatures))
 
     @property
     def label(self) -> str:
         """The effects in words."""
-        return label_of(self.explanation)
+        return label_of(self.hypothesis)
 
 
 def signatures(
-    problem: Problem, base: Fit, differences: Differences, candidates: Sequence[Candidate] | None = None
+    problem: Problem, base: Fit, differences: FiniteDifferences, candidates: Sequence[Candidate] | None = None
 ) -> Signatures:
     """Simulate every candidate at a small size about the fitted base.
 
@@ -151,13 +151,13 @@ def signatures(
     problem : Problem
     base : Fit
         May have effects itself: those, and what replaces the same nuisances, are left out.
-    differences : Differences
+    differences : FiniteDifferences
     candidates : sequence of Candidate
         All of the model's by default.
     """
     found, failed = [], {}
     candidates = problem.model.candidates if candidates is None else candidates
-    taken = {name for one in base.explanation for name in (one.label, *one.replaces)}
+    taken = {name for one in base.hypothesis for name in (one.label, *one.replaces)}
     candidates = [one for one in candidates if not taken & {one.label, *one.replaces}]
     for candidate in sorted(candidates, key=lambda one: bool(one.steady_counterpart)):  # carriers come first
         carriers = [one for one in found if one.candidate.label == candidate.steady_counterpart]
@@ -165,7 +165,7 @@ def signatures(
             origin = base.residual
             if candidate.replaces:
                 absent = _absent(candidate, candidate.initial_guesses[0], base)
-                origin = problem.residual(absent, (*base.explanation, candidate))
+                origin = problem.residual(absent, (*base.hypothesis, candidate))
             for shapes in _starts(problem, base, candidate, carriers):
                 try:
                     found.append(_signature(problem, base, differences, candidate, shapes, origin))
@@ -198,7 +198,7 @@ def _absent(candidate: Candidate, shapes: Mapping[str, float], base: Fit) -> dic
 def _signature(problem, base, differences, candidate, shapes, origin) -> Signature:
     values = _absent(candidate, shapes, base)
     sizes = {f"{candidate.label}.{key}" for key in candidate.amplitudes}
-    both = (*base.explanation, candidate)
+    both = (*base.hypothesis, candidate)
     if finite := [key for key in candidate.amplitudes if key in shapes]:
         (key,) = finite
         away = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, both) - origin
@@ -215,21 +215,21 @@ class Screen:
     known : Signatures
     beside : tuple of Candidate
         Effects among whose parameters and values `known` are.
-    view : function, optional
-        What of the residuals is to be small, as in `jointgap.identification.fit.fit`.
+    smoother : function, optional
+        What of the residuals is to be small, as in `jointgap.identification.fit.fit_hypothesis`.
     """
 
     def __init__(
         self,
         known: Signatures,
-        beside: Explanation = (),
-        view: Callable[[np.ndarray], np.ndarray] | None = None,
+        beside: Hypothesis = (),
+        smoother: Callable[[np.ndarray], np.ndarray] | None = None,
     ):
         self.known, self.beside = known, beside
         origins = [one.origin - known.residual for one in known.found]
         self._rows = known.residual.size
         blocks = [known.jacobian, known.residual, *(one.columns for one in known.found), *origins]
-        blocks = compressed(*(blocks if view is None else map(view, blocks)))
+        blocks = compress_rows(*(blocks if smoother is None else map(smoother, blocks)))
         count = len(known.found)
         self._jacobian, self._residual = blocks[0], blocks[1]
         self._columns, self._origins = blocks[2 : 2 + count], blocks[2 + count :]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jointgap.identification.problem import Explanation
+from jointgap.identification.problem import Hypothesis
 from jointgap.identification.screening import Signatures
 
 _INSIDE = 0.03  # of a signature's length may lie outside another's span, for it to be a special case of that
@@ -37,16 +37,16 @@ class Subspaces:
         found = [np.linalg.norm(space.T @ one, 2) for one in self.of[label] if one.size and space.size]
         return float(min(max(found, default=0.0), 1.0))
 
-    def within(self, one: Explanation, other: Explanation) -> bool:
+    def within(self, one: Hypothesis, other: Hypothesis) -> bool:
         """Whether `one` is a special case of `other`, which can do more: a constant force is a spring without stiffness."""
-        part, whole = (self.span([c.label for c in explanation if c.label in self.of]) for explanation in (one, other))
+        part, whole = (self.span([c.label for c in hypothesis if c.label in self.of]) for hypothesis in (one, other))
         if not 0 < part.shape[1] < whole.shape[1]:
             return False
         return bool(np.linalg.norm(part - whole @ (whole.T @ part), 2) < _INSIDE)
 
-    def nearest(self, explanation: Explanation) -> tuple[str, float]:
+    def nearest(self, hypothesis: Hypothesis) -> tuple[str, float]:
         """The candidate beyond the explanation that it could stand for best, and the squared cosine; '' where there is none."""
-        named = {candidate.label for candidate in explanation}
+        named = {candidate.label for candidate in hypothesis}
         space = self.span([label for label in named if label in self.of])
         others = [(self.cosine(space, label) ** 2, label) for label in self.of if label not in named]
         cosine, label = max(others, default=(0.0, ""))

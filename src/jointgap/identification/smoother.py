@@ -14,9 +14,9 @@ from scipy.signal import oaconvolve
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.bounded_step import bounded_step
-from jointgap.identification.finite_differences import Differences
-from jointgap.identification.fit import FAILED, Fit, bounds_of, fit
-from jointgap.identification.problem import Explanation, Problem
+from jointgap.identification.finite_differences import FiniteDifferences
+from jointgap.identification.fit import FAILED, Fit, bounds_of, fit_hypothesis
+from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
 
 WIDTHS = (np.deg2rad(24.0), np.deg2rad(6.0))
@@ -32,7 +32,7 @@ _RATIOS = np.geomspace(
 
 
 @dataclass(frozen=True)
-class View:
+class Smoother:
     """Residuals smoothed over the cycle, each still of variance 1 where they are noise.
 
     Attributes
@@ -57,7 +57,7 @@ class View:
         return found
 
 
-def views(problem: Problem) -> tuple[View, ...]:
+def smoothers_of(problem: Problem) -> tuple[Smoother, ...]:
     """Views of a problem's residuals, coarsest first; none where they would change nothing.
 
     Statistics over cycles, and series of which no angle is known, stay as they are.
@@ -73,7 +73,7 @@ def views(problem: Problem) -> tuple[View, ...]:
                 (part.place, np.ones(1) if plain else _weights(width / step, part.place.stop - part.place.start))
             )
         if any(weights.size > 1 for _, weights in kernels):
-            found.append(View(tuple(kernels)))
+            found.append(Smoother(tuple(kernels)))
     return tuple(found)
 
 
@@ -84,23 +84,23 @@ def _weights(sd: float, count: int) -> np.ndarray:
     return weights / np.linalg.norm(weights)
 
 
-def descended(
+def coarse_to_fine_fit(
     problem: Problem,
-    explanation: Explanation,
+    hypothesis: Hypothesis,
     start: Mapping[str, float],
-    differences: Differences,
-    through: Sequence[View],
+    differences: FiniteDifferences,
+    smoothers: Sequence[Smoother],
 ) -> Fit:
     """The fit in the last of the views, from one to the next; what each leaves open is looked through in what follows it.
 
     Parameters
     ----------
     problem : Problem
-    explanation : tuple of Candidate
+    hypothesis : tuple of Candidate
     start : mapping of str to float
         Values by key; nominal where absent.
-    differences : Differences
-    through : sequence of View
+    differences : FiniteDifferences
+    smoothers : sequence of Smoother
         Coarsest first.
 
     Returns
@@ -110,35 +110,33 @@ def descended(
         The last one that could be simulated; failed where the start cannot be.
     """
     found, known = None, None
-    for view, finer in zip(through, (*through[1:], None), strict=True):
-        one = fit(problem, explanation, start, known, differences, view=view)
+    for smoother, finer in zip(smoothers, (*smoothers[1:], None), strict=True):
+        one = fit_hypothesis(problem, hypothesis, start, known, differences, smoother=smoother)
         if one.status == FAILED:
             return found or one
         found = one
-        moved = looked_through(problem, found, view, finer)
+        moved = coordinate_scan(problem, found, smoother, finer)
         # derivatives hold about as long as nothing jumped
         known = dict(zip((p.key for p in found.parameters), found.jacobian.T, strict=True)) if moved is None else None
         start = found.mapping if moved is None else moved
         if moved is not None and finer is None:
-            residual = problem.residual(moved, explanation)
+            residual = problem.residual(moved, hypothesis)
             values = np.array([moved[p.key] for p in found.parameters])
-            found = Fit(
-                explanation, found.parameters, values, residual, found.jacobian, found.simulations, found.status
-            )
+            found = Fit(hypothesis, found.parameters, values, residual, found.jacobian, found.simulations, found.status)
     return found
 
 
-def looked_through(
-    problem: Problem, found: Fit, view: View, finer: View | None, sizes_alone: bool = False
+def coordinate_scan(
+    problem: Problem, found: Fit, smoother: Smoother, finer: Smoother | None, sizes_alone: bool = False
 ) -> dict[str, float] | None:
-    """Values that are better in the finer view, by one after the other of the parameters that `view` leaves open; None if none are.
+    """Values that are better in the finer view, by one after the other of the parameters that `smoother` leaves open; None if none are.
 
     Parameters
     ----------
     problem : Problem
     found : Fit
-        In `view`.
-    view, finer : View
+        In `smoother`.
+    smoother, finer : View
         None for the samples themselves.
     sizes_alone : bool
         Whether to look through sizes of effects alone, and to leave all else where it is.
@@ -147,7 +145,7 @@ def looked_through(
     low, high = bounds_of(found.parameters)
     matrix, at = seen(found.jacobian), found.mapping
     least, moved = _left(matrix, seen(found.residual), low - found.values, high - found.values), False
-    for i, places in _open(found, view, matrix):
+    for i, places in _open(found, smoother, matrix):
         if sizes_alone and found.parameters[i].key not in _sized(found):
             continue
         p, others = found.parameters[i], np.delete(matrix, i, axis=1)
@@ -156,7 +154,7 @@ def looked_through(
         for place in places:
             trial = {**at, p.key: float(np.clip(place, p.low, p.high))}
             try:
-                left = _left(others, seen(problem.residual(trial, found.explanation)), *room)
+                left = _left(others, seen(problem.residual(trial, found.hypothesis)), *room)
             except (InputError, SimulationError):
                 continue
             if left < least:
@@ -171,11 +169,11 @@ def _left(matrix: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.nd
 
 def _sized(found: Fit) -> dict[str, Candidate]:
     """The sizes of effects among the parameters, by key, and whose they are."""
-    return {f"{candidate.label}.{name}": candidate for candidate in found.explanation for name in candidate.amplitudes}
+    return {f"{candidate.label}.{name}": candidate for candidate in found.hypothesis for name in candidate.amplitudes}
 
 
-def _open(found: Fit, view: View, finer: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """Which parameters are to be looked through, and where: nuisances and shapes that `view` leaves open though they matter in the
+def _open(found: Fit, smoother: Smoother, finer: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """Which parameters are to be looked through, and where: nuisances and shapes that `smoother` leaves open though they matter in the
     finer one, and changes of what is known, of which small ones say little."""
     if not found.parameters:
         return []
@@ -183,7 +181,7 @@ def _open(found: Fit, view: View, finer: np.ndarray) -> list[tuple[int, np.ndarr
     bounded = np.isfinite(width) & (width > 0.0)
     prior = np.where(bounded, np.sqrt(12.0) / np.where(bounded, width, 1.0), 0.0)
     scale = np.where(bounded, width, 1.0) / np.sqrt(12.0)
-    matrix = np.vstack([view(found.jacobian) / view.overlap, np.diag(prior)]) * scale
+    matrix = np.vstack([smoother(found.jacobian) / smoother.overlap, np.diag(prior)]) * scale
     _, sizes, turned = np.linalg.svd(matrix, full_matrices=False)
     errors = np.linalg.norm(turned.T / np.maximum(sizes, 1e-12 * sizes[0]), axis=1) * scale
     changes = np.linalg.norm(finer, axis=0) * np.where(bounded, width, 0.0)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointgap.identification.baseline import Recalibrated, other_numerics
+from jointgap.identification.baseline import Baseline, other_numerics
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import Signatures, signatures
 from jointgap.identification.signature_subspaces import Subspaces, orthonormal
@@ -43,12 +43,12 @@ class Screening(NamedTuple):
     limits: Thresholds
 
 
-def screen_candidates(base: Recalibrated, rate: float, noise_dof: float = np.inf, seed: int = 0) -> Screening:
+def screen_candidates(base: Baseline, rate: float, noise_dof: float = np.inf, seed: int = 0) -> Screening:
     """Simulate every candidate at a small size, and find what null campaigns would show of them.
 
     Parameters
     ----------
-    base : Recalibrated
+    base : Baseline
     rate : float
         False alarms allowed [1].
     noise_dof : float
@@ -58,7 +58,7 @@ def screen_candidates(base: Recalibrated, rate: float, noise_dof: float = np.inf
     """
     known = signatures(base.problem, base.base, base.differences)
     numerics = other_numerics(base.problem, base.base)
-    rough = base.differences.rough_chi2
+    rough = base.differences.numerical_noise_chi2
     return Screening(known, thresholds(base.problem, known, numerics, rate, noise_dof, rough, seed))
 
 
@@ -87,7 +87,7 @@ def thresholds(
     noise_dof : float
         Degrees of freedom from which the noise was estimated; infinite where it is stated.
     rough : float
-        `jointgap.identification.finite_differences.Differences.rough_chi2`.
+        `jointgap.identification.finite_differences.FiniteDifferences.numerical_noise_chi2`.
     seed : int
     """
     size = known.residual.size

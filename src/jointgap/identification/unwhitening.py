@@ -6,8 +6,8 @@ from scipy.signal import lfilter, lfiltic
 from jointgap.identification.whitening import Noise, prediction
 
 
-def coloured(white: np.ndarray, noise: Noise) -> np.ndarray:
-    """The inverse of `jointgap.identification.whitening.whitened`, measured by the noise's spread.
+def unwhiten(white: np.ndarray, noise: Noise) -> np.ndarray:
+    """The inverse of `jointgap.identification.whitening.whiten`, measured by the noise's spread.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class Noise:
         return np.sqrt(self.sd**2 + np.square(self.numerics))
 
 
-def whitened(residual: np.ndarray, noise: Noise) -> np.ndarray:
+def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
     """Residuals as independent numbers of variance 1 if nothing but noise is in them.
 
     Each sample is compared with what the samples before it, back to the last gap, let expect of it: exact for an

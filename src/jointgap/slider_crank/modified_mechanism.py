@@ -129,14 +129,14 @@ def softened(effects: Sequence[tuple[Candidate, Mapping[str, float]]]) -> tuple[
 
 
 def augmented_mechanism(
-    mechanism: Mechanism, explanation: Sequence[Candidate] = (), values: Mapping[str, float] | None = None
+    mechanism: Mechanism, hypothesis: Sequence[Candidate] = (), values: Mapping[str, float] | None = None
 ) -> Mechanism:
     """The mechanism with re-fitted nuisances and physical effects written in.
 
     Parameters
     ----------
     mechanism : Mechanism
-    explanation : sequence of Candidate
+    hypothesis : sequence of Candidate
         Faults of sensors are no part of a mechanism and are passed over.
     values : mapping of str to float
         By key as a fit has them: nuisances by name, coordinates as ``label.coordinate``; those of single runs are passed over.
@@ -148,7 +148,7 @@ def augmented_mechanism(
     """
     values = values or {}
     made = with_nuisances(mechanism, {key: v for key, v in values.items() if "@" not in key})
-    effects = [(one, _own(one, values)) for one in explanation]
+    effects = [(one, _own(one, values)) for one in hypothesis]
     for _, own in effects:
         made = with_nuisances(made, own)  # a nuisance that an effect replaced in part, such as the other pin's friction
     return validate(Mechanism, with_effects(made, effects).model_dump(), "the mechanism with what was found")

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.whitening import Noise, whitened
+from jointgap.identification.whitening import Noise, whiten
 from jointgap.trials.draw_rigs import Design, with_values
 from jointgap.trials.injected_effects import Hidden
 from jointgap.trials.sensor_readings import Numerics, Turn, read
@@ -69,7 +69,7 @@ class Gauge:
         white, plain = np.empty(self.size), np.empty(self.size)
         for one in self.yardsticks:
             off = seen[one.run][one.channel] - other[one.run][one.channel]
-            white[one.place], plain[one.place] = whitened(off, one.noise), off / one.noise.sd
+            white[one.place], plain[one.place] = whiten(off, one.noise), off / one.noise.sd
         return white, plain
 
     def _with(self, key: str, value: float) -> dict[str, dict[str, np.ndarray]]:
