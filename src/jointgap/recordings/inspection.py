@@ -1,77 +1,83 @@
-"""A look at measured data before anything is fitted: cycles, speeds, gaps, and every channel over the crank angle."""
+"""Measured data before anything is fitted: cycles, speeds, gaps, and every channel over the crank angle."""
 
+from math import tau
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from jointgap.config.campaign_file import Campaign
+from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.channels import CHANNELS
-from jointgap.recordings.encoder_angle import TURN
 from jointgap.recordings.recording import Measurements, Recording
 
 if TYPE_CHECKING:
     from jointgap.figures.drawing import Drawing
 
 _FIRST, _LATER = "first cycle", "later cycles"
-_DOTTED = 100.0  # samples a revolution below which each is marked
+_MARKED_BELOW_PER_REVOLUTION = (
+    100.0  # samples a revolution below which each is marked, as a line alone would hide the gaps
+)
 
 
 def inspect(campaign: Campaign, measurements: Measurements) -> "tuple[pd.DataFrame, dict[str, Drawing]]":
-    """What the data are like.
+    """Numbers and figures of measured data.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    measurements : Measurements
 
     Returns
     -------
     numbers : DataFrame
         One row per run and channel: run, channel, unit (SI), role, samples, gaps (samples without a value), cycles (whole
-        revolutions), samples_per_revolution, mean_speed and speed_spread (standard deviation of the cycles' speeds) [rad/s; NaN unless
-        both time and crank angle were measured, and of less than two cycles], low, high (extremes), scatter (standard deviation of a
-        cycle from the one before, over sqrt(2): noise, and whatever does not repeat; NaN of less than two cycles), stated_noise [SI of
-        the channel; NaN where none is stated].
+        revolutions), samples_per_revolution, mean_speed and speed_spread (standard deviation of the cycles' speeds) [rad/s; NaN
+        unless both time and crank angle were measured, and of less than two cycles], low, high (extremes), scatter (standard
+        deviation of a cycle from the one before, over sqrt(2): noise, and whatever does not repeat; NaN of less than two cycles),
+        stated_noise [SI of the channel; NaN where none is stated].
     figures : dict of str to Drawing
         By run: every channel over the crank angle, cycles on top of each other.
 
     Crank angles, and extremes of a crank angle, are those of the file also where the crank turns clockwise.
     """
-    numbers = [row for recording in measurements.runs.values() for row in _numbers(campaign, recording)]
-    return pd.DataFrame(numbers), {run: draw(campaign, recording) for run, recording in measurements.runs.items()}
+    runs = {run.id: run for run in campaign.runs}
+    recordings = [(runs[recording.run], recording) for recording in measurements.runs.values()]
+    numbers = [row for run, recording in recordings for row in _numbers(run, recording)]
+    return pd.DataFrame(numbers), {run.id: _draw(run, recording) for run, recording in recordings}
 
 
-def turned(campaign: Campaign, recording: Recording) -> np.ndarray:
-    """Crank angle [rad] of every sample, shape (n,): measured, gaps bridged; else from times and the nominal speed, from 0 on."""
+def _turned(run: CampaignRun, recording: Recording) -> np.ndarray:
+    """Crank angle [rad] of every sample (n,): measured, gaps bridged; else from times and the nominal speed, from 0 on."""
     if not recording.has_angle:
-        speed = next(run.speed for run in campaign.runs if run.id == recording.run)
-        return speed * (recording.time - recording.time[0])
+        return run.speed * (recording.time - recording.time[0])
     angle = recording.crank_angle
     known = np.isfinite(angle)
     if known.all():
         return angle
-    steady = steady_rotation(recording)  # gaps at the ends are bridged by it
+    steady = _steady_rotation(recording)  # gaps at the ends are bridged by it
     departure = angle - steady
     return steady + np.interp(recording.time, recording.time[known], departure[known])
 
 
-def steady_rotation(recording: Recording) -> np.ndarray:
-    """Crank angle [rad] of every sample, shape (n,), if the crank turned steadily: the straight line nearest to what was measured."""
+def _steady_rotation(recording: Recording) -> np.ndarray:
+    """Crank angle [rad] of every sample (n,) if the crank turned steadily: the straight line nearest to the measured ones."""
     known = np.isfinite(recording.crank_angle)
     time = recording.time - recording.time[0]  # times since an epoch would leave no digits
     return np.polyval(np.polyfit(time[known], recording.crank_angle[known], 1), time)
 
 
-def _numbers(campaign: Campaign, recording: Recording) -> list[dict]:
-    angle = turned(campaign, recording)
-    revolutions = (
-        (angle[-1] - angle[0]) * (1.0 + 1.0 / (angle.size - 1)) / TURN
-    )  # the last sample stands for a step too
+def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
+    angle = _turned(run, recording)
+    samples = angle.size
+    revolutions = (angle[-1] - angle[0]) * (1.0 + 1.0 / (samples - 1)) / tau  # the last sample stands for a step too
     cycles = int(revolutions + 1e-6)
     mean = spread = np.nan
     if recording.has_time and recording.has_angle:
         mean = (angle[-1] - angle[0]) / (recording.time[-1] - recording.time[0])
         if cycles >= 2:
             spread = _speed_spread(recording.time, angle)
-    run = next(run for run in campaign.runs if run.id == recording.run)
     rows = []
-    for name, values in _shown(recording).items():
+    for name, values in recording.all_channels.items():
         if name == "crank_angle" and run.direction == "clockwise":
             values = -values
         noise = recording.noise[name]
@@ -81,10 +87,10 @@ def _numbers(campaign: Campaign, recording: Recording) -> list[dict]:
                 "channel": name,
                 "unit": CHANNELS[name],
                 "role": run.role,
-                "samples": values.size,
+                "samples": samples,
                 "gaps": int(np.count_nonzero(~np.isfinite(values))),
                 "cycles": cycles,
-                "samples_per_revolution": values.size / revolutions,
+                "samples_per_revolution": samples / revolutions,
                 "mean_speed": mean,
                 "speed_spread": spread,
                 "low": float(np.nanmin(values)),
@@ -96,71 +102,65 @@ def _numbers(campaign: Campaign, recording: Recording) -> list[dict]:
     return rows
 
 
-def _shown(recording: Recording) -> dict[str, np.ndarray]:
-    return ({"crank_angle": recording.crank_angle} if recording.has_angle else {}) | recording.channels
-
-
 def _speed_spread(time: np.ndarray, angle: np.ndarray) -> float:
     """Standard deviation of the mean speeds [rad/s] of whole cycles, counted from the first sample."""
-    passed = np.arange(angle[0], angle[-1] + 1e-9, TURN)
+    passed = np.arange(angle[0], angle[-1] + 1e-9, tau)
     rising = np.maximum.accumulate(angle)  # an encoder's noise may step back
-    return float(np.std(TURN / np.diff(np.interp(passed, rising, time)), ddof=1)) if passed.size > 2 else np.nan
+    return float(np.std(tau / np.diff(np.interp(passed, rising, time)), ddof=1)) if passed.size > 2 else np.nan
 
 
 def _scatter(angle: np.ndarray, values: np.ndarray) -> float:
-    """Standard deviation of a channel from its value a revolution later, over sqrt(2), shape-free; NaN of less than two cycles."""
+    """Standard deviation of a channel from its value a revolution later, over sqrt(2); NaN of less than two cycles."""
     rising = np.maximum.accumulate(angle)
-    after = np.searchsorted(rising, rising + TURN * (1.0 - 1e-9))
+    after = np.searchsorted(rising, rising + tau * (1.0 - 1e-9))
     here = np.flatnonzero((after > 0) & (after < rising.size))
     after = after[here]
     step = rising[after] - rising[after - 1]
-    share = np.divide(rising[here] + TURN - rising[after - 1], step, out=np.ones(step.shape), where=step > 0.0)
+    share = np.divide(rising[here] + tau - rising[after - 1], step, out=np.ones(step.shape), where=step > 0.0)
     share = np.clip(share, 0.0, 1.0)
     later = np.where(share < 1.0, (1.0 - share) * values[after - 1], 0.0) + share * values[after]
-    away = (values[here] - later) ** 2 / (1.0 + share**2 + (1.0 - share) ** 2)  # interpolated noise is smaller
-    away = away[np.isfinite(away)]
-    return float(np.sqrt(away.mean())) if away.size >= 8 else np.nan
+    squares = (values[here] - later) ** 2 / (1.0 + share**2 + (1.0 - share) ** 2)  # interpolated noise is smaller
+    squares = squares[np.isfinite(squares)]
+    return float(np.sqrt(squares.mean())) if squares.size >= 8 else np.nan
 
 
-def draw(campaign: Campaign, recording: Recording) -> "Drawing":
+def _draw(run: CampaignRun, recording: Recording) -> "Drawing":
     """Every channel of a run over the crank angle, cycles on top of each other; a crank angle as its departure from steady speed."""
+    from jointgap.figures import style
     from jointgap.figures.sheet import CRANK_ANGLE, Quantity, Sheet
-    from jointgap.figures.style import look as in_the_one_look
 
-    angle = turned(campaign, recording)
-    cycle = np.floor(angle / TURN).astype(int)
-    within = angle - cycle * TURN
-    clockwise = next(run.direction == "clockwise" for run in campaign.runs if run.id == recording.run)
-    sign = -1.0 if clockwise and recording.has_angle else 1.0  # recordings of a clockwise crank are mirror images
-    seen = within if sign > 0.0 else TURN - within
-    dotted = {"marker": ".", "markersize": 3.0} if angle.size * TURN / (angle[-1] - angle[0]) < _DOTTED else {}
-    abscissa = (
-        CRANK_ANGLE if recording.has_angle else Quantity("crank angle since the first sample, at nominal speed", "deg")
-    )
-    shown = dict(recording.channels)
+    angle = _turned(run, recording)
+    cycle = np.floor(angle / tau).astype(int)
+    within = angle - cycle * tau
+    mirrored = run.direction == "clockwise" and recording.has_angle  # recordings of a clockwise crank are mirror images
+    shown_angle = np.degrees(tau - within if mirrored else within)
+    sparse = angle.size * tau / (angle[-1] - angle[0]) < _MARKED_BELOW_PER_REVOLUTION
+    markers = {"marker": ".", "markersize": 3.0} if sparse else {}
+    no_encoder = Quantity("crank angle since the first sample, at nominal speed", "deg")
+    abscissa = CRANK_ANGLE if recording.has_angle else no_encoder
+    panels = [
+        (name.replace("_", " "), CHANNELS[name].replace("*", " ").replace("^2", "²"), values)
+        for name, values in recording.channels.items()
+    ]
     if recording.has_angle and recording.has_time:
-        shown = {"crank_angle": sign * np.degrees(recording.crank_angle - steady_rotation(recording))} | shown
-    with in_the_one_look():
-        sheet = Sheet(0.9 + 1.6 * len(shown), len(shown), 1)
-        above = None
-        for row, (name, values) in enumerate(shown.items()):
-            words, unit = name.replace("_", " "), CHANNELS[name].replace("*", " ").replace("^2", "²")
-            if name == "crank_angle":
-                words, unit = "departure from steady rotation", "deg"
-            panel = sheet.panel((row, 0), f"{recording.run}: {words}", abscissa, Quantity("", unit), below=above)
+        departure = (-1.0 if mirrored else 1.0) * np.degrees(recording.crank_angle - _steady_rotation(recording))
+        panels.insert(0, ("departure from steady rotation", "deg", departure))
+    with style.look():
+        sheet = Sheet(0.9 + 1.6 * len(panels), len(panels), 1)
+        panel = None
+        for row, (title, unit, values) in enumerate(panels):
+            panel = sheet.panel((row, 0), f"{recording.run}: {title}", abscissa, Quantity("", unit), below=panel)
             for number in np.unique(cycle):
-                own = cycle == number
-                first = number == cycle[0]
+                own, first = cycle == number, number == cycle[0]
                 panel.line(
                     _FIRST if first else _LATER,
-                    np.degrees(seen[own]),
+                    shown_angle[own],
                     values[own],
                     "first" if first else "settled",
                     alpha=1.0 if first else 0.5,
                     linewidth=0.9,
-                    **dotted,
+                    **markers,
                 )
-            above = panel
         panel.over_crank_angle(0.0, 360.0)
         sheet.legend()
         return sheet.drawing()

@@ -1,6 +1,5 @@
 """What was measured, in SI: one recording per run."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +18,7 @@ class Recording:
     time : (n,) array
         As measured [s], rising; all NaN where the campaign has no channel time.
     crank_angle : (n,) array
-        [rad], running on over turns and rising on the whole; of a clockwise crank the mirror image. NaN in gaps, all NaN where
+        [rad], continuous over turns and rising on the whole; of a clockwise crank the mirror image. NaN in gaps, all NaN where
         the campaign has no such channel.
     channels : dict of str to (n,) array
         The other channels, SI, with the signs that the file has; NaN in gaps.
@@ -47,6 +46,11 @@ class Recording:
         """Whether the crank angle was measured."""
         return bool(np.isfinite(self.crank_angle).any())
 
+    @property
+    def all_channels(self) -> dict[str, np.ndarray]:
+        """The channels, the crank angle first where it was measured."""
+        return ({"crank_angle": self.crank_angle} if self.has_angle else {}) | self.channels
+
 
 @dataclass(frozen=True)
 class Measurements:
@@ -65,18 +69,15 @@ class Measurements:
 
 
 def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:
-    """`Recording.noise` of a run."""
-    found = {}
+    """`Recording.noise` of a `run` of the `campaign`."""
+    noise = {}
     for name, channel in campaign.channels.items():
         stated = channel.noise_of(run)
         if stated is None and channel.resolution is not None:
             stated = channel.resolution / np.sqrt(12.0)
         if name != "time":
-            found[name] = None if stated is None else float(stated * campaign.factor(name))
-    return found
-
-
-COLUMNS = ("run", "channel", "sample", "time", "crank_angle", "value", "held_out")
+            noise[name] = None if stated is None else float(stated * campaign.factor(name))
+    return noise
 
 
 def to_frame(measurements: Measurements) -> pd.DataFrame:
@@ -88,41 +89,39 @@ def to_frame(measurements: Measurements) -> pd.DataFrame:
         Columns run, channel, sample (from 0), time [s], crank_angle [rad], value [SI of the channel], held_out. The crank angle
         is also a channel of its own where it was measured.
     """
-    parts = []
-    for recording in measurements.runs.values():
-        own = {"crank_angle": recording.crank_angle} if recording.has_angle else {}
-        for channel, values in (own | recording.channels).items():
-            parts.append(
-                pd.DataFrame(
-                    {
-                        "run": recording.run,
-                        "channel": channel,
-                        "sample": np.arange(values.size),
-                        "time": recording.time,
-                        "crank_angle": recording.crank_angle,
-                        "value": values,
-                        "held_out": recording.held_out,
-                    },
-                    columns=COLUMNS,
-                )
-            )
-    return pd.concat(parts, ignore_index=True)
+    parts = [
+        {"run": recording.run, "channel": channel, "sample": np.arange(values.size), "time": recording.time}
+        | {"crank_angle": recording.crank_angle, "value": values, "held_out": recording.held_out}
+        for recording in measurements.runs.values()
+        for channel, values in recording.all_channels.items()
+    ]
+    return pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
 
 
 def from_frame(frame: pd.DataFrame, campaign: Campaign, remarks: tuple[str, ...] = ()) -> Measurements:
-    """The measurements in a table that `to_frame` made; the noise is what the campaign states."""
+    """The measurements in a table that `to_frame` made.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        As `to_frame` returns it.
+    campaign : Campaign
+        States the noise.
+    remarks : tuple of str
+        Of `Measurements`.
+    """
     runs = {}
     for run, own in frame.groupby("run", sort=False, observed=True):
-        by_channel: Mapping[str, pd.DataFrame] = dict(list(own.groupby("channel", sort=False, observed=True)))
-        any_channel = next(iter(by_channel.values()))
+        channels = dict(list(own.groupby("channel", sort=False, observed=True)))
+        samples = next(iter(channels.values()))
         runs[run] = Recording(
             run=run,
-            time=any_channel["time"].to_numpy(dtype=float),
-            crank_angle=any_channel["crank_angle"].to_numpy(dtype=float),
+            time=samples["time"].to_numpy(dtype=float),
+            crank_angle=samples["crank_angle"].to_numpy(dtype=float),
             channels={
-                name: part["value"].to_numpy(dtype=float) for name, part in by_channel.items() if name != "crank_angle"
+                name: part["value"].to_numpy(dtype=float) for name, part in channels.items() if name != "crank_angle"
             },
             noise=noise_of(campaign, run),
-            held_out=any_channel["held_out"].to_numpy(dtype=bool),
+            held_out=samples["held_out"].to_numpy(dtype=bool),
         )
     return Measurements(runs, remarks)

@@ -1,6 +1,8 @@
 """Times and crank angles of a run: whether they rise, and whether their units make the run's speed."""
 
 import math
+from dataclasses import dataclass
+from math import tau
 from pathlib import Path
 
 import numpy as np
@@ -8,39 +10,100 @@ import numpy as np
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.channels import channel_factor
 from jointgap.errors import InputError
-from jointgap.recordings.encoder_angle import TURN, running_on
+from jointgap.recordings.limits import RecordingLimits
 
 UNITS = {"time": ("s", "ms", "us", "ns", "min"), "crank_angle": ("deg", "rad", "turn")}
-SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
-"""Mean speed over nominal speed beyond which something other than the speed is wrong; a motor may start from rest."""
+"""Units that are proposed where the stated one does not fit."""
 
-NEAR = 0.2  # of the nominal speed: so near must another unit come to be proposed
-LEAST_PER_TURN = 4.0  # samples that a revolution needs
-LEAST_TURNS = 1.0 - 1e-3
+
+@dataclass(frozen=True)
+class RunFile:
+    """The file of a run with what is checked of it, and how messages name its places.
+
+    Attributes
+    ----------
+    campaign : Campaign
+    run : CampaignRun
+    limits : RecordingLimits
+    """
+
+    campaign: Campaign
+    run: CampaignRun
+    limits: RecordingLimits
+
+    @property
+    def path(self) -> Path:
+        return self.campaign.folder / self.run.file
+
+    def place(self, channel: str, row: int | None = None) -> str:
+        """The column of `channel`, and the line `row` of the file (from 1): ``run.csv, column t, row 3``."""
+        at = "" if row is None else f", row {row}"
+        return f"{self.path}, column {self.campaign.channels[channel].column}{at}"
+
+    def in_unit(self, channel: str, unit: str) -> float:
+        """Factor [1] that turns values of `channel`, read in its stated unit, into those read in `unit`."""
+        return channel_factor(channel, unit) / self.campaign.factor(channel)
+
+
+def continuous_angle(time: np.ndarray | None, angle: np.ndarray, speed: float) -> np.ndarray:
+    """Continuous crank angles from an encoder's, which fall back after one turn or several, or are continuous already.
+
+    Every step is known but for whole turns. With times, the number of turns is the one nearest to what the mean speed lets
+    expect, so that gaps and few samples a turn do no harm. Without, a step is taken as less than half a turn.
+
+    Parameters
+    ----------
+    time : (n,) array or None
+        [s], rising.
+    angle : (n,) array
+        [rad]; NaN in gaps.
+    speed : float
+        Expected [rad/s].
+
+    Returns
+    -------
+    (n,) array
+        [rad]; begins where `angle` does.
+    """
+    known = np.flatnonzero(np.isfinite(angle))
+    continuous = np.full(angle.shape, np.nan)
+    if not known.size:
+        return continuous
+    steps = np.diff(angle[known])
+    if time is None:
+        full_steps = _nearest(steps, np.zeros(steps.size))
+    else:
+        lapse = np.diff(time[known])
+        full_steps = _nearest(steps, speed * lapse)
+        short = speed * lapse < tau / 4
+        if short.any():  # across gaps the speed as measured is a better guide than the nominal one
+            full_steps = _nearest(steps, full_steps[short].sum() / lapse[short].sum() * lapse)
+    continuous[known] = angle[known[0]] + np.append(0.0, np.cumsum(full_steps))
+    return continuous
+
+
+def _nearest(steps: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """`steps` and as many whole turns as bring them nearest to what is `expected`."""
+    return steps + tau * np.round((expected - steps) / tau)
 
 
 def checked_rotation(
-    path: Path, campaign: Campaign, run: CampaignRun, values: dict[str, np.ndarray], rows: np.ndarray
+    file: RunFile, values: dict[str, np.ndarray], rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times and angles of a run, each all NaN where not measured, and how far the crank has turned.
 
     Parameters
     ----------
-    path : Path
-        For messages.
-    campaign : Campaign
-    run : CampaignRun
+    file : RunFile
     values : dict of str to (n,) array
         Channels in SI; those of time finite, those of crank_angle too where there is no time.
     rows : (n,) array of int
-        Rows of the file, for messages.
+        Lines of the file, for messages.
 
     Returns
     -------
-    time : (n,) array
-        [s].
-    crank_angle : (n,) array
-        [rad], running on; mirrored where the crank turns clockwise.
+    time, crank_angle : (n,) array
+        [s]; [rad], continuous, mirrored where the crank turns clockwise.
     turned : (n,) array
         Angle since the first sample [rad], rising on the whole, without gaps: from the angles where there are no times, else from
         times and the mean speed.
@@ -50,30 +113,29 @@ def checked_rotation(
     InputError
         Times that do not rise, an angle that falls, less than a revolution, a speed far from nominal, too few samples.
     """
-    absent = np.full(rows.size, np.nan)
+    absent, speed = np.full(rows.size, np.nan), file.run.speed
     time = values.get("time", absent)
     angle = values.get("crank_angle", absent)
-    if run.direction == "clockwise":
+    if file.run.direction == "clockwise":
         angle = -angle
     if "time" in values:
-        _check_rising(path, campaign.channels["time"].column, time, rows)
-        most = SPEED_RATIOS[campaign.drive][1] if "crank_angle" in values else 1.0  # the angle says more, below
-        _check_time_alone(path, campaign, run, time, LEAST_TURNS / most)
+        _check_rising(file, time, rows)
+        # with an angle the record may turn faster than nominal: `_check_speed` says more
+        fastest = file.limits.speed_ratios[file.campaign.drive][1] if "crank_angle" in values else 1.0
+        _check_time_alone(file, time, file.limits.min_revolutions / fastest)
     if "crank_angle" not in values:
-        return time, absent, run.speed * (time - time[0])
+        return time, absent, speed * (time - time[0])
     if np.count_nonzero(np.isfinite(angle)) < 2:
-        raise InputError(
-            f"{path}, column {campaign.channels['crank_angle'].column}: holds no angles; give the measurement"
-        )
+        raise InputError(f"{file.place('crank_angle')}: holds no angles; give the measurement")
     if "time" not in values:
-        angle = running_on(None, angle, run.speed)
-        _check_angle_alone(path, campaign, run, values["crank_angle"], angle, rows)
+        angle = continuous_angle(None, angle, speed)
+        _check_angle_alone(file, values["crank_angle"], angle, rows)
         return absent, angle, angle - angle[0]
-    whole = running_on(time, angle, run.speed)
-    speed = _mean_speed(time, whole)
-    _check_speed(path, campaign, run, time, angle, speed)
-    _check_enough(path, campaign, (time[-1] - time[0]) * speed, time.size)
-    return time, whole, speed * (time - time[0])
+    continuous = continuous_angle(time, angle, speed)
+    mean_speed = _mean_speed(time, continuous)
+    _check_speed(file, time, angle, mean_speed)
+    _check_enough(file, (time[-1] - time[0]) * mean_speed, time.size)
+    return time, continuous, mean_speed * (time - time[0])
 
 
 def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
@@ -82,114 +144,107 @@ def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
     return float((angle[last] - angle[first]) / (time[last] - time[first]))
 
 
-def _check_rising(path: Path, column: str, time: np.ndarray, rows: np.ndarray) -> None:
+def _check_rising(file: RunFile, time: np.ndarray, rows: np.ndarray) -> None:
     if (late := np.flatnonzero(np.diff(time) <= 0.0)).size:
         before, after = time[late[0]], time[late[0] + 1]
         what = f"repeats {after:.10g} s" if after == before else f"falls from {before:.10g} to {after:.10g} s"
-        mend = "write times with more digits" if after == before else "sort the rows, or give one file per record"
-        raise InputError(f"{path}, column {column}, row {rows[late[0] + 1]}: time {what}; {mend}")
+        fix = "write times with more digits" if after == before else "sort the rows, or give one file per record"
+        raise InputError(f"{file.place('time', rows[late[0] + 1])}: time {what}; {fix}")
 
 
-def _check_time_alone(path: Path, campaign: Campaign, run: CampaignRun, time: np.ndarray, least: float) -> None:
+def _check_time_alone(file: RunFile, time: np.ndarray, least: float) -> None:
     """Whether times make the `least` revolutions, and enough samples in each, at the nominal speed."""
+    span, limits = time[-1] - time[0], file.limits
+    turns = file.run.speed * span * time.size / (time.size - 1) / tau  # the last sample stands for a step too
 
-    span = time[-1] - time[0]
-    turns = run.speed * span * time.size / (time.size - 1) / TURN  # the last sample stands for a step too
+    def fits(factor: float, least: float = limits.min_revolutions) -> bool:
+        return least <= factor * turns <= time.size / limits.min_samples_per_revolution
 
-    def fits(factor: float, least: float = LEAST_TURNS) -> bool:
-        return least <= factor * turns <= time.size / LEAST_PER_TURN
-
-    if fits(1.0, least):
-        return
-    channel = campaign.channels["time"]
-    known = [unit for unit in UNITS["time"] if fits(channel_factor("time", unit) / campaign.factor("time"))]
-    raise InputError(
-        f"{path}, column {channel.column}: {time.size} samples over {span:.4g} s are {turns:.4g} revolutions at the "
-        f"nominal {_rpm(run.speed)}; at least one revolution and {LEAST_PER_TURN:g} samples in each are needed; "
-        f"{_proposal('time', channel.unit, known)}"
-    )
+    if not fits(1.0, least):
+        fitting = [unit for unit in UNITS["time"] if fits(file.in_unit("time", unit))]
+        raise InputError(
+            f"{file.place('time')}: {time.size} samples over {span:.4g} s are {turns:.4g} revolutions at the "
+            f"nominal {_rpm(file.run.speed)}; at least one revolution and {limits.min_samples_per_revolution:g} samples in each are "
+            f"needed; {_proposal(file, 'time', fitting)}"
+        )
 
 
-def _check_angle_alone(
-    path: Path, campaign: Campaign, run: CampaignRun, read: np.ndarray, angle: np.ndarray, rows: np.ndarray
-) -> None:
-    """Whether angles without times make sense as they are: `read` from the file, `angle` running on."""
-    channel = campaign.channels["crank_angle"]
-    where = f"{path}, column {channel.column}"
+def _check_angle_alone(file: RunFile, read: np.ndarray, angle: np.ndarray, rows: np.ndarray) -> None:
+    """Whether angles without times make sense as they are: `read` from the file, `angle` continuous."""
     steps = np.diff(angle)
-    jumps = np.abs(np.diff(read)) > TURN / 2
+    jumps = np.abs(np.diff(read)) > tau / 2
     odd = jumps & (np.abs(steps - np.median(steps)) > max(1.0, 5.0 * float(np.median(np.abs(steps)))))
     if jumps.mean() > 0.2 or odd.any():
         row = int(np.flatnonzero(jumps)[0]) + 1
         raise InputError(
-            f"{where}, row {rows[row]}: the angle steps by {math.degrees(read[row] - read[row - 1]):.4g} deg, neither less than half a "
-            f"turn nor a fall by whole turns; {_proposal('crank_angle', channel.unit, ())}"
+            f"{file.place('crank_angle', rows[row])}: the angle steps by {math.degrees(read[row] - read[row - 1]):.4g} deg, neither "
+            f"less than half a turn nor a fall by whole turns; {_proposal(file, 'crank_angle', ())}"
         )
     total = angle[-1] - angle[0]
-    if total < -TURN * LEAST_TURNS / 2:
-        raise _turns_back(where, run, angle)
-    _check_enough(path, campaign, total, angle.size)
+    if total < -tau * file.limits.min_revolutions / 2:
+        raise _turns_back(file, angle)
+    _check_enough(file, total, angle.size)
 
 
-def _check_speed(
-    path: Path, campaign: Campaign, run: CampaignRun, time: np.ndarray, angle: np.ndarray, speed: float
-) -> None:
+def _check_speed(file: RunFile, time: np.ndarray, angle: np.ndarray, speed: float) -> None:
     """Whether angles and times make about the run's speed; if not, in which other units they would."""
-    low, high = SPEED_RATIOS[campaign.drive]
-    if low * run.speed <= speed <= high * run.speed:
+    nominal = file.run.speed
+    low, high = file.limits.speed_ratios[file.campaign.drive]
+    if low * nominal <= speed <= high * nominal:
         return
-    where = f"{path}, column {campaign.channels['crank_angle'].column}"
-    if -high * run.speed <= speed <= -low * run.speed:
-        raise _turns_back(where, run, running_on(time, angle, run.speed))
-    others = []
+    if -high * nominal <= speed <= -low * nominal:
+        raise _turns_back(file, continuous_angle(time, angle, nominal))
+    fitting = []
     for unit in UNITS["crank_angle"]:
-        angles = channel_factor("crank_angle", unit) / campaign.factor("crank_angle") * angle
-        if abs(_mean_speed(time, running_on(time, angles, run.speed)) / run.speed - 1.0) < NEAR:
-            others.append(unit)
+        angles = file.in_unit("crank_angle", unit) * angle
+        in_unit = _mean_speed(time, continuous_angle(time, angles, nominal))
+        if abs(in_unit / nominal - 1.0) < file.limits.speed_tolerance:
+            fitting.append(unit)
     raise InputError(
-        f"{where}: with the column {campaign.channels['time'].column} it makes a mean speed of {_rpm(speed)}, but the run's is "
-        f"{_rpm(run.speed)}; {_proposal('crank_angle', campaign.channels['crank_angle'].unit, others)}"
+        f"{file.place('crank_angle')}: with the column {file.campaign.channels['time'].column} it makes a mean speed of "
+        f"{_rpm(speed)}, but the run's is {_rpm(nominal)}; {_proposal(file, 'crank_angle', fitting)}"
     )
 
 
-def _check_enough(path: Path, campaign: Campaign, total: float, samples: int) -> None:
+def _check_enough(file: RunFile, total: float, samples: int) -> None:
     """Whether `samples` over an angle of `total` [rad] hold a revolution, and enough samples in each."""
-    channel = campaign.channels["crank_angle"]
-    where = f"{path}, column {channel.column}"
-    turns = total * (1.0 + 1.0 / (samples - 1)) / TURN  # the last sample stands for a step too
-    if turns < LEAST_TURNS:
-        raise InputError(
-            f"{where}: the crank turns by {math.degrees(total):.4g} deg, less than one revolution; give a longer record, or "
-            "correct the unit of the channel crank_angle"
+    turns = total * (1.0 + 1.0 / (samples - 1)) / tau  # the last sample stands for a step too
+    if turns < file.limits.min_revolutions:
+        what, fix = (
+            f"the crank turns by {math.degrees(total):.4g} deg, less than one revolution",
+            "give a longer record",
         )
-    if samples / turns < LEAST_PER_TURN:
-        raise InputError(
-            f"{where}: {samples} samples in {turns:.4g} revolutions are fewer than {LEAST_PER_TURN:g} a revolution; sample faster, or "
-            "correct the unit of the channel crank_angle"
+    elif samples / turns < (least := file.limits.min_samples_per_revolution):
+        what, fix = (
+            f"{samples} samples in {turns:.4g} revolutions are fewer than {least:g} a revolution",
+            "sample faster",
         )
+    else:
+        return
+    raise InputError(f"{file.place('crank_angle')}: {what}; {fix}, or correct the unit of the channel crank_angle")
 
 
-def _turns_back(where: str, run: CampaignRun, angle: np.ndarray) -> InputError:
-    """The complaint of an `angle`, mirrored where the run is clockwise, that falls on the whole."""
+def _turns_back(file: RunFile, angle: np.ndarray) -> InputError:
+    """The error of an `angle` [rad], mirrored where the run is clockwise, that falls on the whole."""
     known = np.degrees(angle[np.isfinite(angle)])
-    if run.direction == "clockwise":
+    if file.run.direction == "clockwise":
         return InputError(
-            f"{where}: the angle rises from {-known[0]:.6g} to {-known[-1]:.6g} deg, but run '{run.id}' has 'direction: clockwise'; "
-            "remove it, or change the sign of the angles"
+            f"{file.place('crank_angle')}: the angle rises from {-known[0]:.6g} to {-known[-1]:.6g} deg, but run '{file.run.id}' has "
+            "'direction: clockwise'; remove it, or change the sign of the angles"
         )
     return InputError(
-        f"{where}: the angle falls from {known[0]:.6g} to {known[-1]:.6g} deg; if the crank turns clockwise, give the run "
-        "'direction: clockwise', else change the sign of the angles"
+        f"{file.place('crank_angle')}: the angle falls from {known[0]:.6g} to {known[-1]:.6g} deg; if the crank turns clockwise, give "
+        "the run 'direction: clockwise', else change the sign of the angles"
     )
 
 
-def _proposal(name: str, unit: str, others) -> str:
-    """What to do about a unit, given the others that would fit."""
-    others = [other for other in others if other != unit]
-    if others:
-        return f"channels.{name}.unit is '{unit}': did you mean '{others[0]}'?"
-    return f"check channels.{name}.unit = '{unit}' and the run's speed, or measure again"
+def _proposal(file: RunFile, channel: str, fitting) -> str:
+    """What to do about the unit of a channel, given those that would fit."""
+    unit = file.campaign.channels[channel].unit
+    if others := [other for other in fitting if other != unit]:
+        return f"channels.{channel}.unit is '{unit}': did you mean '{others[0]}'?"
+    return f"check channels.{channel}.unit = '{unit}' and the run's speed, or measure again"
 
 
 def _rpm(speed: float) -> str:
-    return f"{speed * 60.0 / TURN:.4g} rpm"
+    return f"{speed * 60.0 / tau:.4g} rpm"
