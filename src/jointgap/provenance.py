@@ -19,7 +19,7 @@ ENTRY_MODULES = {
     "track": ("track.publish", "track.scenario_runs"),
     "blind_conceal": ("trials.make_trial",),
     "blind_analyse": ("trials.analyse_trial",),
-    "blind_score": ("trials.trials_report", "trials.trial_figures", "trials.trials_table", "trials.trial_runs"),
+    "blind_score": ("trials.trials_report", "trials.trial_figures"),
 }
 """Modules of the package in which the work of a stage begins; what they import belongs to the stage too."""
 

@@ -10,9 +10,8 @@ from jointgap import tables
 from jointgap.cli import cli
 from jointgap.errors import InputError
 from jointgap.track.compare_links import addresses
-from jointgap.trials.trial_runs import records
-from jointgap.trials.trials_report import rates
-from jointgap.trials.trials_table import TRIALS
+from jointgap.trials.score import TRIALS
+from jointgap.trials.trials_report import mlflow_records, rates
 
 
 def made_up(right: int, count: int = 4) -> pd.DataFrame:
@@ -43,7 +42,7 @@ def published(results, name: str, right: int) -> dict:
 
 
 def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(tmp_path):
-    (record,) = records(scored(tmp_path, made_up(3)))
+    (record,) = mlflow_records(scored(tmp_path, made_up(3)))
     assert record.metrics["right name/all"] == 0.75
     assert record.metrics["right name/gap 5"] == 0.75
     assert record.metrics["trials/single"] == 4
@@ -64,4 +63,4 @@ def test_sets_stand_side_by_side_and_a_new_score_supersedes_the_old(results, cli
 
 def test_a_set_that_was_not_scored_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"trials\.parquet"):
-        records(tmp_path)
+        mlflow_records(tmp_path)

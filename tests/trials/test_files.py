@@ -5,8 +5,8 @@ from click.testing import CliRunner
 
 from jointgap.cli import cli
 from jointgap.errors import InputError
-from jointgap.trials.batches import records, trials_in
-from jointgap.trials.trials_table import trials
+from jointgap.trials.batches import listed_trials, read_trial_records
+from jointgap.trials.score import score_batches
 
 
 def test_a_list_that_is_not_there_is_named_with_the_command_that_writes_it(tmp_path):
@@ -20,10 +20,10 @@ def test_a_list_that_is_not_there_is_named_with_the_command_that_writes_it(tmp_p
 def test_a_list_gives_the_campaigns_that_are_there_and_no_others(tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "batch.txt").write_text("a\n")
-    assert trials_in(tmp_path / "batch.txt", tmp_path) == ["a"]
+    assert listed_trials(tmp_path / "batch.txt", tmp_path) == ["a"]
     (tmp_path / "batch.txt").write_text("a\nb\n")
     with pytest.raises(InputError, match=r"lists the campaign b, which is not in .*; correct --campaigns"):
-        trials_in(tmp_path / "batch.txt", tmp_path)
+        listed_trials(tmp_path / "batch.txt", tmp_path)
 
 
 @pytest.mark.parametrize("missing", ["truth", "found"])
@@ -34,7 +34,7 @@ def test_a_truth_or_a_verdict_that_is_not_there_is_named_with_its_option(tmp_pat
     with pytest.raises(
         InputError, match=rf"{missing}\.json: cannot be read .*correct --{missing}, or run `jointgap blind-"
     ):
-        trials([paths["truth"]], [paths["found"]])
+        score_batches([paths["truth"]], [paths["found"]])
 
 
 @pytest.mark.parametrize(
@@ -49,4 +49,4 @@ def test_a_truth_or_a_verdict_that_is_not_there_is_named_with_its_option(tmp_pat
 def test_a_file_that_holds_no_trials_is_refused_with_what_should_be_given(tmp_path, content, words):
     (tmp_path / "found.json").write_bytes(content)
     with pytest.raises(InputError, match=rf"found\.json: {words}"):
-        records(tmp_path / "found.json", "--found", "blind-analyse")
+        read_trial_records(tmp_path / "found.json", "--found", "blind-analyse")

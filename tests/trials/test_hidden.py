@@ -10,62 +10,62 @@ import yaml
 from jointgap.config import EFFECTS
 from jointgap.config.load import load_campaign
 from jointgap.recordings import read_measurements
-from jointgap.trials.batches import kept, of_files
-from jointgap.trials.draw_rigs import design
+from jointgap.trials.batches import cached_record, folder_digest
 from jointgap.trials.injected_effects import LISTED, OFF_LIST, Hidden
-from jointgap.trials.make_trial import autoregressive, beyond_nominal, conceal, drawn
-from jointgap.trials.sensor_readings import Turn, faulty, read
-from jointgap.trials.size_calibration import NEAR, SIZING, Gauge, sized
-from jointgap.trials.trial_plan import EXUDYN, SIZES, Plan, Sizes, batches, plans
+from jointgap.trials.make_trial import ar1_noise, draw_trial, make_trial, parameters_beyond_nominal
+from jointgap.trials.sensor_readings import CrankRun, faulty_reading, noise_free_readings
+from jointgap.trials.size_calibration import GAP_TOLERANCE, SIZING_NUMERICS, SizeCalibrator, calibrate_size
+from jointgap.trials.trial_plan import EXUDYN_EFFECTS, TARGET_GAPS, TrialPlan, TrialSet, batch_count, plan_trials
+from jointgap.trials.virtual_rig import draw_rig
 
-SET = Sizes(seed=3, single=60, nothing=50, pairs=10, off_list=11, exudyn=4, batch=9)
+SET = TrialSet(seed=3, single=60, nothing=50, pairs=10, off_list=11, exudyn=4, batch=9)
 
 
 @pytest.fixture(scope="module")
 def rig():
-    made = design(np.random.default_rng(4), "ideal")
-    return made, Gauge(made, [run for run in made.runs if run != made.confirm])
+    made = draw_rig(np.random.default_rng(4), "ideal")
+    return made, SizeCalibrator(made, made.identify_runs)
 
 
 def test_every_effect_of_the_catalogue_but_formulas_and_the_faults_of_sensors_can_be_hidden():
     names = {name.partition(":")[0] for name in LISTED}
     physical = {name for name in EFFECTS if not name.startswith("discovered")}
     assert names == physical | {"encoder_offset", "sensor_bias", "sensor_gain", "sensor_lag"}
-    assert set(EXUDYN) <= set(LISTED)
+    assert set(EXUDYN_EFFECTS) <= set(LISTED)
     assert not names & set(OFF_LIST)
 
 
 def test_a_set_holds_what_it_says_and_its_names_tell_nothing():
-    found = plans(SET)
+    found = plan_trials(SET)
     kinds = [plan.kind for plan in found]
     assert {kind: kinds.count(kind) for kind in set(kinds)} == {
         "single": 60, "nothing": 50, "pair": 10, "off_list": 11, "exudyn": 4,
     }  # fmt: skip
-    assert found == plans(SET)
+    assert found == plan_trials(SET)
     assert len({plan.id for plan in found}) == len(found)
     assert all(len(plan.id) == 12 and int(plan.id, 16) >= 0 for plan in found)
-    assert {plan.size for plan in found if plan.kind != "nothing"} == set(SIZES)
+    assert {plan.size for plan in found if plan.kind != "nothing"} == set(TARGET_GAPS)
     loose = [plan for plan in found if plan.base != "ideal" and plan.kind != "exudyn"]
     assert len(loose) >= 0.5 * (len(found) - 4)
     assert sum(plan.base == "chaotic" for plan in found) >= 5
-    assert batches(SET) == 15
+    assert batch_count(SET) == 15
 
 
 def test_every_effect_of_the_list_is_hidden_about_as_often():
-    names = [plan.effects[0] for plan in plans(SET) if plan.kind == "single"]
+    names = [plan.effects[0] for plan in plan_trials(SET) if plan.kind == "single"]
     counts = [names.count(name) for name in LISTED]
     assert max(counts) - min(counts) <= 1
 
 
 @pytest.mark.parametrize("name", ["slider_coulomb_friction", "gravity", "crank_viscous_friction", "sensor_gain"])
 def test_the_gap_is_what_was_asked_for(rig, name):
-    made, gauge = rig
-    one = LISTED[name](made.rig(gauge.spread()), np.random.default_rng(0))
-    for target in SIZES:
-        size, gap = sized(gauge, one, target)
+    made, calibrator = rig
+    one = LISTED[name](made.scales(calibrator.spread()), np.random.default_rng(0))
+    for target in TARGET_GAPS:
+        size, gap = calibrate_size(calibrator, one, target)
         if size < one.most:
-            assert gap == pytest.approx(target, rel=2 * NEAR)
-        assert gauge.gap([(one, size)]) == gap
+            assert gap == pytest.approx(target, rel=2 * GAP_TOLERANCE)
+        assert calibrator.gap([(one, size)]) == gap
 
 
 def test_nothing_hidden_leaves_the_gap_of_the_noise(rig):
@@ -73,58 +73,68 @@ def test_nothing_hidden_leaves_the_gap_of_the_noise(rig):
 
 
 def test_other_numerics_leave_a_gap_where_an_effect_rests_on_them(rig):
-    made, gauge = rig
-    friction = LISTED["slider_coulomb_friction"](made.rig(gauge.spread()), np.random.default_rng(1))
+    made, calibrator = rig
+    friction = LISTED["slider_coulomb_friction"](made.scales(calibrator.spread()), np.random.default_rng(1))
     hidden = [(friction, 20 * friction.first)]
-    assert gauge.numerics_gap(hidden, SIZING) == 1.0
-    assert 1.0 < gauge.numerics_gap(hidden, replace(SIZING, sign_factor=3.0))
-    assert gauge.numerics_gap([], replace(SIZING, sign_factor=3.0)) == pytest.approx(1.0, abs=1e-6)
+    assert calibrator.numerics_gap(hidden, SIZING_NUMERICS) == 1.0
+    assert 1.0 < calibrator.numerics_gap(hidden, replace(SIZING_NUMERICS, sign_factor=3.0))
+    assert calibrator.numerics_gap([], replace(SIZING_NUMERICS, sign_factor=3.0)) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_what_a_nuisance_can_take_up_is_no_gap(rig):
-    made, gauge = rig
-    heavier = LISTED["added_slider_mass"](made.rig(gauge.spread()), None)
-    low, high = made.nuisance["slider_mass"]
-    within = 0.9 * (high - made.values["slider_mass"])
-    assert gauge.gap([(heavier, within)]) < 1.02
-    assert gauge.gap([(heavier, within + 5 * (high - low))]) > gauge.gap([(heavier, within + (high - low))]) > 1.02
+    made, calibrator = rig
+    heavier = LISTED["added_slider_mass"](made.scales(calibrator.spread()), None)
+    low, high = made.nuisance_bounds["slider_mass"]
+    within = 0.9 * (high - made.nuisance_values["slider_mass"])
+    assert calibrator.gap([(heavier, within)]) < 1.02
+    assert (
+        calibrator.gap([(heavier, within + 5 * (high - low))])
+        > calibrator.gap([(heavier, within + (high - low))])
+        > 1.02
+    )
 
 
 def test_sensors_err_as_their_faults_say(rig):
-    made, gauge = rig
+    made, calibrator = rig
     run, turn = next(iter(made.runs.items()))
     channel = next(iter(made.sensors))
-    true = gauge.base.get(run) or read(made.true, turn, SIZING, [channel])
+    true = calibrator.base.get(run) or noise_free_readings(made.true, turn, SIZING_NUMERICS, [channel])
     times = turn.times
-    assert faulty("sensor_bias", {"bias": 2.0}, true[channel], times) == pytest.approx(true[channel] + 2.0)
-    assert faulty("sensor_gain", {"gain_error": 0.1}, true[channel], times) == pytest.approx(1.1 * true[channel])
-    assert np.ptp(faulty("saturation", {"saturation": 0.3}, true[channel], times)) == pytest.approx(
+    assert faulty_reading("sensor_bias", {"bias": 2.0}, true[channel], times) == pytest.approx(true[channel] + 2.0)
+    assert faulty_reading("sensor_gain", {"gain_error": 0.1}, true[channel], times) == pytest.approx(
+        1.1 * true[channel]
+    )
+    assert np.ptp(faulty_reading("saturation", {"saturation": 0.3}, true[channel], times)) == pytest.approx(
         0.7 * np.ptp(true[channel])
     )
 
 
 def test_a_slow_sensor_lags_behind_a_slow_signal_by_its_time(rig):
     made, _ = rig
-    lag = LISTED["sensor_lag"](made.rig(dict.fromkeys(made.sensors, 1.0)), np.random.default_rng(0))
+    lag = LISTED["sensor_lag"](made.scales(dict.fromkeys(made.sensors, 1.0)), np.random.default_rng(0))
     speed, channel = 20.0, lag.sensor
     times = np.linspace(0.0, 0.3, 200)
     late = 1e-4  # the lag of a signal much slower than it is a delay, to the second order
-    seen = read(made.true, Turn(speed, 1.0, times), SIZING, [channel], [(lag, late)])[channel]
-    delayed = read(made.true, Turn(speed, 1.0 - speed * late, times), SIZING, [channel])[channel]
-    true = read(made.true, Turn(speed, 1.0, times), SIZING, [channel])[channel]
+    seen = noise_free_readings(made.true, CrankRun(speed, 1.0, times), SIZING_NUMERICS, [channel], [(lag, late)])[
+        channel
+    ]
+    delayed = noise_free_readings(made.true, CrankRun(speed, 1.0 - speed * late, times), SIZING_NUMERICS, [channel])[
+        channel
+    ]
+    true = noise_free_readings(made.true, CrankRun(speed, 1.0, times), SIZING_NUMERICS, [channel])[channel]
     assert np.abs(seen - delayed).max() < 0.02 * np.abs(seen - true).max()
 
 
 def test_noise_with_a_memory_has_the_variance_and_the_correlation_it_should_have():
-    seen = autoregressive(np.random.default_rng(0), 200_000, 0.7)
+    seen = ar1_noise(np.random.default_rng(0), 200_000, 0.7)
     assert seen.var() == pytest.approx(1.0, rel=0.02)
     assert np.mean(seen[1:] * seen[:-1]) == pytest.approx(0.7, rel=0.02)
 
 
 def test_a_campaign_can_be_read_and_tells_nothing_of_the_truth(tmp_path):
-    plan = Plan("0123456789ab", 3, "single", "ideal", 5.0, ("slider_spring",))
-    truth = conceal(plan, 5, tmp_path / plan.id)
-    assert truth == conceal(plan, 5, tmp_path / "again")
+    plan = TrialPlan("0123456789ab", 3, "single", "ideal", 5.0, ("slider_spring",))
+    truth = make_trial(plan, 5, tmp_path / plan.id)
+    assert truth == make_trial(plan, 5, tmp_path / "again")
     json.dumps(truth, allow_nan=False)
     folder = tmp_path / plan.id
     content = yaml.safe_load((folder / "campaign.yaml").read_text())
@@ -140,16 +150,17 @@ def test_a_campaign_can_be_read_and_tells_nothing_of_the_truth(tmp_path):
 
 
 def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(tmp_path):
-    plan = Plan("0123456789ab", 2, "single", "ideal", 5.0, ("added_slider_mass",))
-    truth = conceal(plan, 11, tmp_path)
+    plan = TrialPlan("0123456789ab", 2, "single", "ideal", 5.0, ("added_slider_mass",))
+    truth = make_trial(plan, 11, tmp_path)
     file = yaml.safe_load((tmp_path / "mechanism.yaml").read_text())
-    made, _, ((hidden, size),), _ = drawn(plan, np.random.default_rng([11, 1, plan.number]))
+    draw = draw_trial(plan, np.random.default_rng([11, 1, plan.number]))
+    made, ((hidden, size),) = draw.rig, draw.effects
     (stated,) = truth["effects"]
     off = truth["nuisances"]["slider_mass"] - file["slider"]["mass"]
     assert stated["parameters"]["mass_kg"] == pytest.approx(hidden.parameters(size)["mass_kg"] + off, rel=1e-12)
     assert abs(off) > 1e-4
     lengths = Hidden("link_length_error", "crank, rod", lambda size: {"rod_m": size}, 1e-4, 0.02)
-    known = beyond_nominal(made, lengths, 1e-3)
+    known = parameters_beyond_nominal(made, lengths, 1e-3)
     assert list(known) == ["rod_m", "crank_m"]
     assert known["rod_m"] == 1e-3 + made.true["rod"]["length"] - made.nominal["rod"]["length"]
 
@@ -159,7 +170,7 @@ def test_a_trial_is_done_again_where_it_failed_or_its_files_or_code_are_others(t
     (tmp_path / "campaign" / "run1.csv").write_text("1")
 
     def done(code, **outcome):
-        return kept(tmp_path / "trial.json", f"{code} {of_files(tmp_path / 'campaign')}", lambda: outcome)
+        return cached_record(tmp_path / "trial.json", f"{code} {folder_digest(tmp_path / 'campaign')}", lambda: outcome)
 
     assert done("a", error="no memory")["error"] == "no memory"
     assert done("a", verdict=1)["verdict"] == 1
@@ -170,15 +181,14 @@ def test_a_trial_is_done_again_where_it_failed_or_its_files_or_code_are_others(t
 
 
 def test_readings_are_the_truth_with_its_effect_and_noise(tmp_path):
-    plan = Plan("0123456789ab", 3, "single", "ideal", 5.0, ("slider_spring",))
+    plan = TrialPlan("0123456789ab", 3, "single", "ideal", 5.0, ("slider_spring",))
     rng = np.random.default_rng([5, 1, plan.number])
-    from jointgap.trials.make_trial import drawn
-
-    made, _, hidden, _ = drawn(plan, rng)
-    conceal(plan, 5, tmp_path)
+    draw = draw_trial(plan, rng)
+    made, hidden = draw.rig, draw.effects
+    make_trial(plan, 5, tmp_path)
     measured = read_measurements(load_campaign(tmp_path / "campaign.yaml"))
     for run, recording in measured.runs.items():
-        clean = read(made.true, made.runs[run], made.numerics, list(made.sensors), hidden)
+        clean = noise_free_readings(made.true, made.runs[run], made.numerics, list(made.sensors), hidden)
         for channel, sensor in made.sensors.items():
             off = recording.channels[channel] - clean[channel]
-            assert np.nanstd(off) == pytest.approx(sensor.share * clean[channel].std(), rel=0.3), (run, channel)
+            assert np.nanstd(off) == pytest.approx(sensor.noise_share * clean[channel].std(), rel=0.3), (run, channel)

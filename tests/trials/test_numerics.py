@@ -7,7 +7,7 @@ import pytest
 
 from jointgap.config import Simulate
 from jointgap.dynamics import simulate
-from jointgap.trials.sensor_readings import Numerics, Turn, moved
+from jointgap.trials.sensor_readings import CrankRun, Numerics, simulate_signals
 from tests.independent.cases import mechanism
 
 SPEED = 40.0
@@ -28,7 +28,7 @@ def test_both_integrators_give_the_same_motion(loose):
         mechanism(loose, friction=0.1), Simulate(speed=SPEED, revolutions=2, samples_per_revolution=60, tolerance=1e-13)
     ).samples.iloc[60:]
     times = ours["time"].to_numpy() - 2 * math.pi / SPEED
-    other = moved(content(loose), Turn(SPEED, 0.0, times), Numerics(1e-12), settling=1)
+    other = simulate_signals(content(loose), CrankRun(SPEED, 0.0, times), Numerics(1e-12), settling=1)
     for name in SEEN:
         spread = float(ours[name].std())
         assert np.abs(other[name] - ours[name]).max() < 2e-3 * spread, name
@@ -37,9 +37,9 @@ def test_both_integrators_give_the_same_motion(loose):
 
 def test_a_smaller_tolerance_changes_the_motion_less():
     times = np.linspace(0.0, 2 * math.pi / SPEED, 60)
-    exact = moved(content(("piston_pin",)), Turn(SPEED, 0.0, times), Numerics(1e-13), settling=0)
+    exact = simulate_signals(content(("piston_pin",)), CrankRun(SPEED, 0.0, times), Numerics(1e-13), settling=0)
     off = [
-        np.abs(moved(content(("piston_pin",)), Turn(SPEED, 0.0, times), Numerics(t), settling=0)["slider_velocity"] - exact["slider_velocity"]).max()
+        np.abs(simulate_signals(content(("piston_pin",)), CrankRun(SPEED, 0.0, times), Numerics(t), settling=0)["slider_velocity"] - exact["slider_velocity"]).max()
         for t in (1e-8, 1e-10, 1e-12)
     ]  # fmt: skip
     assert off[0] > off[1] > off[2]
@@ -48,7 +48,7 @@ def test_a_smaller_tolerance_changes_the_motion_less():
 def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for():
     pytest.importorskip("exudyn", reason="needs Exudyn: pip install 'jointgap[peers]'")
     from jointgap.trials.exudyn_model import simulate as by_exudyn
-    from jointgap.trials.trial_plan import EXUDYN
+    from jointgap.trials.trial_plan import EXUDYN_EFFECTS
 
     made = content() | {
         "effects": [
@@ -64,8 +64,8 @@ def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for()
             {"name": "link_length_error", "parameters": {"crank_m": 0.002, "rod_m": -0.001}},
         ]
     }
-    assert {effect["name"] for effect in made["effects"]} == set(EXUDYN)
+    assert {effect["name"] for effect in made["effects"]} == set(EXUDYN_EFFECTS)
     times = np.linspace(0.0, 2 * math.pi / SPEED, 61)
-    ours = moved(made, Turn(SPEED, 1.0, times), Numerics(), settling=1)
+    ours = simulate_signals(made, CrankRun(SPEED, 1.0, times), Numerics(), settling=1)
     for name, values in by_exudyn(made, SPEED, 1.0, times, settling=1).items():
         assert np.abs(values - ours[name]).max() < 1e-4 * ours[name].std(), name

@@ -9,12 +9,11 @@ import pytest
 
 from jointgap import tables
 from jointgap.errors import InputError
-from jointgap.trials.analyse_trial import greedy
-from jointgap.trials.make_trial import PIECES
-from jointgap.trials.score import label, scored
-from jointgap.trials.trial_figures import draw
-from jointgap.trials.trials_report import interval, markdown, metrics, rates
-from jointgap.trials.trials_table import TRIALS, trials
+from jointgap.trials.analyse_trial import greedy_names
+from jointgap.trials.make_trial import ANGLE_PIECES
+from jointgap.trials.score import TRIALS, effect_label, score_batches, score_trial
+from jointgap.trials.trial_figures import draw_score
+from jointgap.trials.trials_report import markdown, metrics, rates, share_interval
 
 DRAG = {"name": "slider_quadratic_drag", "site": "slider", "listed": True, "parameters": {"drag_N_s2_m2": 2.0}}
 SPRING = {"name": "slider_spring", "site": "slider", "listed": True, "parameters": {"stiffness_N_m": 100.0}}
@@ -34,7 +33,7 @@ def named(effect, value=None, low=0.0, high=1e3) -> dict:
     return {"name": effect["name"], "site": effect["site"], "parameters": stated}
 
 
-def told(
+def analysis(
     verdict="named", effects=(), equivalent=(), merged=(), undetectable=(), where=(), gap=(4.0, 1.0), **more
 ) -> dict:
     return {
@@ -49,7 +48,7 @@ def told(
 
 
 def outcome(*arguments, **keys) -> str:
-    return scored(truth(*arguments), told(**keys))["outcome"]
+    return score_trial(truth(*arguments), analysis(**keys))["outcome"]
 
 
 def test_the_true_name_alone_is_right():
@@ -62,7 +61,7 @@ def test_the_true_name_alone_is_right():
 
 
 def test_a_faulty_sensor_is_right_on_its_own_channel_alone():
-    assert label(LAG) == "sensor_lag:crank_torque"
+    assert effect_label(LAG) == "sensor_lag:crank_torque"
     assert outcome(LAG, effects=[named(LAG)]) == "right"
     assert outcome(LAG, effects=[named({**LAG, "site": "guide_force"})]) == "wrong"
 
@@ -82,8 +81,8 @@ def test_each_effect_of_a_pair_has_its_own_double_where_preflight_foresaw_the_am
     a, b, c, d = (one(name) for name in "abcd")
     doubles = [[named(c), named(d)], [named(a), named(b)]]
     ambiguous = {"verdict": "ambiguous", "equivalent": doubles}
-    assert scored(truth(c, d, kind="pair"), told(**ambiguous, merged=["ac", "bd"]))["outcome"] == "right"
-    assert scored(truth(c, d, kind="pair"), told(**ambiguous, merged=["abc"]))["outcome"] == "ambiguous"
+    assert score_trial(truth(c, d, kind="pair"), analysis(**ambiguous, merged=["ac", "bd"]))["outcome"] == "right"
+    assert score_trial(truth(c, d, kind="pair"), analysis(**ambiguous, merged=["abc"]))["outcome"] == "ambiguous"
 
 
 def test_with_nothing_hidden_nothing_is_right_and_any_name_is_wrong():
@@ -94,7 +93,7 @@ def test_with_nothing_hidden_nothing_is_right_and_any_name_is_wrong():
 
 
 def test_one_of_a_pair_is_but_a_part():
-    row = scored(truth(DRAG, SPRING, kind="pair"), told(effects=[named(SPRING)]))
+    row = score_trial(truth(DRAG, SPRING, kind="pair"), analysis(effects=[named(SPRING)]))
     assert row["outcome"] == "partly"
 
 
@@ -112,32 +111,32 @@ def test_a_discovered_force_is_right_within_a_tenth_of_the_true_one(off, found):
     force |= {key: [0.5] * 21 for key in ("x", "w", "theta", "t")}
     hidden = {"name": "cubic_drag", "site": "slider", "listed": False, "parameters": {"s": 3.0}, "force": force}
     sealed = truth(hidden, kind="off_list")
-    assert scored(sealed, told(effects=[law("-c*v^3", c=3.0 * off)]))["outcome"] == found
-    assert scored(sealed, told(effects=[named(DRAG)]))["outcome"] == "wrong"
-    assert scored(sealed, told(verdict="unexplained"))["outcome"] == "unexplained"
+    assert score_trial(sealed, analysis(effects=[law("-c*v^3", c=3.0 * off)]))["outcome"] == found
+    assert score_trial(sealed, analysis(effects=[named(DRAG)]))["outcome"] == "wrong"
+    assert score_trial(sealed, analysis(verdict="unexplained"))["outcome"] == "unexplained"
 
 
 def test_what_preflight_calls_undetectable_is_apart_and_so_is_what_could_not_be_made_large_enough():
-    assert scored(truth(DRAG), told(effects=[named(DRAG)]))["detectable"]
-    assert not scored(truth(DRAG), told(undetectable=["slider_quadratic_drag"]))["detectable"]
-    assert not scored(truth(DRAG, gap=1.1), told())["detectable"]
-    assert scored(truth(DRAG), told(undetectable=["slider_quadratic_drag"]))["foreseen"]
-    assert not scored(truth(DRAG, gap=1.1), told())["foreseen"]
+    assert score_trial(truth(DRAG), analysis(effects=[named(DRAG)]))["detectable"]
+    assert not score_trial(truth(DRAG), analysis(undetectable=["slider_quadratic_drag"]))["detectable"]
+    assert not score_trial(truth(DRAG, gap=1.1), analysis())["detectable"]
+    assert score_trial(truth(DRAG), analysis(undetectable=["slider_quadratic_drag"]))["foreseen"]
+    assert not score_trial(truth(DRAG, gap=1.1), analysis())["foreseen"]
 
 
 def test_error_coverage_and_the_share_of_the_excess_closed():
-    row = scored(truth(DRAG), told(effects=[named(DRAG, 2.1, 1.9, 2.2)], gap=(3.0, 1.5)))
+    row = score_trial(truth(DRAG), analysis(effects=[named(DRAG, 2.1, 1.9, 2.2)], gap=(3.0, 1.5)))
     assert row["error"] == pytest.approx(0.05)
     assert row["covered"] == 1.0
     assert row["closed"] == pytest.approx(1 - 1.25 / 8)
-    assert scored(truth(DRAG), told(effects=[named(DRAG, 2.1, 2.05, 2.2)]))["covered"] == 0.0
-    assert math.isnan(scored(truth(DRAG), told(effects=[named(DRAG)], gap=(1.4, 1.0)))["closed"])
-    at_a_bound = scored(truth(DRAG), told(effects=[named(DRAG, 2.1, None, None)], gap=(3.0, None)))
+    assert score_trial(truth(DRAG), analysis(effects=[named(DRAG, 2.1, 2.05, 2.2)]))["covered"] == 0.0
+    assert math.isnan(score_trial(truth(DRAG), analysis(effects=[named(DRAG)], gap=(1.4, 1.0)))["closed"])
+    at_a_bound = score_trial(truth(DRAG), analysis(effects=[named(DRAG, 2.1, None, None)], gap=(3.0, None)))
     assert (at_a_bound["covered"], at_a_bound["closed"]) == (0.0, 0.0)
 
 
 def test_a_window_is_false_where_nothing_differs_and_a_bin_is_missed_where_none_is():
-    pieces = [0.0] * PIECES
+    pieces = [0.0] * ANGLE_PIECES
     pieces[70:] = [3.0, 3.0]  # 350 to 360 degrees
     pieces[36:40] = [3.0] * 4  # 180 to 200
     sealed = truth(DRAG, difference={"slow": {"crank_torque": pieces}})
@@ -145,32 +144,32 @@ def test_a_window_is_false_where_nothing_differs_and_a_bin_is_missed_where_none_
         {"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350, 10]},
         {"run": "slow", "channel": "crank_torque", "crank_angle_deg": [90, 100]},
     ]
-    row = scored(sealed, told(effects=[named(DRAG)], where=windows))
+    row = score_trial(sealed, analysis(effects=[named(DRAG)], where=windows))
     assert (row["windows"], row["false_windows"]) == (2, 1)
     assert (row["bins_off"], row["missed_bins"]) == (3, 2)
 
 
 def test_a_window_in_the_crank_angle_is_neither_true_nor_false():
-    pieces = {"slow": {"crank_torque": [3.0] * PIECES}}
+    pieces = {"slow": {"crank_torque": [3.0] * ANGLE_PIECES}}
     windows = [
         {"run": "slow", "channel": name, "crank_angle_deg": [0, 360]} for name in ("crank_angle", "crank_torque")
     ]
-    row = scored(truth(DRAG, difference=pieces), told(effects=[named(DRAG)], where=windows))
+    row = score_trial(truth(DRAG, difference=pieces), analysis(effects=[named(DRAG)], where=windows))
     assert (row["windows"], row["false_windows"], row["missed_bins"]) == (1, 0, 0)
 
 
 def test_a_window_of_a_statistic_belongs_to_the_channel_that_it_is_of():
     windows = [{"run": "slow", "channel": "crank_torque mean", "crank_angle_deg": [0, 360]}]
-    row = scored(truth(DRAG, difference={"slow": {"crank_torque": [3.0] * PIECES}}), told(where=windows))
+    row = score_trial(truth(DRAG, difference={"slow": {"crank_torque": [3.0] * ANGLE_PIECES}}), analysis(where=windows))
     assert (row["windows"], row["false_windows"], row["missed_bins"]) == (1, 0, 0)
 
 
 def test_what_is_not_named_is_listed_with_the_reason_that_the_verdict_gives():
-    assert scored(truth(DRAG), told(verdict="unexplained"))["reason"] == "so it is"
+    assert score_trial(truth(DRAG), analysis(verdict="unexplained"))["reason"] == "so it is"
 
 
 def test_a_trial_that_failed_counts_and_says_why():
-    row = scored(truth(DRAG), {"id": "a", "error": "InputError: no", "seconds": 1.0})
+    row = score_trial(truth(DRAG), {"id": "a", "error": "InputError: no", "seconds": 1.0})
     assert (row["outcome"], row["reason"], row["detectable"]) == ("failed", "InputError: no", True)
 
 
@@ -182,14 +181,14 @@ def test_greedy_steps_follow_the_least_bic_whatever_remains():
             "bic": [100.0, 60.0, 50.0, 49.0, 51.0, 10.0, 70.0],
         }
     )
-    assert greedy(frame) == ["a", "b"]
-    assert greedy(frame[:1]) == []
+    assert greedy_names(frame) == ["a", "b"]
+    assert greedy_names(frame[:1]) == []
 
 
 def test_intervals_are_those_of_the_tables():
-    assert interval(0, 10) == (0.0, pytest.approx(0.3085, abs=1e-4))
-    assert interval(5, 10) == pytest.approx((0.1871, 0.8129), abs=1e-4)
-    assert interval(10, 10) == (pytest.approx(0.6915, abs=1e-4), 1.0)
+    assert share_interval(0, 10) == (0.0, pytest.approx(0.3085, abs=1e-4))
+    assert share_interval(5, 10) == pytest.approx((0.1871, 0.8129), abs=1e-4)
+    assert share_interval(10, 10) == (pytest.approx(0.6915, abs=1e-4), 1.0)
 
 
 def test_the_interval_of_a_median_lies_between_the_sorted_values_of_the_tables():
@@ -201,7 +200,9 @@ def test_the_interval_of_a_median_lies_between_the_sorted_values_of_the_tables()
 def trials_of(seconds) -> pd.DataFrame:
     names = [f"t{place}" for place in range(len(seconds))]
     rows = [
-        scored(truth(name=name, kind="nothing"), {**told(verdict="no_disagreement"), "id": name, "seconds": one})
+        score_trial(
+            truth(name=name, kind="nothing"), {**analysis(verdict="no_disagreement"), "id": name, "seconds": one}
+        )
         for name, one in zip(names, seconds, strict=True)
     ]
     return pd.DataFrame(rows)
@@ -213,18 +214,18 @@ def set_of_trials(tmp_path) -> pd.DataFrame:
     sealed.append(truth(SPRING, kind="pair", name="d"))
     found = [
         {
-            **told(effects=[named(DRAG)], greedy=["slider_quadratic_drag"], sparse=["slider_viscous_friction"]),
+            **analysis(effects=[named(DRAG)], greedy=["slider_quadratic_drag"], sparse=["slider_viscous_friction"]),
             "id": "a",
         },
-        {**told(verdict="no_disagreement", greedy=[], sparse=None), "id": "b"},
+        {**analysis(verdict="no_disagreement", greedy=[], sparse=None), "id": "b"},
         {"id": "c", "error": "SimulationError: it stops", "seconds": 2.0},
-        {**told(verdict="ambiguous", equivalent=[[named(DRAG)], [named(SPRING), named(DRAG)]]), "id": "d"},
+        {**analysis(verdict="ambiguous", equivalent=[[named(DRAG)], [named(SPRING), named(DRAG)]]), "id": "d"},
     ]
     paths = []
     for name, content in (("sealed", sealed), ("found", found)):
         paths.append(tmp_path / f"{name}.json")
         paths[-1].write_text(json.dumps(content))
-    return trials([paths[0]], [paths[1]])
+    return score_batches([paths[0]], [paths[1]])
 
 
 def test_a_set_becomes_a_table_a_page_numbers_and_figures(set_of_trials, tmp_path):
@@ -245,7 +246,7 @@ def test_a_set_becomes_a_table_a_page_numbers_and_figures(set_of_trials, tmp_pat
         < page.index("| d |")
     )
     assert metrics(set_of_trials)["right name, all"] == 1.0
-    for drawing in draw(set_of_trials).values():
+    for drawing in draw_score(set_of_trials).values():
         tables.to_arrow(tables.PLOTTED, drawing.data)
 
 
@@ -254,13 +255,15 @@ def test_a_wrong_name_counts_where_the_effect_is_undetectable_too(tmp_path):
     both = [[named(DRAG)], [named(SPRING)]]
     merged = [["slider_quadratic_drag", "slider_spring"]]
     found = [
-        {**told(effects=[named(DRAG)]), "id": "a"},
-        {**told(effects=[named(SPRING)]), "id": "b"},
-        {**told(verdict="ambiguous", equivalent=both, merged=merged), "id": "c"},
+        {**analysis(effects=[named(DRAG)]), "id": "a"},
+        {**analysis(effects=[named(SPRING)]), "id": "b"},
+        {**analysis(verdict="ambiguous", equivalent=both, merged=merged), "id": "c"},
     ]
     for name, content in (("sealed", sealed), ("found", found)):
         (tmp_path / f"{name}.json").write_text(json.dumps(content))
-    score = rates(trials([tmp_path / "sealed.json"], [tmp_path / "found.json"])).set_index(["what", "group"])["value"]
+    score = rates(score_batches([tmp_path / "sealed.json"], [tmp_path / "found.json"])).set_index(["what", "group"])[
+        "value"
+    ]
     assert score["wrong name", "all"] == 0.0
     assert score["wrong name, effect undetectable", "all"] == 1.0
     assert (score["right name", "all"], score["right, of which ambiguous as foreseen", "all"]) == (1.0, 0.5)
@@ -270,4 +273,4 @@ def test_a_verdict_without_its_truth_is_refused(tmp_path):
     (tmp_path / "truth.json").write_text("[]")
     (tmp_path / "found.json").write_text(json.dumps([{"id": "a"}]))
     with pytest.raises(InputError, match="trial a has a truth or a verdict alone"):
-        trials([tmp_path / "truth.json"], [tmp_path / "found.json"])
+        score_batches([tmp_path / "truth.json"], [tmp_path / "found.json"])

@@ -10,9 +10,9 @@ pytest.importorskip("pysindy", reason="needs pysindy: pip install 'jointgap[peer
 
 from jointgap.config.load import load_campaign
 from jointgap.recordings import read_measurements
-from jointgap.trials.make_trial import conceal
-from jointgap.trials.sparse_baseline import sparse
-from jointgap.trials.trial_plan import Plan
+from jointgap.trials.make_trial import make_trial
+from jointgap.trials.sparse_regression import sparse_names
+from jointgap.trials.trial_plan import TrialPlan
 
 
 def residuals(folder, missing) -> pd.DataFrame:
@@ -40,7 +40,7 @@ def residuals(folder, missing) -> pd.DataFrame:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("campaign")
-    conceal(Plan("0123456789ab", 3, "nothing", "ideal", 0.0, ()), 5, place)
+    make_trial(TrialPlan("0123456789ab", 3, "nothing", "ideal", 0.0, ()), 5, place)
     return place
 
 
@@ -54,13 +54,13 @@ def folder(tmp_path_factory):
     ],
 )
 def test_one_force_is_named(folder, name, force):
-    assert sparse(folder / "campaign.yaml", residuals(folder, force)) == [name]
+    assert sparse_names(folder / "campaign.yaml", residuals(folder, force)) == [name]
 
 
 def test_nothing_is_named_in_noise(folder):
-    assert sparse(folder / "campaign.yaml", residuals(folder, np.zeros_like)) == []
+    assert sparse_names(folder / "campaign.yaml", residuals(folder, np.zeros_like)) == []
 
 
 def test_without_a_channel_that_serves_it_says_nothing(folder):
     found = residuals(folder, np.zeros_like).assign(channel="guide_force", measured=math.pi)
-    assert sparse(folder / "campaign.yaml", found) is None
+    assert sparse_names(folder / "campaign.yaml", found) is None

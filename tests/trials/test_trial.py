@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from jointgap.trials.analyse_trial import analysed
-from jointgap.trials.make_trial import conceal
-from jointgap.trials.score import scored
-from jointgap.trials.trial_plan import Plan
+from jointgap.trials.analyse_trial import analyse_trial
+from jointgap.trials.make_trial import make_trial
+from jointgap.trials.score import score_trial
+from jointgap.trials.trial_plan import TrialPlan
 
 
 @pytest.mark.parametrize(
@@ -20,10 +20,10 @@ from jointgap.trials.trial_plan import Plan
     ids=["one", "one-with-loose-joints", "none"],
 )
 def test_what_was_hidden_is_named_and_nothing_else(tmp_path, kind, base, size, effects):
-    plan = Plan("0123456789ab", 8, kind, base, size, effects)
-    truth = conceal(plan, 11, tmp_path / plan.id)
-    told = analysed(tmp_path / plan.id, tmp_path / "verdicts")
-    assert "error" not in told
-    row = scored(json.loads(json.dumps(truth)), json.loads(json.dumps(told, allow_nan=False)))
+    plan = TrialPlan("0123456789ab", 8, kind, base, size, effects)
+    truth = make_trial(plan, 11, tmp_path / plan.id)
+    record = analyse_trial(tmp_path / plan.id, tmp_path / "verdicts")
+    assert "error" not in record
+    row = score_trial(json.loads(json.dumps(truth)), json.loads(json.dumps(record, allow_nan=False)))
     assert row["outcome"] == "right"
     assert (tmp_path / "verdicts" / "verdict.json").is_file()

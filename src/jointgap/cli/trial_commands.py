@@ -26,22 +26,22 @@ def blind_conceal(
     import json
 
     from jointgap.tables import write_text
-    from jointgap.trials.batches import kept, of_files, pieces
-    from jointgap.trials.make_trial import conceal
-    from jointgap.trials.trial_plan import chosen, read_sets
+    from jointgap.trials.batches import cached_record, folder_digest
+    from jointgap.trials.make_trial import make_trial
+    from jointgap.trials.trial_plan import plan_batch, read_sets, trial_set
 
-    sizes = chosen(read_sets(sets), name)
-    plans, found, code = pieces(sizes, batch), [], f"{code} {sizes.model_dump_json()}"
+    chosen = trial_set(read_sets(sets), name)
+    plans, records, code = plan_batch(chosen, batch), [], f"{code} {chosen.model_dump_json()}"
     for plan in plans:
-        place, campaign = sealed / f"{plan.id}.json", campaigns / plan.id
+        campaign = campaigns / plan.id
 
-        def made(plan=plan, campaign=campaign):
-            truth = conceal(plan, sizes.seed, campaign)
-            return truth | {"files": of_files(campaign)}
+        def make(plan=plan, campaign=campaign) -> dict:
+            return make_trial(plan, chosen.seed, campaign) | {"files": folder_digest(campaign)}
 
-        found.append(kept(place, code, made, {"files": of_files(campaign)}))
+        required = {"files": folder_digest(campaign)}
+        records.append(cached_record(sealed / f"{plan.id}.json", code, make, required))
         click.echo(plan.id)
-    write_text(truth, json.dumps(found) + "\n")
+    write_text(truth, json.dumps(records) + "\n")
     write_text(listed, "".join(f"{plan.id}\n" for plan in plans))
 
 
@@ -56,16 +56,19 @@ def blind_analyse(listed: Path, campaigns: Path, verdicts: Path, found: Path, co
     import json
 
     from jointgap.tables import write_text
-    from jointgap.trials.analyse_trial import analysed
-    from jointgap.trials.batches import kept, of_files, trials_in
+    from jointgap.trials.analyse_trial import analyse_trial
+    from jointgap.trials.batches import cached_record, folder_digest, listed_trials
 
-    told = []
-    for trial in trials_in(listed, campaigns):
-        place, same = verdicts / trial / "trial.json", f"{code} {of_files(campaigns / trial)}"
-        told.append(kept(place, same, lambda trial=trial: analysed(campaigns / trial, verdicts / trial)))
-        verdict = told[-1].get("verdict", {}).get("verdict", told[-1].get("error"))
-        click.echo(f"{trial} {verdict} {told[-1]['seconds']} s")
-    write_text(found, json.dumps(told) + "\n")
+    records = []
+    for trial in listed_trials(listed, campaigns):
+        campaign, results = campaigns / trial, verdicts / trial
+        digest = f"{code} {folder_digest(campaign)}"
+        record = cached_record(
+            results / "trial.json", digest, lambda campaign=campaign, results=results: analyse_trial(campaign, results)
+        )
+        records.append(record)
+        click.echo(f"{trial} {record.get('verdict', {}).get('verdict', record.get('error'))} {record['seconds']} s")
+    write_text(found, json.dumps(records) + "\n")
 
 
 @cli.command("blind-score")
@@ -79,18 +82,18 @@ def blind_score(name: str, truths: tuple[Path, ...], founds: tuple[Path, ...], f
 
     from jointgap import tables
     from jointgap.figures import style
-    from jointgap.trials.trial_figures import draw
+    from jointgap.trials.score import TRIALS, score_batches
+    from jointgap.trials.trial_figures import draw_score
     from jointgap.trials.trials_report import markdown, metrics
-    from jointgap.trials.trials_table import TRIALS, trials
 
-    frame = trials(truths, founds)
+    frame = score_batches(truths, founds)
     tables.write(TRIALS, frame, folder / "trials.parquet")
-    for stem, drawing in draw(frame).items():
+    for stem, drawing in draw_score(frame).items():
         style.save(drawing, folder / stem)
     tables.write_text(folder / "metrics.json", json.dumps(metrics(frame), indent=2) + "\n")
-    words = markdown(name, frame)
-    tables.write_text(folder / "summary.md", words)
-    click.echo(words)
+    page = markdown(name, frame)
+    tables.write_text(folder / "summary.md", page)
+    click.echo(page)
 
 
 @cli.command("blind-track")
@@ -104,7 +107,7 @@ def blind_track(name: str, folder: Path, store: Path, published: Path) -> None:
 
     from jointgap.tables import write_text
     from jointgap.track.publish import publish_records
-    from jointgap.trials.trial_runs import DESCRIPTION, records
+    from jointgap.trials.trials_report import DESCRIPTION, mlflow_records
 
-    summary = publish_records(name, DESCRIPTION, records(folder), None, store)
+    summary = publish_records(name, DESCRIPTION, mlflow_records(folder), None, store)
     write_text(published, json.dumps(summary, indent=2) + "\n")

@@ -1,4 +1,4 @@
-"""The naming on one trial, in a folder that holds the campaign alone; and what the baselines make of the same data."""
+"""The naming on one trial, in a folder that holds the campaign alone; and what baseline methods name on the same data."""
 
 import shutil
 import tempfile
@@ -11,18 +11,18 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.campaign.verdict import read
-from jointgap.trials.sparse_baseline import sparse
+from jointgap.trials.sparse_regression import sparse_names
 
 
-def analysed(campaign: Path, results: Path) -> dict[str, Any]:
-    """The verdict on a campaign, what the baselines name, and the time it took.
+def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
+    """The verdict on a campaign, what the baseline methods name, and the time it took.
 
     Parameters
     ----------
     campaign : Path
         Folder of the campaign; a copy of it is all that the analysis finds around it.
     results : Path
-        Folder for the tables of all stages and ``verdict.json``; what is there is replaced.
+        Folder for ``verdict.json``; what is there is replaced.
 
     Returns
     -------
@@ -32,40 +32,39 @@ def analysed(campaign: Path, results: Path) -> dict[str, Any]:
     from jointgap.campaign import analyse
 
     begin = time.monotonic()
-    found: dict[str, Any] = {"id": campaign.name}
-    with tempfile.TemporaryDirectory() as alone:
-        place = Path(alone) / "campaign"
-        shutil.copytree(campaign, place)
+    record: dict[str, Any] = {"id": campaign.name}
+    with tempfile.TemporaryDirectory() as isolated:
+        copy, own_results = Path(isolated) / "campaign", Path(isolated) / "results"
+        shutil.copytree(campaign, copy)
         try:
-            analyse(place / "campaign.yaml", Path(alone) / "results")
-            found["verdict"] = read(Path(alone) / "results" / "verdict.json")
+            analyse(copy / "campaign.yaml", own_results)
+            record["verdict"] = read(own_results / "verdict.json")
         except Exception as error:  # whatever stops one trial counts against the naming, and the others go on
-            found["error"] = f"{type(error).__name__}: {error}"
-            found["traceback"] = traceback.format_exc()
-        found["seconds"] = round(time.monotonic() - begin, 3)
-        made = Path(alone) / "results"
-        if "verdict" in found:
-            found["greedy"] = greedy(_fits(made))
+            record["error"] = f"{type(error).__name__}: {error}"
+            record["traceback"] = traceback.format_exc()
+        record["seconds"] = round(time.monotonic() - begin, 3)
+        if "verdict" in record:
+            record["greedy"] = greedy_names(_all_fits(own_results))
             try:
-                residuals = tables.read(tables.RESIDUALS, made / "confirm" / "residuals.parquet")
-                found["sparse"] = sparse(place / "campaign.yaml", residuals)
+                residuals = tables.read(tables.RESIDUALS, own_results / "confirm" / "residuals.parquet")
+                record["sparse"] = sparse_names(copy / "campaign.yaml", residuals)
             except Exception as error:  # not installed, or it fails on these data: it counts as not asked
-                found |= {"sparse": None, "sparse_error": f"{type(error).__name__}: {error}"}
+                record |= {"sparse": None, "sparse_error": f"{type(error).__name__}: {error}"}
         shutil.rmtree(results, ignore_errors=True)
         results.mkdir(parents=True)
-        if (made / "verdict.json").exists():
-            shutil.copy(made / "verdict.json", results)
-    return found
+        if (own_results / "verdict.json").exists():
+            shutil.copy(own_results / "verdict.json", results)
+    return record
 
 
-def _fits(made: Path) -> pd.DataFrame:
+def _all_fits(results: Path) -> pd.DataFrame:
     """Every fit of the analysis, of single effects and of pairs, the base's among them."""
-    places = [made / "recalibrate" / "base" / "fits.parquet"]
-    places += [place for stage in ("fit", "pair") for place in sorted(made.glob(f"{stage}/*/fits.parquet"))]
-    return pd.concat([tables.read(tables.FITS, place) for place in places], ignore_index=True)
+    paths = [results / "recalibrate" / "base" / "fits.parquet"]
+    paths += [path for stage in ("fit", "pair") for path in sorted(results.glob(f"{stage}/*/fits.parquet"))]
+    return pd.concat([tables.read(tables.FITS, path) for path in paths], ignore_index=True)
 
 
-def greedy(fits: pd.DataFrame) -> list[str]:
+def greedy_names(fits: pd.DataFrame) -> list[str]:
     """Labels that steps of least BIC add one at a time, whatever remains unexplained.
 
     Parameters
@@ -73,15 +72,13 @@ def greedy(fits: pd.DataFrame) -> list[str]:
     fits : DataFrame
         Table `jointgap.tables.FITS`.
     """
-    known = fits.dropna(subset=["bic"])
-    (best,) = known.loc[known["kind"] == "base", "bic"]
+    finished = fits.dropna(subset=["bic"])
+    (best,) = finished.loc[finished["kind"] == "base", "bic"]
+    least = finished.groupby("explanation")["bic"].min()  # some are fitted twice, from other starts
+    bic = {frozenset(name.split(" + ")): value for name, value in least.items() if name != "base"}
     chosen: frozenset[str] = frozenset()
-    least = known.groupby("explanation")["bic"].min()  # some are fitted twice, from other starts
-    sums = {frozenset(name.split(" + ")): bic for name, bic in least.items()}
     while True:
-        larger = {
-            one: bic for one, bic in sums.items() if one > chosen and len(one) == len(chosen) + 1 and "base" not in one
-        }
+        larger = {labels: bic[labels] for labels in bic if labels > chosen and len(labels) == len(chosen) + 1}
         if not larger or min(larger.values()) >= best:
             return sorted(chosen)
         chosen = min(larger, key=larger.__getitem__)

@@ -1,4 +1,4 @@
-"""Batches of trials that go on where they were stopped: a trial that the same code has finished is not done again."""
+"""Batches of trials that resume where they were stopped: a trial that the same code has finished is not done again."""
 
 import hashlib
 import json
@@ -8,25 +8,19 @@ from typing import Any
 
 from jointgap.errors import InputError
 from jointgap.tables import write_text
-from jointgap.trials.trial_plan import Plan, Sizes, plans
 
 
-def pieces(sizes: Sizes, batch: int) -> list[Plan]:
-    """The trials of one batch of a set."""
-    return plans(sizes)[batch * sizes.batch : (batch + 1) * sizes.batch]
-
-
-def of_files(folder: Path) -> str:
-    """Digest of the names and bytes of the files in a folder; of one that is not there, that of none."""
-    found = hashlib.sha256()
+def folder_digest(folder: Path) -> str:
+    """Digest of the names and bytes of the files in a folder; one that is not there counts as empty."""
+    digest = hashlib.sha256()
     for path in sorted(folder.glob("*")):
         content = path.read_bytes()
-        found.update(f"{path.name} {len(content)} ".encode() + content)
-    return found.hexdigest()[:16]
+        digest.update(f"{path.name} {len(content)} ".encode() + content)
+    return digest.hexdigest()[:16]
 
 
-def trials_in(path: Path, campaigns: Path) -> list[str]:
-    """The identifiers in a batch's list, of campaigns that are there.
+def listed_trials(path: Path, campaigns: Path) -> list[str]:
+    """The identifiers in a batch's list.
 
     Parameters
     ----------
@@ -40,17 +34,17 @@ def trials_in(path: Path, campaigns: Path) -> list[str]:
     InputError
         No such file, or a campaign has no folder.
     """
-    found = _text(path, "--listed", "blind-conceal").split()
-    for trial in found:
+    trials = _read_text(path, "--listed", "blind-conceal").split()
+    for trial in trials:
         if not (campaigns / trial).is_dir():
             raise InputError(
                 f"{path}: lists the campaign {trial}, which is not in {campaigns}; correct --campaigns, or run "
                 "`jointgap blind-conceal` again"
             )
-    return found
+    return trials
 
 
-def records(path: Path, option: str, command: str) -> list[dict[str, Any]]:
+def read_trial_records(path: Path, option: str, command: str) -> list[dict[str, Any]]:
     """The trials in a JSON file, each with its ``id``.
 
     Parameters
@@ -64,17 +58,17 @@ def records(path: Path, option: str, command: str) -> list[dict[str, Any]]:
     InputError
         No such file, or it holds something else.
     """
-    text = _text(path, option, command)
+    text = _read_text(path, option, command)
     try:
-        found = json.loads(text)
+        records = json.loads(text)
     except ValueError as error:
         raise InputError(f"{path}: is not JSON ({error}); run `jointgap {command}` again, which writes it") from error
-    if not isinstance(found, list) or not all(isinstance(one, dict) and "id" in one for one in found):
+    if not isinstance(records, list) or not all(isinstance(record, dict) and "id" in record for record in records):
         raise InputError(f"{path}: is no list of trials; give {option} a file that `jointgap {command}` wrote")
-    return found
+    return records
 
 
-def _text(path: Path, option: str, command: str) -> str:
+def _read_text(path: Path, option: str, command: str) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
@@ -87,31 +81,31 @@ def _text(path: Path, option: str, command: str) -> str:
         ) from error
 
 
-def kept(
-    place: Path, code: str, make: Callable[[], dict[str, Any]], same: Mapping[str, Any] | None = None
+def cached_record(
+    path: Path, code: str, make: Callable[[], dict[str, Any]], required: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """What `make` gives, from the file `place` where the same code has written it, else made and written there.
+    """The record that `make` gives: from the file `path` where the same code has written it, else made and written there.
 
     What ended in an ``error`` is made again: another machine, or the same with more memory, may do better.
 
     Parameters
     ----------
-    place : Path
+    path : Path
         JSON file, written whole or not at all.
     code : str
-        Digest of the code, and of what it was given.
+        Digest of the code and of its input.
     make : function
         Gives a mapping that JSON can hold.
-    same : mapping, optional
-        What else has to stand in the file.
+    required : mapping, optional
+        Further entries that the file has to hold.
     """
     try:
-        found = json.loads(place.read_text(encoding="utf-8"))
-        asked = {"code": code, **(same or {})}
-        if "error" not in found and all(found.get(key) == value for key, value in asked.items()):
-            return found
+        record = json.loads(path.read_text(encoding="utf-8"))
+        expected = {"code": code, **(required or {})}
+        if "error" not in record and all(record.get(key) == value for key, value in expected.items()):
+            return record
     except (OSError, ValueError):
         pass  # not done yet, or not whole
-    found = {**make(), "code": code}
-    write_text(place, json.dumps(found, indent=1, allow_nan=False) + "\n")
-    return found
+    record = {**make(), "code": code}
+    write_text(path, json.dumps(record, indent=1, allow_nan=False) + "\n")
+    return record

@@ -1,12 +1,12 @@
-"""The slider-crank with ideal joints and effects in Exudyn (https://exudyn.readthedocs.io): its own bodies, loads and springs.
+"""The slider-crank with ideal joints and effects in Exudyn (https://exudyn.readthedocs.io).
 
-Three rigid bodies in the plane with constraints, in steps of equal length by Exudyn's implicit integrator (generalised
-alpha). The crank's angle is a constraint on the level of velocities, whose multiplier is the drive's torque; the slider's
-guide is a constraint too.
+Bodies, constraints, loads and springs are Exudyn's own: three rigid bodies in the plane, in steps of equal length by its
+implicit integrator (generalised alpha). The crank's angle is a constraint at velocity level, whose multiplier is the
+drive's torque; the slider's guide is a constraint too.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from jointgap.errors import SimulationError
 from jointgap.joints import FROM_FRAME, JOINT
 
 STEPS = 1500
-"""Steps per revolution at least: with them readings agree with those of the package to 1e-5 of their spread."""
+"""Steps per revolution at least: with these, readings agree with the package's to 1e-5 of their standard deviation."""
 
 FRICTION_ZONE = 1e-3
 """Speed up to which friction rises along a straight line: of the slider [m/s], of the crank [rad/s]."""
@@ -29,9 +29,9 @@ def simulate(content: Mapping, speed: float, phase: float, times: np.ndarray, se
     Parameters
     ----------
     content : mapping
-        Content of a mechanism file; of its effects those in `jointgap.trials.trial_plan.EXUDYN`.
+        Content of a mechanism file; of its effects those in `jointgap.trials.trial_plan.EXUDYN_EFFECTS`.
     speed, phase : float
-        Of the crank [rad/s, rad]; the phase is the angle at time 0.
+        Of the crank [rad/s], [rad]; the phase is the angle at time 0.
     times : (n,) array
         [s], in steps of equal length from 0 on.
     settling : int
@@ -46,10 +46,10 @@ def simulate(content: Mapping, speed: float, phase: float, times: np.ndarray, se
     """
     spacing = float(times[1] - times[0])
     lead = math.ceil(2 * math.pi * settling / speed / spacing)
-    return _Rig(content, speed, phase - speed * lead * spacing).run(times, lead)
+    return _ExudynModel(content, speed, phase - speed * lead * spacing).run(times, lead)
 
 
-class _Rig:
+class _ExudynModel:
     def __init__(self, content: Mapping, speed: float, phase: float):
         import exudyn  # here, for it is an optional dependency
         import exudyn.utilities
@@ -59,10 +59,10 @@ class _Rig:
         self.system = self.container.AddSystem()
         self.content, self.speed, self.phase = content, speed, phase
         self.effects = {effect["name"]: effect["parameters"] for effect in content["effects"]}
-        longer = self.effects.get("link_length_error", {})
+        length_errors = self.effects.get("link_length_error", {})
         crank, rod = content["crank"], content["rod"]
         self.crank, self.rod = (
-            link["length"] + longer.get(key, 0.0) for link, key in ((crank, "crank_m"), (rod, "rod_m"))
+            link["length"] + length_errors.get(key, 0.0) for link, key in ((crank, "crank_m"), (rod, "rod_m"))
         )
         self.crank_centre = crank["mass_centre"] * self.crank / crank["length"]
         self.rod_centre = rod["mass_centre"] * self.rod / rod["length"]
@@ -79,12 +79,12 @@ class _Rig:
         self.start = end + self.rod * rod_along
         self.start_angle = angle
         self.ground = add.AddObject(self.items.ObjectGround())
-        self.still = add.AddMarker(
+        self.fixed = add.AddMarker(
             self.items.MarkerNodeCoordinate(nodeNumber=add.AddNode(self.items.NodePointGround()), coordinate=0)
         )
         mass = slider["mass"] + self.effects.get("added_slider_mass", {}).get("mass_kg", 0.0)
         self.nodes, self.bodies = {}, {"frame": self.ground}
-        for name, weight, inertia, place, turned, velocity, turning in (
+        for name, body_mass, inertia, centre, body_angle, velocity, rate_of_turn in (
             ("crank", crank["mass"], crank["inertia"], self.crank_centre * along, self.phase,
              self.crank_centre * self.speed * across, self.speed),
             ("rod", rod["mass"], rod["inertia"], end + self.rod_centre * rod_along, angle,
@@ -93,11 +93,11 @@ class _Rig:
         ):  # fmt: skip
             self.nodes[name] = add.AddNode(
                 self.items.NodeRigidBody2D(
-                    referenceCoordinates=[*place, turned], initialVelocities=[*velocity, turning]
+                    referenceCoordinates=[*centre, body_angle], initialVelocities=[*velocity, rate_of_turn]
                 )
             )
             self.bodies[name] = add.AddObject(
-                self.items.ObjectRigidBody2D(mass=weight, inertia=inertia, nodeNumber=self.nodes[name])
+                self.items.ObjectRigidBody2D(mass=body_mass, inertia=inertia, nodeNumber=self.nodes[name])
             )
         places = {
             "crank_pivot": {"frame": 0.0, "crank": -self.crank_centre},
@@ -106,12 +106,12 @@ class _Rig:
         }
         joints = {name: self._joint(name, places[name]) for name in _BODIES}
         constraint = self.items.CoordinateConstraint
-        guide = add.AddObject(constraint(markerNumbers=[self.still, self._coordinate("slider", 1)]))
-        add.AddObject(constraint(markerNumbers=[self.still, self._coordinate("slider", 2)]))
+        guide = add.AddObject(constraint(markerNumbers=[self.fixed, self._coordinate("slider", 1)]))
+        add.AddObject(constraint(markerNumbers=[self.fixed, self._coordinate("slider", 2)]))
         drive = add.AddObject(
-            constraint(markerNumbers=[self.still, self._coordinate("crank", 2)], velocityLevel=True, offset=self.speed)
+            constraint(markerNumbers=[self.fixed, self._coordinate("crank", 2)], velocityLevel=True, offset=self.speed)
         )
-        self._act()
+        self._add_effects()
         kinds = self.exudyn.OutputVariableType
         self.sensors = {
             (name, kind): add.AddSensor(
@@ -131,8 +131,8 @@ class _Rig:
         }
         add.Assemble()
 
-    def _coordinate(self, body: str, which: int) -> int:
-        return self.system.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[body], coordinate=which))
+    def _coordinate(self, body: str, axis: int) -> int:
+        return self.system.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[body], coordinate=axis))
 
     def _joint(self, name: str, places: Mapping[str, float]) -> int:
         markers = {
@@ -143,11 +143,11 @@ class _Rig:
         }
         return self.system.AddObject(self.items.RevoluteJoint2D(markerNumbers=list(markers.values())))
 
-    def _act(self) -> None:
+    def _add_effects(self) -> None:
         """Loads, springs and dampers for the effects."""
         add, items = self.system, self.items
-        slider = [self.still, self._coordinate("slider", 0)]
-        crank = [self.still, self._coordinate("crank", 2)]
+        slider = [self.fixed, self._coordinate("slider", 0)]
+        crank = [self.fixed, self._coordinate("crank", 2)]
         for name, values in self.effects.items():
             if name == "gravity":
                 for body in ("crank", "rod", "slider"):
@@ -157,9 +157,9 @@ class _Rig:
             elif name == "slider_constant_force":
                 add.AddLoad(items.LoadCoordinate(markerNumber=slider[1], load=values["force_N"]))
             elif name == "slider_spring":
-                away = values["rest_position_m"] - self.start[0]
+                rest = values["rest_position_m"] - self.start[0]
                 stiffness = values["stiffness_N_m"]
-                add.AddObject(items.CoordinateSpringDamper(markerNumbers=slider, stiffness=stiffness, offset=away))
+                add.AddObject(items.CoordinateSpringDamper(markerNumbers=slider, stiffness=stiffness, offset=rest))
             elif name in ("slider_viscous_friction", "crank_viscous_friction"):
                 (damping,) = values.values()
                 at = slider if name.startswith("slider") else crank
@@ -179,38 +179,38 @@ class _Rig:
     def run(self, times: np.ndarray, lead: int) -> dict[str, np.ndarray]:
         """Readings at `times`, of which the first comes `lead` samples after the start."""
         spacing = float(times[1] - times[0])
-        finer = math.ceil(spacing * self.speed * STEPS / (2 * math.pi))
+        steps = math.ceil(spacing * self.speed * STEPS / (2 * math.pi))
         settings = self.exudyn.SimulationSettings()
         settings.solution.file.write = False
         settings.solution.sensors.writePeriod = spacing
         time = settings.timeIntegration
         time.endTime = spacing * (lead + times.size - 1)
-        time.numberOfSteps = finer * (lead + times.size - 1)
+        time.numberOfSteps = steps * (lead + times.size - 1)
         time.generalizedAlpha.spectralRadius = _DAMPING
         time.newton.relativeTolerance, time.newton.absoluteTolerance = 1e-10, 1e-12
         time.verboseMode = 0
         kind = self.exudyn.DynamicSolverType.GeneralizedAlpha
         if self.system.SolveDynamic(settings, solverType=kind) is False:
             raise SimulationError("Exudyn's implicit integrator stopped")
-        seen = {key: self.system.GetSensorStoredData(sensor)[lead:, 1:] for key, sensor in self.sensors.items()}
-        turned, slid = seen["rod", "Coordinates"][:, 2], seen["slider", "Coordinates"][:, 0]
+        series = {key: self.system.GetSensorStoredData(sensor)[lead:, 1:] for key, sensor in self.sensors.items()}
+        rod_turn, travel = series["rod", "Coordinates"][:, 2], series["slider", "Coordinates"][:, 0]
         return {
-            "crank_angle": self.phase + seen["crank", "Coordinates"][:, 2],
-            "slider_position": self.start[0] + slid,
-            "slider_velocity": seen["slider", "Coordinates_t"][:, 0],
-            "slider_acceleration": seen["slider", "Coordinates_tt"][:, 0],
-            "rod_angle": self.start_angle + turned,
-            "rod_angular_velocity": seen["rod", "Coordinates_t"][:, 2],
-            "rod_acceleration_x": seen["rod", "Coordinates_tt"][:, 0],
-            "rod_acceleration_y": seen["rod", "Coordinates_tt"][:, 1],
-            "crank_torque": -seen["drive", "Force"][:, 0],
-            "guide_force": -seen["guide", "Force"][:, 0],
-            "frame_force_x": seen["pivot", "Force"][:, 0],
-            "frame_force_y": seen["pivot", "Force"][:, 1],
+            "crank_angle": self.phase + series["crank", "Coordinates"][:, 2],
+            "slider_position": self.start[0] + travel,
+            "slider_velocity": series["slider", "Coordinates_t"][:, 0],
+            "slider_acceleration": series["slider", "Coordinates_tt"][:, 0],
+            "rod_angle": self.start_angle + rod_turn,
+            "rod_angular_velocity": series["rod", "Coordinates_t"][:, 2],
+            "rod_acceleration_x": series["rod", "Coordinates_tt"][:, 0],
+            "rod_acceleration_y": series["rod", "Coordinates_tt"][:, 1],
+            "crank_torque": -series["drive", "Force"][:, 0],
+            "guide_force": -series["guide", "Force"][:, 0],
+            "frame_force_x": series["pivot", "Force"][:, 0],
+            "frame_force_y": series["pivot", "Force"][:, 1],
         }
 
 
-def _drag(factor: float):
+def _drag(factor: float) -> Callable[..., float]:
     """Exudyn's user function of time, item, displacement, velocity and more for a force against the motion."""
     return lambda mbs, time, item, displacement, velocity, *_: factor * velocity * abs(velocity)
 

@@ -1,7 +1,7 @@
 """Other numerics than the simulation's: the embedded Runge-Kutta pair of orders 5 and 4, from event to event.
 
-Method, step control, the search for events and the samples are apart from `jointgap.dynamics.solver.integrate`, so that nobody fits a
-simulator to its own output; equations of motion and laws of contact are the same.
+Method, step control, search for events and sampling share nothing with `jointgap.dynamics.solver.integrate`, so that no
+simulator is fitted to its own output. The duplication is on purpose. Equations of motion and laws of contact are the same.
 
 J. R. Dormand and P. J. Prince, J. Comput. Appl. Math. 6 (1980) 19-26.
 """
@@ -34,9 +34,9 @@ _STAGES[5, :5] = 9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656
 _STAGES[6, :6] = 35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84
 _ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 
-_LONGEST_TURN = 0.03  # rad of crank angle in one step: contacts shorter than that are not passed over
-_BISECTIONS = 50
-MOST_STEPS = 20_000_000
+_LONGEST_TURN = 0.03  # [rad] of crank angle in one step, so that no contact is jumped over
+_BISECTIONS = 50  # of a step until its end lies just past an event: from 1e-4 s down to the last digit
+_MOST_STEPS = 20_000_000  # of one integration, before it counts as stuck
 DONE, TOO_MANY, TOO_SHORT = range(3)
 
 
@@ -81,12 +81,12 @@ def _ended(p, time, z, modes, approaches, work):
     here = _rates(p, time, z, modes, approaches, work)
     holding = all_conditions(p, here, relative_motion(here))
     worst, joint, kind, speed = 0.0, -1, DISTANCE, 0.0
-    for one in range(3):
-        g, rate, _, h, _ = holding[one]
+    for number in range(3):
+        g, rate, _, h, _ = holding[number]
         if g < worst:
-            worst, joint, kind, speed = g, one, DISTANCE, max(-rate, 0.0)
+            worst, joint, kind, speed = g, number, DISTANCE, max(-rate, 0.0)
         if h < 0.0 and joint < 0:
-            joint, kind = one, FORCE
+            joint, kind = number, FORCE
     return joint, kind, speed
 
 
@@ -97,7 +97,7 @@ def _integrate(p, z, times, tolerance, states, further, modes_at, approaches_at)
     modes, approaches = (FLIGHT, FLIGHT, FLIGHT), (math.inf, math.inf, math.inf)
     longest = _LONGEST_TURN / p.drive.speed
     time, h, sample = 0.0, 1e-3 * longest, 0
-    for _ in range(MOST_STEPS):
+    for _ in range(_MOST_STEPS):
         _rates(p, time, z, modes, approaches, k[0])
         h = min(h, longest)
         error = _step(p, time, z, modes, approaches, h, k, work, end)
@@ -114,9 +114,9 @@ def _integrate(p, z, times, tolerance, states, further, modes_at, approaches_at)
             for _ in range(_BISECTIONS):
                 middle = 0.5 * (low + high)
                 _step(p, time, z, modes, approaches, middle, k, work, trial)
-                found, found_kind, found_speed = _ended(p, time + middle, trial, modes, approaches, rates)
-                if found >= 0:
-                    high, joint, kind, speed = middle, found, found_kind, found_speed
+                ended, ended_kind, ended_speed = _ended(p, time + middle, trial, modes, approaches, rates)
+                if ended >= 0:
+                    high, joint, kind, speed = middle, ended, ended_kind, ended_speed
                 else:
                     low = middle
                 if high - low <= 1e-16 + 1e-15 * time:
@@ -152,7 +152,7 @@ def _integrate(p, z, times, tolerance, states, further, modes_at, approaches_at)
 
 
 def integrate(p: Parameters, times: np.ndarray, tolerance: float, perturbation=None) -> dict[str, np.ndarray]:
-    """All that is to be seen of a motion at `times`, from the start of `jointgap.dynamics.start_state` on.
+    """All signals of a motion at `times`, from the start of `jointgap.dynamics.solver.initial_state` on.
 
     Parameters
     ----------
@@ -182,5 +182,5 @@ def integrate(p: Parameters, times: np.ndarray, tolerance: float, perturbation=N
     status, time = _integrate(p, np.concatenate((y, x)), times, tolerance, states, further, modes, approaches)
     if status != DONE:
         raise SimulationError(f"the orders 5 and 4 cannot go on at time {time:.9g} s; give a larger tolerance")
-    seen = observe(p, times, states, further, modes, approaches, np.zeros((n, 3)))
-    return dict(zip(COLUMNS, seen.T, strict=True))
+    signals = observe(p, times, states, further, modes, approaches, np.zeros((n, 3)))
+    return dict(zip(COLUMNS, signals.T, strict=True))

@@ -1,187 +1,276 @@
-"""One trial: an effect hidden in the data of a rig, and the truth sealed elsewhere."""
+"""One trial: effects injected into the data of a virtual rig, and the truth for the sealed record.
+
+The data come from the package's equations by independent numerics; those of the kind ``exudyn`` from independent code.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from jointgap.formula import compile_formula
-from jointgap.trials.draw_rigs import Design, design
+from jointgap.dynamics.model.formula_evaluator import evaluate
+from jointgap.formula import Program, compile_formula
+from jointgap.trials.campaign_writer import write_campaign
+from jointgap.trials.exudyn_model import FRICTION_ZONE, STEPS, simulate
 from jointgap.trials.injected_effects import LISTED, OFF_LIST, Hidden
-from jointgap.trials.rig_files import written
-from jointgap.trials.sensor_readings import Turn, moved, read, with_effects
-from jointgap.trials.size_calibration import NEAR, Gauge, sized
-from jointgap.trials.statistics_size import StatisticGauge
-from jointgap.trials.trial_plan import Plan
+from jointgap.trials.sensor_readings import (
+    SETTLING_REVOLUTIONS,
+    CrankRun,
+    noise_free_readings,
+    simulate_signals,
+    with_injected_effects,
+)
+from jointgap.trials.size_calibration import (
+    GAP_TOLERANCE,
+    Readings,
+    SizeCalibrator,
+    StatisticsSizeCalibrator,
+    calibrate_size,
+)
+from jointgap.trials.trial_plan import TrialPlan
+from jointgap.trials.virtual_rig import VirtualRig, draw_rig
 
-_DRAWS = 4
-"""Rigs that are drawn for one effect; where none can show it, the last is kept, and the trial counts as undetectable."""
+_MOST_RIGS = 4
+"""Rigs drawn for one effect; where none can show it, the last is kept, and the trial counts as undetectable."""
 
-PIECES = 72
-"""Pieces of the crank angle for which the truth tells how far the base is off."""
+ANGLE_PIECES = 72
+"""Pieces of the crank angle for which the truth says how far the base is off: of 5 deg each."""
 
-
-def conceal(plan: Plan, seed: int, folder: Path) -> dict:
-    """Write a campaign into `folder`, and return the truth that is to be sealed.
-
-    Parameters
-    ----------
-    plan : Plan
-    seed : int
-        The set's.
-    folder : Path
-        For the campaign.
-    """
-    rng = np.random.default_rng([seed, 1, plan.number])
-    if plan.kind == "exudyn":
-        from jointgap.trials.exudyn_trial import conceal_in_peer
-
-        return {"id": plan.id, **conceal_in_peer(plan, rng, folder)}
-    return {"id": plan.id, **_concealed(plan, rng, folder)}
-
-
-def drawn(plan: Plan, rng: np.random.Generator) -> tuple[Design, object, list[tuple[Hidden, float]], list[float]]:
-    """A rig, its gauge, effects with their sizes, and the gap that each causes alone."""
-    catalogue = OFF_LIST if plan.kind == "off_list" else LISTED
-    film = [name.partition(":")[2] for name in plan.effects if name.startswith("lubricated_joint")]
-    for draw in range(_DRAWS):
-        made = design(rng, plan.base, film[0] if film else "", "encoder_offset" in plan.effects)
-        identify = [run for run in made.runs if run != made.confirm]
-        gauge = (StatisticGauge if plan.base == "chaotic" else Gauge)(made, identify)
-        rig = made.rig(gauge.spread())
-        effects = [catalogue[name](rig, rng) for name in plan.effects]
-        found = [sized(gauge, one, plan.size) for one in effects]
-        gaps = [gap for _, gap in found]
-        if draw == _DRAWS - 1 or all(
-            _fits(plan, one, size, gap) for one, (size, gap) in zip(effects, found, strict=True)
-        ):
-            return made, gauge, [(one, size) for one, (size, _) in zip(effects, found, strict=True)], gaps
-    raise AssertionError("the last draw returns")
-
-
-def _fits(plan: Plan, one: Hidden, size: float, gap: float) -> bool:
-    """Whether the gap is what was asked for, or more where the effect cannot be smaller."""
-    return abs(gap / plan.size - 1) < 2 * NEAR or (size <= one.least and gap > plan.size)
-
-
-def _concealed(plan: Plan, rng: np.random.Generator, folder: Path) -> dict:
-    made, gauge, hidden, gaps = drawn(plan, rng)
-    clean = {run: read(made.true, turn, made.numerics, tuple(made.sensors), hidden) for run, turn in made.runs.items()}
-    written(rng, made, noisy(rng, made, clean), folder, plan.id)
-    return {
-        **told(plan, made, gaps),
-        "numerics": vars(made.numerics),
-        "numerics_gap": round(gauge.numerics_gap(hidden, made.numerics), 3) if isinstance(gauge, Gauge) else None,
-        "difference": difference(made, gauge, hidden) if isinstance(gauge, Gauge) else None,
-        "effects": [_effect(made, one, size) for one, size in hidden],
-    }
-
-
-_BEYOND = {
+_BEYOND_NOMINAL = {
     "added_slider_mass": {"mass_kg": ("slider", "mass")},
     "link_length_error": {"crank_m": ("crank", "length"), "rod_m": ("rod", "length")},
 }
 
 
-def beyond_nominal(made: Design, one: Hidden, size: float) -> dict[str, float]:
-    """An effect's parameters as an analyst can know them, the drawn one first.
+@dataclass(frozen=True)
+class TrialDraw:
+    """A rig with the effects to inject.
 
-    A mass that is added to one that is not exactly known, and likewise a length, is known by their sum alone: it counts from what
-    the mechanism file says.
+    Attributes
+    ----------
+    rig : VirtualRig
+    calibrator : SizeCalibrator or StatisticsSizeCalibrator
+    effects : list of (InjectedEffect, size)
+    gaps : list of float
+        That each effect causes alone [1].
     """
-    found = dict(one.parameters(size))
-    for key, (body, what) in _BEYOND.get(one.name, {}).items():
-        found[key] = found.get(key, 0.0) + made.true[body][what] - made.nominal[body][what]
-    return found
+
+    rig: VirtualRig
+    calibrator: SizeCalibrator | StatisticsSizeCalibrator
+    effects: list[tuple[Hidden, float]]
+    gaps: list[float]
 
 
-def told(plan: Plan, made: Design, gaps: Sequence[float]) -> dict:
+def make_trial(plan: TrialPlan, seed: int, folder: Path) -> dict:
+    """Write a campaign, and return the truth that is to be sealed.
+
+    Parameters
+    ----------
+    plan : TrialPlan
+    seed : int
+        The set's.
+    folder : Path
+        For the campaign.
+
+    Raises
+    ------
+    ImportError
+        Of the kind ``exudyn``, and Exudyn is not installed.
+    """
+    rng = np.random.default_rng([seed, 1, plan.number])
+    draw = draw_trial(plan, rng)
+    record = _exudyn_trial if plan.kind == "exudyn" else _own_trial
+    return {"id": plan.id, **record(plan, draw, rng, folder)}
+
+
+def draw_trial(plan: TrialPlan, rng: np.random.Generator) -> TrialDraw:
+    """Draw rigs by `rng` until one shows the effects of the `plan` as large as asked for."""
+    catalogue = OFF_LIST if plan.kind == "off_list" else LISTED
+    film = [name.partition(":")[2] for name in plan.effects if name.startswith("lubricated_joint")]
+    for number in range(_MOST_RIGS):
+        rig = draw_rig(rng, plan.base, film[0] if film else "", "encoder_offset" in plan.effects)
+        calibrator = (StatisticsSizeCalibrator if plan.base == "chaotic" else SizeCalibrator)(rig, rig.identify_runs)
+        scales = rig.scales(calibrator.spread())
+        effects = [catalogue[name](scales, rng) for name in plan.effects]
+        calibrated = [calibrate_size(calibrator, effect, plan.size) for effect in effects]
+        sized = [(effect, size) for effect, (size, _) in zip(effects, calibrated, strict=True)]
+        draw = TrialDraw(rig, calibrator, sized, [gap for _, gap in calibrated])
+        if number == _MOST_RIGS - 1 or _as_large_as_planned(plan, draw):
+            return draw
+    raise AssertionError("the last draw returns")
+
+
+def _as_large_as_planned(plan: TrialPlan, draw: TrialDraw) -> bool:
+    """Whether each gap is what was asked for, or more where the effect cannot be smaller."""
+    return all(
+        abs(gap / plan.size - 1) < 2 * GAP_TOLERANCE or (size <= effect.least and gap > plan.size)
+        for (effect, size), gap in zip(draw.effects, draw.gaps, strict=True)
+    )
+
+
+def _own_trial(plan: TrialPlan, draw: TrialDraw, rng: np.random.Generator, folder: Path) -> dict:
+    rig, calibrator, effects = draw.rig, draw.calibrator, draw.effects
+    clean = {
+        run: noise_free_readings(rig.true, crank, rig.numerics, tuple(rig.sensors), effects)
+        for run, crank in rig.runs.items()
+    }
+    write_campaign(rng, rig, _noisy_readings(rng, rig, clean), folder, plan.id)
+    repeats = isinstance(calibrator, SizeCalibrator)
+    return {
+        **_truth_record(plan, draw),
+        "numerics": vars(rig.numerics),
+        "numerics_gap": round(calibrator.numerics_gap(effects, rig.numerics), 3) if repeats else None,
+        "difference": _base_difference(rig, calibrator, effects) if repeats else None,
+        "effects": [_effect_record(rig, effect, size) for effect, size in effects],
+    }
+
+
+def _exudyn_trial(plan: TrialPlan, draw: TrialDraw, rng: np.random.Generator, folder: Path) -> dict:
+    """The sizes are set by the package's own numerics, the data are Exudyn's."""
+    # Exudyn's integrator takes samples in equal steps.
+    rig = replace(
+        draw.rig,
+        runs={
+            run: replace(crank, times=np.linspace(0.0, crank.times[-1], crank.times.size))
+            for run, crank in draw.rig.runs.items()
+        },
+    )
+    content = with_injected_effects(rig.true, draw.effects)
+    clean = {
+        run: simulate(content, crank.speed, crank.phase, crank.times, SETTLING_REVOLUTIONS)
+        for run, crank in rig.runs.items()
+    }
+    write_campaign(rng, rig, _noisy_readings(rng, rig, clean), folder, plan.id)
+    return {
+        **_truth_record(plan, draw),
+        "numerics": {"code": "exudyn", "steps_per_revolution": STEPS, "friction_zone": FRICTION_ZONE},
+        "numerics_gap": None,
+        "difference": _base_difference(draw.rig, draw.calibrator, draw.effects),
+        "effects": [_effect_record(rig, effect, size) for effect, size in draw.effects],
+    }
+
+
+def _truth_record(plan: TrialPlan, draw: TrialDraw) -> dict:
     """What the sealed truth of every trial holds."""
+    rig = draw.rig
     return {
         "kind": plan.kind,
         "base": plan.base,
         "size": plan.size,
-        "gaps": [round(gap, 4) for gap in gaps],
-        "confirm": made.confirm,
-        "channels": list(made.sensors),
-        "encoder": made.angle_noise > 0,
-        "stated": made.stated,
-        "nuisances": made.values,
+        "gaps": [round(gap, 4) for gap in draw.gaps],
+        "confirm": rig.confirm_run,
+        "channels": list(rig.sensors),
+        "encoder": rig.angle_noise > 0,
+        "stated": rig.noise_is_stated,
+        "nuisances": rig.nuisance_values,
     }
 
 
-def noisy(rng, made: Design, clean: dict[str, dict[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
+def parameters_beyond_nominal(rig: VirtualRig, effect: Hidden, size: float) -> dict[str, float]:
+    """An effect's parameters as an analyst can know them, the drawn one first.
+
+    A mass that is added to one that is not exactly known, and likewise a length, is known by their sum alone: it counts
+    from what the mechanism file says.
+
+    Parameters
+    ----------
+    rig : VirtualRig
+    effect : InjectedEffect
+    size : float
+        In the unit of the effect's first parameter.
+    """
+    values = dict(effect.parameters(size))
+    for key, (body, attribute) in _BEYOND_NOMINAL.get(effect.name, {}).items():
+        values[key] = values.get(key, 0.0) + rig.true[body][attribute] - rig.nominal[body][attribute]
+    return values
+
+
+def _noisy_readings(
+    rng: np.random.Generator, rig: VirtualRig, clean: Mapping[str, Mapping[str, np.ndarray]]
+) -> Readings:
     """Readings with noise and gaps, with the noise's standard deviation as ``{channel} sd``."""
-    found = {}
-    for run, turn in made.runs.items():
-        reading = {"time": turn.times - turn.times[0]}
-        for channel, sensor in made.sensors.items():
+    noisy = {}
+    for run, crank in rig.runs.items():
+        readings = {"time": crank.times - crank.times[0]}
+        for channel, sensor in rig.sensors.items():
             series = clean[run][channel]
-            sd = sensor.share * float(series.std())
-            values = series + sd * autoregressive(rng, series.size, sensor.memory)
+            sd = sensor.noise_share * float(series.std())
+            values = series + sd * ar1_noise(rng, series.size, sensor.correlation)
             if sensor.gaps:
                 for _ in range(int(rng.integers(1, 4))):
                     length = int(rng.uniform(0.01, 0.05) * values.size)
                     begin = int(rng.integers(0, values.size - length))
                     values[begin : begin + length] = np.nan
-            reading |= {channel: values, f"{channel} sd": sd}
-        if made.angle_noise:
-            reading["crank_angle"] = clean[run]["crank_angle"] + rng.normal(0.0, made.angle_noise, turn.times.size)
-        found[run] = reading
-    return found
+            readings |= {channel: values, f"{channel} sd": sd}
+        if rig.angle_noise:
+            readings["crank_angle"] = clean[run]["crank_angle"] + rng.normal(0.0, rig.angle_noise, crank.times.size)
+        noisy[run] = readings
+    return noisy
 
 
-def autoregressive(rng, count: int, memory: float) -> np.ndarray:
-    """Noise of variance 1 whose neighbouring samples have the correlation `memory`."""
+def ar1_noise(rng: np.random.Generator, count: int, correlation: float) -> np.ndarray:
+    """First-order autoregressive noise of variance 1, (count,); `rng` draws, neighbours have the `correlation`."""
     steps = rng.normal(size=count)
-    if not memory:
+    if not correlation:
         return steps
-    found = np.empty(count)
-    found[0] = steps[0]
-    for place in range(1, count):
-        found[place] = memory * found[place - 1] + math.sqrt(1 - memory**2) * steps[place]
-    return found
+    noise = np.empty(count)
+    noise[0] = steps[0]
+    for sample in range(1, count):
+        noise[sample] = correlation * noise[sample - 1] + math.sqrt(1 - correlation**2) * steps[sample]
+    return noise
 
 
-def difference(made: Design, gauge: Gauge, hidden: Sequence) -> dict[str, dict[str, list[float | None]]]:
+def _base_difference(
+    rig: VirtualRig, calibrator: SizeCalibrator, effects: Sequence[tuple[Hidden, float]]
+) -> dict[str, dict[str, list[float | None]]]:
     """RMS noise-free difference of the recalibrated base over the noise, by run, channel and piece of the crank angle."""
-    off = gauge.unwhitened(hidden)
-    found: dict[str, dict[str, list[float | None]]] = {}
-    for one in gauge.yardsticks:
-        turn: Turn = made.runs[one.run]
-        piece = ((turn.phase + turn.speed * turn.times) / (2 * math.pi) % 1 * PIECES).astype(int) % PIECES
-        square = np.bincount(piece, off[one.place] ** 2, PIECES)
-        count = np.bincount(piece, minlength=PIECES)
+    _, residual = calibrator.residual(effects)
+    differences: dict[str, dict[str, list[float | None]]] = {}
+    for part in calibrator.channel_noises:
+        crank = rig.runs[part.run]
+        turns = (crank.phase + crank.speed * crank.times) / (2 * math.pi)
+        piece = (turns % 1 * ANGLE_PIECES).astype(int) % ANGLE_PIECES
+        square = np.bincount(piece, residual[part.place] ** 2, ANGLE_PIECES)
+        count = np.bincount(piece, minlength=ANGLE_PIECES)
         values = [round(math.sqrt(s / n), 4) if n else None for s, n in zip(square, count, strict=True)]
-        found.setdefault(one.run, {})[one.channel] = values
-    return found
+        differences.setdefault(part.run, {})[part.channel] = values
+    return differences
 
 
-def _effect(made: Design, one: Hidden, size: float) -> dict:
-    entry = {"name": one.name, "site": one.site, "listed": one.listed, "parameters": beyond_nominal(made, one, size)}
-    if one.formula:
-        entry["force"] = _visited(made, one, size)
-    return entry
+def _effect_record(rig: VirtualRig, effect: Hidden, size: float) -> dict:
+    record = {
+        "name": effect.name,
+        "site": effect.site,
+        "listed": effect.listed,
+        "parameters": parameters_beyond_nominal(rig, effect, size),
+    }
+    return record | {"force": _force_over_states(rig, effect, size)} if effect.formula else record
 
 
-def _visited(made: Design, one: Hidden, size: float) -> dict:
-    """A law on nobody's list over the states that the motion visits, for a formula to be compared with."""
-    kind, text = one.formula
+def _force_over_states(rig: VirtualRig, effect: Hidden, size: float) -> dict:
+    """A law that is not on the list over the states that the motion visits, for a formula to be compared with."""
+    kind, text = effect.formula
     program = compile_formula(text, {"s": size})
-    found = {key: [] for key in ("x", "v", "w", "theta", "t", "value")}
-    for turn in made.runs.values():
-        times = np.arange(100) / 100 * 2 * math.pi / turn.speed
-        seen = moved(with_effects(made.true, [(one, size)]), Turn(turn.speed, 0.0, times), made.numerics)
-        states = seen["slider_velocity"], seen["slider_position"], seen["crank_speed"], seen["crank_angle"], times
-        found["value"] += values_of(program, *states)
+    visited = {key: [] for key in ("x", "v", "w", "theta", "t", "value")}
+    for crank in rig.runs.values():
+        times = np.arange(100) / 100 * 2 * math.pi / crank.speed
+        content = with_injected_effects(rig.true, [(effect, size)])
+        signals = simulate_signals(content, CrankRun(crank.speed, 0.0, times), rig.numerics)
+        states = (
+            *(signals[name] for name in ("slider_velocity", "slider_position", "crank_speed", "crank_angle")),
+            times,
+        )
+        visited["value"] += formula_values(program, *states)
         for key, values in zip(("v", "x", "w", "theta", "t"), states, strict=True):
-            found[key] += np.round(values, 9).tolist()
-    return {"kind": kind, "formula": text, "coefficients": {"s": size}, **found}
+            visited[key] += np.round(values, 9).tolist()
+    return {"kind": kind, "formula": text, "coefficients": {"s": size}, **visited}
 
 
-def values_of(program, *states: np.ndarray) -> list[float]:
-    """Values of a formula over states: slider's velocity and position, crank's speed and angle, time."""
-    from jointgap.dynamics.model.formula_evaluator import evaluate
+def formula_values(program: Program, *states: np.ndarray) -> list[float]:
+    """Values [N or N m] of a formula's `program` over `states`.
 
+    Five (n,) arrays: the slider's velocity and position, the crank's speed and angle, time, SI.
+    """
     return [float(evaluate(program.codes, program.numbers, *map(float, state))) for state in zip(*states, strict=True)]

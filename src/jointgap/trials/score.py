@@ -1,8 +1,9 @@
-"""A verdict against the sealed truth, trial by trial."""
+"""The score: each verdict against its sealed truth, as the table of trials."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import permutations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,50 +12,133 @@ import pandas as pd
 from jointgap.errors import InputError
 from jointgap.formula import compile_formula
 from jointgap.identification.confirmation import share_closed
-from jointgap.trials.make_trial import PIECES, values_of
-from jointgap.trials.size_calibration import NEAR
+from jointgap.tables.columns import Column, Table
+from jointgap.trials.batches import read_trial_records
+from jointgap.trials.make_trial import ANGLE_PIECES, formula_values
+from jointgap.trials.size_calibration import GAP_TOLERANCE
 
-CHOICES = ("pin_friction", "lubricated_joint", "sensor_bias", "sensor_gain", "sensor_lag")
-"""Effects that are told apart by their site too."""
+WITH_SITE = ("pin_friction", "lubricated_joint", "sensor_bias", "sensor_gain", "sensor_lag")
+"""Effects whose site has to be right too."""
 
-FOUND_NOTHING = ("no_disagreement", "parameters_only")
+NOTHING_NAMED = ("no_disagreement", "parameters_only")
 NAMED = ("named", "named_with_remaining_misfit")
 
-LEAST_GAP = 1.5 * (1 - 2 * NEAR)
+LEAST_GAP = 1.5 * (1 - 2 * GAP_TOLERANCE)
 """A trial whose effect causes less, since it cannot be larger on any rig that was drawn, counts as undetectable."""
 
-QUIET, LOUD = 0.1, 0.5
-"""Noise-free difference over the noise below which a window is false, and above which a bin without one is a miss."""
+FALSE_WINDOW_RMS = 0.1
+"""Noise-free difference over the noise below which a window of the map is false: nobody could see it in the samples."""
 
-ALIKE = 0.1
+MISSED_BIN_RMS = 0.5
+"""Noise-free difference over the noise above which a bin outside of all windows counts as missed."""
+
+SAME_FORCE_RMS = 0.1
 """RMS share by which a discovered force may differ from the true one over the visited states."""
 
-_BIN = 10  # degrees
+CLOSED_FROM_GAP = 1.5
+"""Gap of the held-out run from which on the share of its excess that is closed says something."""
+
+_BIN_DEG = 10
+
+_TEXT = {
+    "id": "the campaign's name",
+    "kind": "nothing, single, pair, off_list, or exudyn (single, by independent code)",
+    "base": "ideal joints, loose joints with friction, or a chaotic motion",
+    "hidden": "effects hidden",
+    "verdict": "verdict, or failed",
+    "named": "effects named, or the verdict",
+    "outcome": "right, wrong, partly, ambiguous, unexplained, missed or failed",
+    "greedy": "outcome of the least BIC, one effect at a time, without a gate",
+    "greedy_named": "what that names",
+    "sparse": "outcome of sparse regression of the residual",
+    "sparse_named": "what that names",
+    "reason": "why the verdict is what it is, what it leaves open if it is ambiguous, or why the analysis failed",
+}
+_NUMBERS = {
+    "size": ("1", "whitened gap asked for"),
+    "gap_caused": ("1", "whitened gap that the smallest of the effects causes after recalibration, without noise"),
+    "numerics_gap": (
+        "1",
+        "gap that the truth leaves, simulated by usual numerics; not known of chaotic motion and from Exudyn",
+    ),
+    "seconds": ("s", "time that the analysis took"),
+    "error": ("1", "relative error of the effect's size, where it is named right"),
+    "covered": ("1", "share of sizes within their 90 % interval"),
+    "gap_before": ("1", "gap of the held-out run before"),
+    "gap_after": ("1", "gap of the held-out run after"),
+    "closed": ("1", "share of the held-out excess closed, where the gap before is over 1.5"),
+    "windows": (
+        "1",
+        "windows in the map whose noise-free difference is known; "
+        "not those in the crank angle, unless nothing is hidden",
+    ),
+    "false_windows": ("1", "of these, with a noise-free difference below 0.1 of the noise"),
+    "bins_off": ("1", "bins of 10 deg with a noise-free difference above half of the noise"),
+    "missed_bins": ("1", "of these, in no window"),
+}
+
+TRIALS = Table(
+    "blind_trials",
+    "Blind trials: what was hidden, and what was found",
+    (
+        *(Column(name, "", meaning, "text") for name, meaning in _TEXT.items()),
+        Column("detectable", "", "an effect is hidden that preflight calls detectable, as large as asked for", "bool"),
+        Column("foreseen", "", "an effect is hidden that preflight calls undetectable", "bool"),
+        *(Column(name, unit, meaning, nullable=True) for name, (unit, meaning) in _NUMBERS.items()),
+    ),
+)
 
 
-def label(effect: Mapping[str, Any]) -> str:
+def score_batches(truths: Iterable[Path], analyses: Iterable[Path]) -> pd.DataFrame:
+    """The table `TRIALS` of all trials of several batches.
+
+    Parameters
+    ----------
+    truths, analyses : iterable of Path
+        JSON files of the sealed truths, and of the verdicts on them.
+
+    Raises
+    ------
+    InputError
+        A file that is not there or no list of trials, a trial without its truth, or a truth without its trial.
+    """
+    truth, analysis = (
+        {record["id"]: record for path in paths for record in read_trial_records(path, option, command)}
+        for paths, option, command in ((truths, "--truth", "blind-conceal"), (analyses, "--found", "blind-analyse"))
+    )
+    if unmatched := truth.keys() ^ analysis.keys():
+        raise InputError(f"trial {min(unmatched)} has a truth or a verdict alone; give the files of the same batches")
+    rows = pd.DataFrame([score_trial(truth[trial], analysis[trial]) for trial in sorted(truth)])
+    columns = [column.name for column in TRIALS.columns]
+    return rows.reindex(columns=columns).astype(
+        dict.fromkeys(("detectable", "foreseen"), bool) | dict.fromkeys(_NUMBERS, float)
+    )
+
+
+def effect_label(effect: Mapping[str, Any]) -> str:
     """Name of an effect, with its site where there is a choice."""
-    return f"{effect['name']}:{effect['site']}" if effect["name"] in CHOICES else effect["name"]
+    return f"{effect['name']}:{effect['site']}" if effect["name"] in WITH_SITE else effect["name"]
 
 
-def scored(truth: Mapping[str, Any], told: Mapping[str, Any]) -> dict[str, Any]:
+def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[str, Any]:
     """One trial.
 
     Parameters
     ----------
     truth : mapping
         The sealed truth, as `jointgap.trials.make_trial` writes it.
-    told : mapping
-        What `jointgap.trials.analyse_trial` keeps: the verdict or an error, and what the baselines say.
+    analysis : mapping
+        As `jointgap.trials.analyse_trial` gives it: the verdict or an error, and what the baseline methods name.
 
     Returns
     -------
     dict
-        A row of the table of trials.
+        A row of the table `TRIALS`.
     """
-    verdict = told.get("verdict")
-    hidden = frozenset(label(effect) for effect in truth["effects"])
-    row = {
+    verdict = analysis.get("verdict")
+    hidden = frozenset(effect_label(effect) for effect in truth["effects"])
+    greedy, sparse = analysis.get("greedy"), analysis.get("sparse")
+    row = dict.fromkeys(_NUMBERS, math.nan) | {
         "id": truth["id"],
         "kind": truth["kind"],
         "base": truth["base"],
@@ -66,63 +150,67 @@ def scored(truth: Mapping[str, Any], told: Mapping[str, Any]) -> dict[str, Any]:
         "named": "",
         "detectable": bool(hidden),
         "foreseen": False,
-        "greedy": outcome_of(truth, hidden, told.get("greedy")),
-        "greedy_named": " + ".join(told.get("greedy") or ()) or "nothing",
-        "sparse": outcome_of(truth, hidden, told.get("sparse")),
-        "sparse_named": "not asked" if told.get("sparse") is None else " + ".join(told["sparse"]) or "nothing",
-        "seconds": told.get("seconds", math.nan),
-        "reason": told.get("error", ""),
+        "greedy": _baseline_outcome(truth, hidden, greedy),
+        "greedy_named": " + ".join(greedy or ()) or "nothing",
+        "sparse": _baseline_outcome(truth, hidden, sparse),
+        "sparse_named": "not asked" if sparse is None else " + ".join(sparse) or "nothing",
+        "seconds": analysis.get("seconds", math.nan),
+        "reason": analysis.get("error", ""),
     }
     if verdict is None:
-        return row | {"outcome": "failed", **_no_numbers()}
+        return row | {"outcome": "failed"}
     row["foreseen"] = bool(hidden & set(verdict["preflight"]["undetectable"]))
     row["detectable"] = bool(hidden) and not row["foreseen"] and min(truth["gaps"]) >= LEAST_GAP
-    row["named"] = " + ".join(sorted(label(effect) for effect in verdict["effects"])) or verdict["verdict"]
+    row["named"] = " + ".join(sorted(effect_label(effect) for effect in verdict["effects"])) or verdict["verdict"]
     row["outcome"] = _outcome(truth, verdict, hidden)
-    left_open = " or ".join(sorted(" + ".join(sorted(one)) or "nothing" for one in _equivalent(verdict)))
-    row["reason"] = left_open or verdict["because"]
-    return row | _numbers(truth, verdict, row["outcome"]) | _windows(truth, verdict)
+    left_open = sorted(" + ".join(sorted(explanation)) or "nothing" for explanation in _equivalent(verdict))
+    row["reason"] = " or ".join(left_open) or verdict["because"]
+    sizes = _size_errors(truth, verdict) if row["outcome"] == "right" else {}
+    return row | sizes | _held_out_gaps(verdict) | _windows(truth, verdict)
 
 
-def outcome_of(truth: Mapping, hidden: frozenset[str], named: Sequence[str] | None) -> str:
-    """What a baseline's names come to: it names, or finds nothing."""
+def _baseline_outcome(truth: Mapping, hidden: frozenset[str], named: Sequence[str] | None) -> str:
+    """The outcome of a baseline method, which names effects or finds nothing; None where it was not asked."""
     if named is None:
         return "not asked"
     if not named:
-        return "right" if not hidden else "missed"
-    if truth["kind"] == "off_list" or not hidden:
-        return "wrong"
-    return "right" if frozenset(named) == hidden else "partly" if frozenset(named) < hidden else "wrong"
+        return "missed" if hidden else "right"
+    return "wrong" if truth["kind"] == "off_list" else _outcome_of_names(hidden, frozenset(named))
 
 
-def _outcome(truth: Mapping, verdict: Mapping, hidden: frozenset[str]) -> str:
-    kind = verdict["verdict"]
-    if kind in FOUND_NOTHING:
-        return "right" if not hidden else "missed"
-    if kind == "unexplained":
-        return "unexplained"
-    if kind == "ambiguous":
-        explanations = _equivalent(verdict)
-        merged = [frozenset(group) for group in verdict["preflight"]["merged"]]
-        foreseen = hidden in explanations and all(_stand_for(one, hidden, merged) for one in explanations)
-        return "right" if foreseen else "ambiguous"
-    if truth["kind"] == "off_list":
-        return "right" if _is_the_force(truth, verdict) else "wrong"
-    named = frozenset(label(effect) for effect in verdict["effects"])
+def _outcome_of_names(hidden: frozenset[str], named: frozenset[str]) -> str:
     if named == hidden:
         return "right"
     return "partly" if named < hidden else "wrong"
 
 
+def _outcome(truth: Mapping, verdict: Mapping, hidden: frozenset[str]) -> str:
+    kind = verdict["verdict"]
+    if kind in NOTHING_NAMED:
+        return "missed" if hidden else "right"
+    if kind == "unexplained":
+        return "unexplained"
+    if kind == "ambiguous":
+        explanations = _equivalent(verdict)
+        merged = [frozenset(group) for group in verdict["preflight"]["merged"]]
+        foreseen = hidden in explanations and all(
+            _inseparable(explanation, hidden, merged) for explanation in explanations
+        )
+        return "right" if foreseen else "ambiguous"
+    if truth["kind"] == "off_list":
+        return "right" if _is_the_force(truth, verdict) else "wrong"
+    return _outcome_of_names(hidden, frozenset(effect_label(effect) for effect in verdict["effects"]))
+
+
 def _equivalent(verdict: Mapping) -> list[frozenset[str]]:
     """The explanations that an ambiguous verdict holds to be equal; of other verdicts none."""
-    told = verdict["equivalent"] if verdict["verdict"] == "ambiguous" else ()
-    return [frozenset(label(effect) for effect in one) for one in told]
+    explanations = verdict["equivalent"] if verdict["verdict"] == "ambiguous" else ()
+    return [frozenset(effect_label(effect) for effect in explanation) for explanation in explanations]
 
 
-def _stand_for(one: frozenset[str], hidden: frozenset[str], merged: Sequence[frozenset[str]]) -> bool:
-    """Whether an explanation differs from the truth only by effects that preflight could not tell apart."""
-    extra, absent = one - hidden, hidden - one
+def _inseparable(explanation: frozenset[str], hidden: frozenset[str], merged: Sequence[frozenset[str]]) -> bool:
+    """Whether an explanation differs from the truth only by effects that preflight could not separate."""
+    extra, absent = explanation - hidden, hidden - explanation
     return len(extra) == len(absent) and any(
         all(any({a, b} <= group for group in merged) for a, b in zip(extra, order, strict=True))
         for order in permutations(absent)
@@ -130,62 +218,50 @@ def _stand_for(one: frozenset[str], hidden: frozenset[str], merged: Sequence[fro
 
 
 def _is_the_force(truth: Mapping, verdict: Mapping) -> bool:
-    """Whether the one effect named is a discovered force within `ALIKE` of the true one over the visited states."""
+    """Whether the one effect named is a discovered force within `SAME_FORCE_RMS` of the true one."""
     force = truth["effects"][0].get("force")
     if force is None or len(verdict["effects"]) != 1 or verdict["effects"][0]["name"] != force["kind"]:
         return False
     parameters = verdict["effects"][0]["parameters"]
-    numbers = {key: one["value"] for key, one in parameters.items() if key != "formula"}
+    coefficients = {key: entry["value"] for key, entry in parameters.items() if key != "formula"}
     states = [np.array(force[key]) for key in ("v", "x", "w", "theta", "t")]
     try:
-        found = np.array(values_of(compile_formula(parameters["formula"]["value"], numbers), *states))
+        discovered = np.array(formula_values(compile_formula(parameters["formula"]["value"], coefficients), *states))
     except InputError:
         return False
     true = np.array(force["value"])
-    return float(np.sqrt(np.mean((found - true) ** 2))) <= ALIKE * float(np.sqrt(np.mean(true**2)))
+    return float(np.sqrt(np.mean((discovered - true) ** 2))) <= SAME_FORCE_RMS * float(np.sqrt(np.mean(true**2)))
 
 
-def _no_numbers() -> dict[str, float]:
-    names = (
-        "error",
-        "covered",
-        "gap_before",
-        "gap_after",
-        "closed",
-        "windows",
-        "false_windows",
-        "bins_off",
-        "missed_bins",
-    )
-    return dict.fromkeys(names, math.nan)
+def _size_errors(truth: Mapping, verdict: Mapping) -> dict[str, float]:
+    """Relative error of the sizes of effects named right, and the share of them within their intervals.
 
-
-def _numbers(truth: Mapping, verdict: Mapping, outcome: str) -> dict[str, float]:
-    """Relative error of the effects' sizes, coverage of their intervals, gaps of the held-out run.
-
-    The size of an effect is its first parameter in the seal. One that was found without an interval, since it came to a bound, is
-    not covered; where the held-out run cannot be simulated with what was named, none of its excess is closed.
+    The size of an effect is its first parameter in the seal. One whose estimate has no interval, since it came to a bound,
+    is not covered.
     """
-    found = _no_numbers()
-    if outcome == "right" and verdict["verdict"] in NAMED and truth["kind"] != "off_list":
-        named = {label(effect): effect["parameters"] for effect in verdict["effects"]}
-        errors, covered = [], []
-        for effect in truth["effects"]:
-            key, true = next(iter(effect["parameters"].items()))
-            one = named[label(effect)].get(key)
-            if one is None or not true:
-                continue
-            errors.append(abs(one["value"] - true) / abs(true))
-            low, high = one["interval_90"]
-            covered.append(float(low is not None and low <= true <= high))
-        found["error"] = float(np.mean(errors)) if errors else math.nan
-        found["covered"] = float(np.mean(covered)) if covered else math.nan
+    if verdict["verdict"] not in NAMED or truth["kind"] == "off_list":
+        return {}
+    named = {effect_label(effect): effect["parameters"] for effect in verdict["effects"]}
+    errors, covered = [], []
+    for effect in truth["effects"]:
+        key, true = next(iter(effect["parameters"].items()))
+        estimate = named[effect_label(effect)].get(key)
+        if estimate is None or not true:
+            continue
+        errors.append(abs(estimate["value"] - true) / abs(true))
+        low, high = estimate["interval_90"]
+        covered.append(float(low is not None and low <= true <= high))
+    return {"error": float(np.mean(errors)), "covered": float(np.mean(covered))} if errors else {}
+
+
+def _held_out_gaps(verdict: Mapping) -> dict[str, float]:
+    """Gaps of the held-out run; where it cannot be simulated with what was named, none of its excess is closed."""
     gap = verdict["gap"].get("confirm") or {}
     before, after = (math.nan if gap.get(key) is None else gap[key] for key in ("before", "after"))
-    found |= {"gap_before": before, "gap_after": after}
-    if before > 1.5:
-        found["closed"] = 0.0 if math.isnan(after) else share_closed(before, after)
-    return found
+    closed = math.nan
+    if before > CLOSED_FROM_GAP:
+        closed = 0.0 if math.isnan(after) else share_closed(before, after)
+    return {"gap_before": before, "gap_after": after, "closed": closed}
 
 
 def _windows(truth: Mapping, verdict: Mapping) -> dict[str, float]:
@@ -195,20 +271,21 @@ def _windows(truth: Mapping, verdict: Mapping) -> dict[str, float]:
     counted, false, bins = 0, 0, set()
     for window in verdict["where"]:
         channel = window["channel"].partition(" ")[0]  # of a statistic: the channel that it is of
-        pieces = _difference(truth, window["run"], channel)
-        if pieces is None:
+        difference = _difference(truth, window["run"], channel)
+        if difference is None:
             continue
-        inside = _pieces(*window["crank_angle_deg"])
-        seen = [pieces[piece] for piece in inside if pieces[piece] is not None]
+        inside = _pieces_between(*window["crank_angle_deg"])
+        sampled = [difference[piece] for piece in inside if difference[piece] is not None]
         counted += 1
-        false += bool(seen) and math.sqrt(np.mean(np.square(seen))) < QUIET
-        bins |= {(window["run"], channel, piece * 360 // PIECES // _BIN) for piece in inside}
+        false += bool(sampled) and math.sqrt(np.mean(np.square(sampled))) < FALSE_WINDOW_RMS
+        bins |= {(window["run"], channel, piece * 360 // ANGLE_PIECES // _BIN_DEG) for piece in inside}
     off = set()
     for run, channels in truth["difference"].items():
-        for channel, pieces in channels.items():
-            values = pd.Series(pieces, dtype=float).groupby(np.arange(PIECES) * 360 // PIECES // _BIN)
-            rms = np.sqrt(values.apply(lambda one: np.mean(one**2)))
-            off |= {(run, channel, int(place)) for place in rms.index[rms > LOUD]}
+        for channel, difference in channels.items():
+            bin_of_piece = np.arange(ANGLE_PIECES) * 360 // ANGLE_PIECES // _BIN_DEG
+            squares = pd.Series(difference, dtype=float).pow(2).groupby(bin_of_piece)
+            rms = np.sqrt(squares.mean())
+            off |= {(run, channel, int(place)) for place in rms.index[rms > MISSED_BIN_RMS]}
     return {
         "windows": float(counted),
         "false_windows": float(false),
@@ -220,16 +297,16 @@ def _windows(truth: Mapping, verdict: Mapping) -> dict[str, float]:
 def _difference(truth: Mapping, run: str, channel: str) -> Sequence[float | None] | None:
     """Noise-free difference over the noise by piece of the crank angle; None where it is not known.
 
-    That of the crank angle is not: the seal's base turns as the encoder says, but the analyst's is fitted to all channels and may
-    turn off it where it cannot follow the others. Where nothing is hidden, it can.
+    That of the crank angle is not: the seal's base turns as the encoder says, but the analyst's is fitted to all channels
+    and may turn off it where it cannot follow the others. Where nothing is hidden, it can.
     """
     if channel == "crank_angle":
-        return None if truth["effects"] else [0.0] * PIECES
+        return None if truth["effects"] else [0.0] * ANGLE_PIECES
     return truth["difference"].get(run, {}).get(channel)
 
 
-def _pieces(start: float, end: float) -> list[int]:
+def _pieces_between(start: float, end: float) -> list[int]:
     """Pieces of the crank angle from `start` to `end` [deg], past 360 too."""
-    width = 360 / PIECES
+    width = 360 / ANGLE_PIECES
     first, count = round(start / width), round(((end - start) % 360 or 360) / width)
-    return [(first + place) % PIECES for place in range(count)]
+    return [(first + index) % ANGLE_PIECES for index in range(count)]

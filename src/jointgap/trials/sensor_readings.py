@@ -1,4 +1,4 @@
-"""What the sensors of a rig would read without noise: the motion by other numerics, and faults of sensors."""
+"""What the sensors of a virtual rig read without noise: the motion by independent numerics, and faults of sensors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,11 +14,14 @@ from jointgap.dynamics.model.parameters import Parameters
 from jointgap.trials.independent_integrator import integrate
 from jointgap.trials.injected_effects import Hidden
 
-SETTLING = 4
+InjectedEffects = Sequence[tuple[Hidden, float]]
+"""Effects, each with its size."""
+
+SETTLING_REVOLUTIONS = 4
 """Revolutions between the start and the first sample: a rig has run for a while before it is measured."""
 
-_GRID = 2880  # samples per revolution on which a lag is applied
-_BEFORE = 5.0  # lags that are simulated before the first sample
+_LAG_GRID = 2880  # samples per revolution on which a lag is applied: between them the signal is linear enough
+_LAGS_BEFORE = 5.0  # lags that are simulated before the first sample: what was before has decayed to 1 %
 
 
 @dataclass(frozen=True)
@@ -32,9 +35,9 @@ class Numerics:
     friction_law : str
         ``coulomb`` (a hyperbolic tangent) or ``threlfall`` (an exponential).
     friction_speed : float
-        Over which friction in loose pins is regularised [m/s].
+        Sliding speed over which friction in loose pins is regularised [m/s].
     sign_factor : float
-        By how much the width of the slider's and the crank's sign functions is multiplied.
+        Factor on the width of the slider's and the crank's sign functions.
     """
 
     tolerance: float = 1e-11
@@ -44,16 +47,26 @@ class Numerics:
 
 
 @dataclass(frozen=True)
-class Turn:
-    """How the crank turns in one run: mean speed [rad/s], angle [rad] at time 0, times of the samples [s]."""
+class CrankRun:
+    """How the crank turns in one run, and when it is sampled.
+
+    Attributes
+    ----------
+    speed : float
+        Mean speed [rad/s].
+    phase : float
+        Angle at time 0 [rad].
+    times : (n,) array
+        Of the samples [s].
+    """
 
     speed: float
     phase: float
     times: np.ndarray
 
 
-def numbers(content: Mapping, speed: float, numerics: Numerics) -> Parameters:
-    """The numbers of the equations for a mechanism file's `content`."""
+def _compile(content: Mapping, speed: float, numerics: Numerics) -> Parameters:
+    """The numbers of the equations of motion for a mechanism file's `content`."""
     steel = content["contacts"]["steel"] | {
         "friction_law": numerics.friction_law,
         "friction_speed": numerics.friction_speed,
@@ -68,47 +81,88 @@ def numbers(content: Mapping, speed: float, numerics: Numerics) -> Parameters:
     return p._replace(effects=effects)
 
 
-def moved(
-    content: Mapping, turn: Turn, numerics: Numerics, perturbation=None, settling: int = SETTLING
-) -> dict[str, np.ndarray]:
-    """Everything that `jointgap.dynamics.solver.sampling` sees at the samples; the crank angle is that since time 0, and the phase."""
-    p = numbers(content, turn.speed, numerics)
-    begin = -(turn.phase + 2 * math.pi * settling) / turn.speed
-    seen = integrate(p, turn.times - begin, numerics.tolerance, perturbation)
-    return seen | {"crank_angle": seen["crank_angle"] - 2 * math.pi * settling}
-
-
-def with_effects(content: Mapping, hidden: Sequence[tuple[Hidden, float]]) -> dict:
-    """`content` with what acts on the motion, each at its size."""
-    return {
-        **content,
-        "effects": [*content["effects"], *(entry for one, size in hidden for entry in one.in_file(size))],
-    }
-
-
-def read(
+def simulate_signals(
     content: Mapping,
-    turn: Turn,
+    run: CrankRun,
     numerics: Numerics,
-    channels: Sequence[str],
-    hidden: Sequence[tuple[Hidden, float]] = (),
+    perturbation: Sequence[float] | None = None,
+    settling: int = SETTLING_REVOLUTIONS,
 ) -> dict[str, np.ndarray]:
-    """Noise-free readings of `channels` and of ``crank_angle`` with `hidden` in mechanism and sensors, SI."""
-    content = with_effects(content, hidden)
-    seen = moved(content, turn, numerics)
-    found = {channel: seen[channel].copy() for channel in {*channels, "crank_angle"}}
-    for one, size in hidden:
-        if one.sensor:
-            values = one.parameters(size)
-            if one.name == "sensor_lag":
-                found[one.sensor] = _lagged(content, turn, numerics, one.sensor, values["lag_s"])
+    """The motion at the samples of a run, without sensors.
+
+    Parameters
+    ----------
+    content : mapping
+        Of a mechanism file, its effects included.
+    run : CrankRun
+    numerics : Numerics
+    perturbation : (4,) sequence, optional
+        Clearance vectors at the start [m].
+    settling : int
+        Revolutions before time 0.
+
+    Returns
+    -------
+    dict of str to (n,) array
+        By column of `jointgap.dynamics.solver.sampling` [SI]; the crank angle counts from time 0, where it is the phase.
+    """
+    begin = -(run.phase + 2 * math.pi * settling) / run.speed
+    signals = integrate(_compile(content, run.speed, numerics), run.times - begin, numerics.tolerance, perturbation)
+    return signals | {"crank_angle": signals["crank_angle"] - 2 * math.pi * settling}
+
+
+def with_injected_effects(content: Mapping, effects: InjectedEffects) -> dict:
+    """A mechanism file's `content` with those of `effects` that act on the motion, each at its size."""
+    entries = [entry for effect, size in effects for entry in effect.in_file(size)]
+    return {**content, "effects": [*content["effects"], *entries]}
+
+
+def noise_free_readings(
+    content: Mapping, run: CrankRun, numerics: Numerics, channels: Sequence[str], effects: InjectedEffects = ()
+) -> dict[str, np.ndarray]:
+    """What the sensors would read without noise.
+
+    Parameters
+    ----------
+    content : mapping
+        Of a mechanism file.
+    run : CrankRun
+    numerics : Numerics
+    channels : sequence of str
+        Those that are read beside ``crank_angle``.
+    effects : sequence of (effect, size)
+        Injected into mechanism and sensors.
+
+    Returns
+    -------
+    dict of str to (n,) array
+        By channel [SI].
+    """
+    content = with_injected_effects(content, effects)
+    signals = simulate_signals(content, run, numerics)
+    readings = {channel: signals[channel].copy() for channel in {*channels, "crank_angle"}}
+    for effect, size in effects:
+        if effect.sensor:
+            values = effect.parameters(size)
+            if effect.name == "sensor_lag":
+                readings[effect.sensor] = _lagged(content, run, numerics, effect.sensor, values["lag_s"])
             else:
-                found[one.sensor] = faulty(one.name, values, found[one.sensor], turn.times)
-    return found
+                readings[effect.sensor] = faulty_reading(effect.name, values, readings[effect.sensor], run.times)
+    return readings
 
 
-def faulty(name: str, values: Mapping[str, float], true: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """What a sensor reads whose fault has no memory."""
+def faulty_reading(name: str, values: Mapping[str, float], true: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """What a sensor reads whose fault has no memory, (n,).
+
+    Parameters
+    ----------
+    name : str
+        Of the fault.
+    values : mapping
+        Its parameters [SI].
+    true, times : (n,) array
+        The signal [SI] and when it is sampled [s].
+    """
     if name == "encoder_offset":
         return true + values["offset_rad"]
     if name == "sensor_bias":
@@ -127,13 +181,13 @@ def faulty(name: str, values: Mapping[str, float], true: np.ndarray, times: np.n
     return true + values["cubic_sensor"] * (true - middle) ** 3 / half**2
 
 
-def _lagged(content: Mapping, turn: Turn, numerics: Numerics, channel: str, lag: float) -> np.ndarray:
-    """A first-order lag, exact for a signal that is linear between the points of a fine grid."""
-    step = 2 * math.pi / turn.speed / _GRID
-    grid = np.arange(turn.times[0] - _BEFORE * lag - step, turn.times[-1] + 2 * step, step)
-    true = moved(content, Turn(turn.speed, turn.phase, grid), numerics)[channel]
+def _lagged(content: Mapping, run: CrankRun, numerics: Numerics, channel: str, lag: float) -> np.ndarray:
+    """A signal through a first-order `lag` [s], exact where it is linear between the points of a fine grid."""
+    step = 2 * math.pi / run.speed / _LAG_GRID
+    grid = np.arange(run.times[0] - _LAGS_BEFORE * lag - step, run.times[-1] + 2 * step, step)
+    true = simulate_signals(content, CrankRun(run.speed, run.phase, grid), numerics)[channel]
     decay = math.exp(-step / lag)
     share = (1 - decay) * lag / step  # of y' = (u - y) / lag with u linear over a step
     start = true[0]
     filtered = lfilter([1 - share, share - decay], [1, -decay], true - start) + start
-    return np.interp(turn.times, grid, filtered)
+    return np.interp(run.times, grid, filtered)

@@ -16,7 +16,7 @@ GOALS = {
     "nothing found, nothing hidden": (0.98, "at least"),
     "both named and no third": (0.85, "at least"),
 }
-"""What is asked for."""
+"""Rates that the trials are to reach, and from which side."""
 
 _SHARE = Quantity("share of the trials", "1")
 _TRIALS = Quantity("trials", "1")
@@ -24,7 +24,7 @@ _GROUP = Quantity("what, and of which trials", "")
 _HIDDEN, _NAMED = Quantity("hidden", ""), Quantity("named, or the verdict", "")
 
 
-def draw(trials: pd.DataFrame) -> dict[str, Drawing]:
+def draw_score(trials: pd.DataFrame) -> dict[str, Drawing]:
     """Rates with their intervals beside what is asked for, and the confusion matrix, by file name."""
     with look():
         return {"rates": _rates(trials), "confusion": _confusion(trials)}

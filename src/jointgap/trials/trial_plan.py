@@ -1,7 +1,8 @@
-"""Which trials a set holds: what is hidden in each, decided by the set's seed before anything is simulated."""
+"""Which trials a set holds: what is injected in each, decided by the set's seed before anything is simulated."""
 
 import hashlib
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from pydantic import Field, NonNegativeInt, PositiveInt
@@ -11,14 +12,13 @@ from jointgap.errors import InputError, did_you_mean
 from jointgap.section import Section
 from jointgap.trials.injected_effects import LISTED, OFF_LIST
 
-SIZES = (1.5, 5.0)
-"""Whitened gaps that hidden effects cause after recalibration."""
+TARGET_GAPS = (1.5, 5.0)
+"""Whitened gaps that injected effects cause after recalibration: just visible, and plain."""
 
-_SHARES = {"ideal": 0.44, "loose": 0.44, "chaotic": 0.12}
+_BASE_SHARES = {"ideal": 0.44, "loose": 0.44, "chaotic": 0.12}
 _NEED_LOOSE = ("lubricated_joint",)
 
-# What Exudyn's own loads, springs and user functions can do; the rest of the list has no counterpart there.
-EXUDYN = (
+EXUDYN_EFFECTS = (
     "gravity",
     "slider_coulomb_friction",
     "slider_viscous_friction",
@@ -30,29 +30,46 @@ EXUDYN = (
     "added_slider_mass",
     "link_length_error",
 )
+"""What Exudyn's own loads, springs and user functions can do; the rest of the list has no counterpart there."""
 
 
-class Sizes(Section):
+class TrialSet(Section):
     """How many trials of each kind a set has."""
 
     seed: NonNegativeInt = Field(description="seed of all that is random in the set")
-    single: NonNegativeInt = Field(description="one effect of the list hidden")
-    nothing: NonNegativeInt = Field(description="nothing hidden")
-    pairs: NonNegativeInt = Field(description="two effects of the list hidden")
-    off_list: NonNegativeInt = Field(description="an effect hidden that is on nobody's list")
-    exudyn: NonNegativeInt = Field(0, description="one effect hidden, motion and effect by Exudyn")
-    batch: PositiveInt = Field(12, description="trials that one job takes, one after the other")
+    single: NonNegativeInt = Field(description="one effect of the list injected")
+    nothing: NonNegativeInt = Field(description="nothing injected")
+    pairs: NonNegativeInt = Field(description="two effects of the list injected")
+    off_list: NonNegativeInt = Field(description="an effect injected that is not on the list")
+    exudyn: NonNegativeInt = Field(0, description="one effect injected, motion and effect by Exudyn")
+    batch: PositiveInt = Field(12, description="trials that one job runs, one after the other")
 
 
 class Sets(Section):
     """The content of ``config/blind.yaml``."""
 
-    sets: dict[str, Sizes] = Field(description="sets of trials by name")
+    sets: dict[str, TrialSet] = Field(description="sets of trials by name")
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What one trial is to hide: kind, base, size (0 where nothing is hidden), names in `hidden.LISTED` or `OFF_LIST`."""
+class TrialPlan:
+    """What one trial is to hide.
+
+    Attributes
+    ----------
+    id : str
+        Of the trial; says nothing about it.
+    number : int
+        Its place in the set.
+    kind : str
+        nothing, single, pair, off_list or exudyn.
+    base : str
+        One of `jointgap.trials.virtual_rig.BASES`.
+    size : float
+        Gap that each effect is to cause; 0 where nothing is injected.
+    effects : tuple of str
+        Names in `jointgap.trials.injected_effects.LISTED` or `OFF_LIST`.
+    """
 
     id: str
     number: int
@@ -62,7 +79,7 @@ class Plan:
     effects: tuple[str, ...]
 
 
-def read_sets(path) -> dict[str, Sizes]:
+def read_sets(path: Path | str) -> dict[str, TrialSet]:
     """The sets in a file such as ``config/blind.yaml``.
 
     Raises
@@ -73,57 +90,63 @@ def read_sets(path) -> dict[str, Sizes]:
     return validate(Sets, read_yaml(path), str(path)).sets
 
 
-def chosen(sets: dict[str, Sizes], name: str) -> Sizes:
-    """The set `name`, or an InputError with the name that was probably meant."""
+def trial_set(sets: dict[str, TrialSet], name: str) -> TrialSet:
+    """The one of `sets` called `name`, or an InputError with the name that was probably meant."""
     if name not in sets:
         raise InputError(f"there is no set of blind trials '{name}'; {did_you_mean(name, sets)}")
     return sets[name]
 
 
-def plans(sizes: Sizes) -> list[Plan]:
-    """All trials of a set, shuffled; their identifiers tell nothing."""
-    rng = np.random.default_rng([sizes.seed, 0])
+def plan_trials(chosen: TrialSet) -> list[TrialPlan]:
+    """All trials of a set, shuffled."""
+    rng = np.random.default_rng([chosen.seed, 0])
     drawn: list[tuple[str, str, float, tuple[str, ...]]] = [
-        ("nothing", base, 0.0, ()) for base in _bases(rng, sizes.nothing)
+        ("nothing", base, 0.0, ()) for base in _draw_bases(rng, chosen.nothing)
     ]
-    for kind, count, catalogue, several in (
-        ("single", sizes.single, tuple(LISTED), 1),
-        ("pair", sizes.pairs, tuple(LISTED), 2),
-        ("off_list", sizes.off_list, tuple(OFF_LIST), 1),
-        ("exudyn", sizes.exudyn, EXUDYN, 1),
+    for kind, count, catalogue, effects_each in (
+        ("single", chosen.single, tuple(LISTED), 1),
+        ("pair", chosen.pairs, tuple(LISTED), 2),
+        ("off_list", chosen.off_list, tuple(OFF_LIST), 1),
+        ("exudyn", chosen.exudyn, EXUDYN_EFFECTS, 1),
     ):
-        names = _evenly(rng, catalogue, count * several)
-        for place, base in enumerate(_bases(rng, count)):
-            effects = _two_kinds(rng, catalogue, names[place * several : (place + 1) * several])
+        names = _draw_evenly(rng, catalogue, count * effects_each)
+        for trial, base in enumerate(_draw_bases(rng, count)):
+            effects = _two_kinds(rng, catalogue, names[trial * effects_each : (trial + 1) * effects_each])
             if base == "ideal" and any(name.startswith(_NEED_LOOSE) for name in effects):
                 base = "loose"
             if kind == "exudyn":
                 base = "ideal"  # Exudyn's implicit integrator does not get through the contacts
-            drawn.append((kind, base, SIZES[place % 2], effects))
+            drawn.append((kind, base, TARGET_GAPS[trial % 2], effects))
     order = rng.permutation(len(drawn))
-    return [Plan(_identifier(sizes.seed, place), place, *drawn[which]) for place, which in enumerate(order)]
+    return [TrialPlan(_identifier(chosen.seed, number), number, *drawn[index]) for number, index in enumerate(order)]
 
 
-def batches(sizes: Sizes) -> int:
+def plan_batch(chosen: TrialSet, batch: int) -> list[TrialPlan]:
+    """The trials of one `batch`, counted from 0, of the set `chosen`."""
+    return plan_trials(chosen)[batch * chosen.batch : (batch + 1) * chosen.batch]
+
+
+def batch_count(chosen: TrialSet) -> int:
     """How many batches a set has."""
-    count = sizes.single + sizes.nothing + sizes.pairs + sizes.off_list + sizes.exudyn
-    return -(-count // sizes.batch)
+    count = chosen.single + chosen.nothing + chosen.pairs + chosen.off_list + chosen.exudyn
+    return -(-count // chosen.batch)
 
 
-def _bases(rng, count: int) -> list[str]:
-    found = [base for base, share in _SHARES.items() for _ in range(round(share * count))]
-    found = (found + ["loose"] * count)[:count]
-    return [found[place] for place in rng.permutation(count)]
+def _draw_bases(rng: np.random.Generator, count: int) -> list[str]:
+    bases = [base for base, share in _BASE_SHARES.items() for _ in range(round(share * count))]
+    bases = (bases + ["loose"] * count)[:count]
+    return [bases[index] for index in rng.permutation(count)]
 
 
-def _evenly(rng, names: tuple[str, ...], count: int) -> list[str]:
-    found: list[str] = []
-    while len(found) < count:
-        found += [names[place] for place in rng.permutation(len(names))]
-    return found[:count]
+def _draw_evenly(rng: np.random.Generator, catalogue: tuple[str, ...], count: int) -> list[str]:
+    """`count` names, each of the catalogue about as often."""
+    names: list[str] = []
+    while len(names) < count:
+        names += [catalogue[index] for index in rng.permutation(len(catalogue))]
+    return names[:count]
 
 
-def _two_kinds(rng, catalogue: tuple[str, ...], names: list[str]) -> tuple[str, ...]:
+def _two_kinds(rng: np.random.Generator, catalogue: tuple[str, ...], names: list[str]) -> tuple[str, ...]:
     """`names`, the second drawn anew while both are one effect."""
     while len(names) == 2 and names[0].split(":")[0] == names[1].split(":")[0]:
         names = [names[0], catalogue[int(rng.integers(len(catalogue)))]]

@@ -1,83 +1,137 @@
-"""What a set of blind trials comes to: rates with their intervals, confusion, and how the baselines do."""
+"""The score of a set of trials: rates with intervals, confusion, the page, and the run for MLflow."""
 
 import math
-from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.stats import beta, binom
+from scipy.stats import binom, binomtest
 
+from jointgap import tables
 from jointgap.report.page import Block, Heading, Page, Paragraph, TableBlock, to_markdown
-from jointgap.trials.draw_rigs import BASES
-from jointgap.trials.size_calibration import NEAR
+from jointgap.track.run_record import Dataset, Record
+from jointgap.trials.score import TRIALS
+from jointgap.trials.size_calibration import GAP_TOLERANCE
+from jointgap.trials.virtual_rig import BASES
 
-LEVEL = 0.95
+CONFIDENCE = 0.95
+"""Of the intervals of shares and medians."""
+
+DESCRIPTION = "Blind trials: campaigns with hidden effects, analysed without the truth at hand"
+"""Of the set's experiment in MLflow."""
+
+_BASELINES = {"greedy": "greedy BIC", "sparse": "sparse regression"}
 
 
-def interval(hits: int, count: int) -> tuple[float, float]:
-    """Clopper and Pearson's interval of a share, at `LEVEL`.
+def share_interval(hits: int, count: int) -> tuple[float, float]:
+    """Clopper and Pearson's interval at `CONFIDENCE` of a share of `hits` in a `count` of one or more.
 
     C. J. Clopper and E. S. Pearson, Biometrika 26 (1934) 404-413.
     """
-    tail = (1 - LEVEL) / 2
-    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits else 0.0
-    high = float(beta.ppf(1 - tail, hits + 1, count - hits)) if hits < count else 1.0
-    return low, high
+    return tuple(map(float, binomtest(hits, count).proportion_ci(CONFIDENCE, "exact")))
 
 
 def rates(trials: pd.DataFrame) -> pd.DataFrame:
-    """The figures of a set, one a row: what, group, hits, count, value, low, high.
+    """The rates and medians of a set, one a row: what, group, count, value, low, high.
 
     Shares have Clopper and Pearson's interval; medians have the one that order statistics give.
+
+    Parameters
+    ----------
+    trials : DataFrame
+        Table `jointgap.trials.score.TRIALS`.
     """
     single = trials[trials["kind"].isin(["single", "exudyn"]) & trials["detectable"]]
     nothing, pairs = trials[trials["kind"] == "nothing"], trials[trials["kind"] == "pair"]
-    seen_pairs, off = pairs[pairs["detectable"]], trials[trials["kind"] == "off_list"]
+    detectable_pairs, off_list = pairs[pairs["detectable"]], trials[trials["kind"] == "off_list"]
     hidden = trials[trials["kind"].isin(["single", "exudyn", "pair"])]
-    unseen = hidden[~hidden["detectable"]]
-    listed = trials[trials["kind"].isin(["single", "exudyn"]) & ~trials["foreseen"]]
+    undetectable = hidden[~hidden["detectable"]]
+    not_excluded = trials[trials["kind"].isin(["single", "exudyn"]) & ~trials["foreseen"]]
     rows = [
-        *_grouped("right name", single, lambda one: one["outcome"] == "right"),
+        *_by_group("right name", single, "right"),
         _share(
             "right, of which ambiguous as foreseen",
             single,
             (single["outcome"] == "right") & (single["verdict"] == "ambiguous"),
         ),
-        _share("right, small effects too that preflight does not exclude", listed, listed["outcome"] == "right"),
-        *_grouped("wrong name", single, lambda one: one["outcome"] == "wrong"),
-        _share("wrong name, effect undetectable", unseen, unseen["outcome"] == "wrong"),
-        *_grouped("ambiguous", single, lambda one: one["outcome"] == "ambiguous"),
-        *_grouped("unexplained", single, lambda one: one["outcome"] == "unexplained"),
-        *_grouped("missed", single, lambda one: one["outcome"] == "missed"),
-        _share("wrong name, effect off the list", off, off["outcome"] == "wrong"),
-        _share(
-            "unexplained or the force found, effect off the list", off, off["outcome"].isin(["unexplained", "right"])
-        ),
-        _share("ambiguous or missed, effect off the list", off, off["outcome"].isin(["ambiguous", "missed"])),
-        *_grouped("nothing found, nothing hidden", nothing, lambda one: one["outcome"] == "right"),
-        _share("both named and no third", seen_pairs, seen_pairs["outcome"] == "right"),
-        _share("wrong name, two effects", seen_pairs, seen_pairs["outcome"] == "wrong"),
+        _outcomes("right, small effects too that preflight does not exclude", not_excluded, "right"),
+        *_by_group("wrong name", single, "wrong"),
+        _outcomes("wrong name, effect undetectable", undetectable, "wrong"),
+        *_by_group("ambiguous", single, "ambiguous"),
+        *_by_group("unexplained", single, "unexplained"),
+        *_by_group("missed", single, "missed"),
+        _outcomes("wrong name, effect off the list", off_list, "wrong"),
+        _outcomes("unexplained or the force found, effect off the list", off_list, "unexplained", "right"),
+        _outcomes("ambiguous or missed, effect off the list", off_list, "ambiguous", "missed"),
+        *_by_group("nothing found, nothing hidden", nothing, "right"),
+        _outcomes("both named and no third", detectable_pairs, "right"),
+        _outcomes("wrong name, two effects", detectable_pairs, "wrong"),
         _share("undetectable", hidden, ~hidden["detectable"]),
         _share("undetectable, as preflight says", hidden, hidden["foreseen"]),
-        _share("failed", trials, trials["outcome"] == "failed"),
+        _outcomes("failed", trials, "failed"),
         _median("error of the size", single["error"]),
-        _of_values("size within the 90 % interval", single["covered"]),
+        _share_of_values("size within the 90 % interval", single["covered"]),
         _median("share of the excess closed", single["closed"]),
         _median("gap after", single.loc[single["outcome"] == "right", "gap_after"]),
-        _of_sums("false windows", trials["false_windows"], trials["windows"]),
-        _of_sums("bins missed", trials["missed_bins"], trials["bins_off"]),
+        _share_of_sums("false windows", trials["false_windows"], trials["windows"]),
+        _share_of_sums("bins missed", trials["missed_bins"], trials["bins_off"]),
         *(_median("seconds", trials.loc[trials["base"] == base, "seconds"], f"base {base}") for base in BASES),
     ]
-    for baseline in ("greedy", "sparse"):
-        words = {"greedy": "greedy BIC", "sparse": "sparse regression"}[baseline]
-        asked = trials[trials[baseline] != "not asked"]
-        for what, group in (("right name", single), ("wrong name", single), ("false alarm", nothing)):
-            chosen = group.loc[group.index.intersection(asked.index)]
-            hit = {"right name": ("right",), "wrong name": ("wrong",), "false alarm": ("wrong",)}[what]
-            rows.append(_share(f"{words}: {what}", chosen, chosen[baseline].isin(hit)))
-        chosen = off.loc[off.index.intersection(asked.index)]
-        rows.append(_share(f"{words}: wrong name, effect off the list", chosen, chosen[baseline] == "wrong"))
+    for baseline, words in _BASELINES.items():
+        for what, group, outcome in (
+            ("right name", single, "right"),
+            ("wrong name", single, "wrong"),
+            ("false alarm", nothing, "wrong"),
+            ("wrong name, effect off the list", off_list, "wrong"),
+        ):
+            asked = group[group[baseline] != "not asked"]
+            rows.append(_share(f"{words}: {what}", asked, asked[baseline] == outcome))
     return pd.DataFrame([row for row in rows if row["count"]])
+
+
+def _by_group(what: str, trials: pd.DataFrame, outcome: str) -> list[dict]:
+    """The share of an outcome in all trials, by base, by gap, and in those from Exudyn."""
+    groups = {"all": trials}
+    groups |= {f"base {base}": trials[trials["base"] == base] for base in BASES}
+    larger = trials["gap_caused"] > (1 + 2 * GAP_TOLERANCE) * trials["size"]
+    sizes = sorted(set(trials["size"]) - {0.0})
+    groups |= {f"gap {size:g}": trials[(trials["size"] == size) & ~larger] for size in sizes}
+    groups |= {"gap larger than asked for": trials[larger & (trials["size"] > 0)]}
+    groups |= {"from Exudyn": trials[trials["kind"] == "exudyn"]}
+    return [_share(what, group, group["outcome"] == outcome, name) for name, group in groups.items()]
+
+
+def _outcomes(what: str, trials: pd.DataFrame, *outcomes: str) -> dict:
+    return _share(what, trials, trials["outcome"].isin(outcomes))
+
+
+def _share(what: str, trials: pd.DataFrame, hit: pd.Series, group: str = "all") -> dict:
+    return _share_of_counts(what, group, int(np.count_nonzero(hit)), len(trials))
+
+
+def _share_of_counts(what: str, group: str, hits: int, count: int) -> dict:
+    value, (low, high) = (hits / count, share_interval(hits, count)) if count else (math.nan, (math.nan, math.nan))
+    return {"what": what, "group": group, "count": count, "value": value, "low": low, "high": high}
+
+
+def _share_of_values(what: str, values: pd.Series) -> dict:
+    """A share of values between 0 and 1, of which a trial may have a half."""
+    known = values.dropna()
+    return _share_of_counts(what, "all", round(known.sum()), len(known))
+
+
+def _share_of_sums(what: str, part: pd.Series, total: pd.Series) -> dict:
+    return _share_of_counts(what, "all", int(part.sum()), int(total.sum()))
+
+
+def _median(what: str, values: pd.Series, group: str = "all") -> dict:
+    """Median with the interval between two of the sorted values, by the binomial distribution of how many lie below."""
+    ordered = np.sort(values.dropna().to_numpy(float))
+    row = {"what": f"{what}, median", "group": group, "count": ordered.size}
+    if not ordered.size:
+        return row | dict.fromkeys(("value", "low", "high"), math.nan)
+    rank = max(int(binom.ppf((1 - CONFIDENCE) / 2, ordered.size, 0.5)) - 1, 0)
+    return row | {"value": float(np.median(ordered)), "low": float(ordered[rank]), "high": float(ordered[-1 - rank])}
 
 
 def confusion(trials: pd.DataFrame) -> pd.DataFrame:
@@ -87,10 +141,22 @@ def confusion(trials: pd.DataFrame) -> pd.DataFrame:
     return pd.crosstab(bare["hidden"], bare["named"])
 
 
+def _without_sites(names: str) -> str:
+    return " + ".join(sorted(name.partition(":")[0] for name in names.split(" + ")))
+
+
 def markdown(name: str, trials: pd.DataFrame) -> str:
-    """The summary as a page."""
+    """The summary as a page.
+
+    Parameters
+    ----------
+    name : str
+        Of the set.
+    trials : DataFrame
+        Table `jointgap.trials.score.TRIALS`.
+    """
     rows = [
-        (row.what, row.group, str(row.count), _text(row.value), f"{_text(row.low)} - {_text(row.high)}")
+        (row.what, row.group, str(row.count), _number(row.value), f"{_number(row.low)} - {_number(row.high)}")
         for row in rates(trials).itertuples()
     ]
     intervals = "Shares with 95 % intervals of Clopper and Pearson, medians with those of order statistics."
@@ -103,77 +169,22 @@ def markdown(name: str, trials: pd.DataFrame) -> str:
         if len(part):
             blocks += [Heading(f"What was named: base {base}"), _table(confusion(part))]
     wrong = trials["outcome"].isin(["wrong", "failed"])
-    blocks += _listed("Wrong or failed", trials[wrong])
+    blocks += _section("Wrong or failed", trials[wrong])
     abstained = (trials["kind"] == "off_list") & (trials["outcome"] == "unexplained")
-    blocks += _listed("Neither right nor wrong", trials[~wrong & ~abstained & (trials["outcome"] != "right")])
+    blocks += _section("Neither right nor wrong", trials[~wrong & ~abstained & (trials["outcome"] != "right")])
     return to_markdown(Page(f"Blind trials: {name}", tuple(blocks)))
 
 
-def _listed(heading: str, trials: pd.DataFrame) -> list[Block]:
+def _section(heading: str, trials: pd.DataFrame) -> list[Block]:
     """Trials one a row, those whose effect counts as undetectable last."""
     if trials.empty:
         return []
-    shown = "id kind base size gap_caused numerics_gap detectable hidden verdict named outcome reason".split()
+    columns = "id kind base size gap_caused numerics_gap detectable hidden verdict named outcome reason".split()
     rows = trials.sort_values(["detectable", "kind", "base", "hidden"], ascending=[False, True, True, True])
     rows = rows.round({"gap_caused": 2, "numerics_gap": 2}).assign(
         detectable=rows["detectable"].map({True: "yes", False: "no"})
     )
-    return [Heading(heading), _table(rows[shown].set_index("id"))]
-
-
-def metrics(trials: pd.DataFrame) -> dict[str, float]:
-    """The figures by name, for a dashboard."""
-    return {f"{row.what}, {row.group}": float(row.value) for row in rates(trials).itertuples()}
-
-
-def _without_sites(names: str) -> str:
-    return " + ".join(sorted(name.partition(":")[0] for name in names.split(" + ")))
-
-
-def _grouped(what: str, trials: pd.DataFrame, hit: Callable[[pd.DataFrame], pd.Series]) -> list[dict]:
-    groups = {"all": trials}
-    groups |= {f"base {base}": trials[trials["base"] == base] for base in BASES}
-    larger = trials["gap_caused"] > (1 + 2 * NEAR) * trials["size"]
-    sizes = sorted(set(trials["size"]) - {0.0})
-    groups |= {f"gap {size:g}": trials[(trials["size"] == size) & ~larger] for size in sizes}
-    groups |= {"gap larger than asked for": trials[larger & (trials["size"] > 0)]}
-    groups |= {"from Exudyn": trials[trials["kind"] == "exudyn"]}
-    return [_share(what, group, hit(group), name) for name, group in groups.items()]
-
-
-def _share(what: str, trials: pd.DataFrame, hit: pd.Series, group: str = "all") -> dict:
-    return _of_counts(what, group, int(np.count_nonzero(hit)), len(trials))
-
-
-def _of_counts(what: str, group: str, hits: int, count: int) -> dict:
-    low, high = interval(hits, count) if count else (math.nan, math.nan)
-    value = hits / count if count else math.nan
-    return {"what": what, "group": group, "count": count, "value": value, "low": low, "high": high}
-
-
-def _of_values(what: str, values: pd.Series) -> dict:
-    """A share of values between 0 and 1, of which a trial may have a half."""
-    known = values.dropna()
-    return _of_counts(what, "all", round(known.sum()), len(known))
-
-
-def _of_sums(what: str, part: pd.Series, whole: pd.Series) -> dict:
-    return _of_counts(what, "all", int(part.sum()), int(whole.sum()))
-
-
-def _median(what: str, values: pd.Series, group: str = "all") -> dict:
-    """Median with the interval between two of the sorted values, by the binomial distribution of how many lie below."""
-    known = np.sort(values.dropna().to_numpy(float))
-    count = known.size
-    found = {"what": f"{what}, median", "group": group, "count": count}
-    if not count:
-        return found | dict.fromkeys(("value", "low", "high"), math.nan)
-    low = max(int(binom.ppf((1 - LEVEL) / 2, count, 0.5)) - 1, 0)
-    return found | {"value": float(np.median(known)), "low": float(known[low]), "high": float(known[count - 1 - low])}
-
-
-def _text(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.3g}"
+    return [Heading(heading), _table(rows[columns].set_index("id"))]
 
 
 def _table(frame: pd.DataFrame) -> TableBlock:
@@ -181,6 +192,49 @@ def _table(frame: pd.DataFrame) -> TableBlock:
     return TableBlock((frame.index.name, *map(str, frame.columns)), rows)
 
 
-def _cell(value) -> str:
+def _cell(value: object) -> str:
     """The value as text; nothing for a count of zero, and for a number that is not known."""
     return value if isinstance(value, str) else str(value) if value and not math.isnan(value) else ""
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.3g}"
+
+
+def metrics(trials: pd.DataFrame) -> dict[str, float]:
+    """The rates and medians by name, for a dashboard."""
+    return {f"{row.what}, {row.group}": float(row.value) for row in rates(trials).itertuples()}
+
+
+def mlflow_records(folder: Path) -> list[Record]:
+    """The set as one run of MLflow with every score, so that sets can be compared.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the score: ``trials.parquet``, ``summary.md`` and the figures.
+
+    Raises
+    ------
+    InputError
+        There is no table of trials, or it cannot be read.
+    """
+    place = folder / "trials.parquet"
+    trials = tables.read(TRIALS, place)
+    scores = {_mlflow_name(name): value for name, value in metrics(trials).items()}
+    counts = {f"trials/{kind}": float(count) for kind, count in trials["kind"].value_counts().items()}
+    pictures = sorted(path for path in folder.iterdir() if path.suffix in (".svg", ".png"))
+    return [
+        Record(
+            "blind",
+            metrics=counts | {name: value for name, value in scores.items() if not name.startswith("seconds")},
+            costs={name: value for name, value in scores.items() if name.startswith("seconds")},
+            datasets=(Dataset(TRIALS.name, place, "result"),),
+            files={"summary.md": folder / "summary.md"} | {f"figures/{path.name}": path for path in pictures},
+        )
+    ]
+
+
+def _mlflow_name(name: str) -> str:
+    """A name that MLflow allows, which takes no comma and no %; it groups by what stands before a slash."""
+    return name.replace(": ", "/").replace(", ", "/").replace("%", "percent")

@@ -1,4 +1,4 @@
-"""A drawn rig as people have it: a campaign file, a mechanism file, and tables of samples in units of their own."""
+"""The campaign of a virtual rig as users have one: campaign file, mechanism file, tables of samples in various units."""
 
 import math
 import os
@@ -11,7 +11,8 @@ import yaml
 from jointgap.quantities import unit_factor
 from jointgap.tables import write_text
 from jointgap.tables.store import write_whole
-from jointgap.trials.draw_rigs import Design
+from jointgap.trials.size_calibration import Readings
+from jointgap.trials.virtual_rig import VirtualRig
 
 _UNITS = {
     "crank_angle": ("rad", ("deg", "rad", "turn")),
@@ -27,30 +28,29 @@ _UNITS = {
     "frame_force_x": ("N", ("N", "kN", "lbf")),
     "frame_force_y": ("N", ("N", "kN", "lbf")),
 }
-_WORDS = ("ch", "signal", "AI", "s")
+_COLUMN_PREFIXES = ("ch", "signal", "AI", "s")
 
-_EPOCH = 1_577_836_800  # 2020-01-01: times of files say nothing
+_FILE_TIME = 1_577_836_800  # [s] 2020-01-01 for every file, so that times of files give nothing away
 
 
-def written(
-    rng: np.random.Generator, design: Design, readings: dict[str, dict[str, np.ndarray]], folder: Path, name: str
-):
+def write_campaign(rng: np.random.Generator, rig: VirtualRig, readings: Readings, folder: Path, name: str) -> None:
     """Write the campaign.
 
     Parameters
     ----------
     rng : numpy.random.Generator
         For units, names of columns and layout.
-    design : Design
+    rig : VirtualRig
     readings : dict of str to dict of str to (n,) array
-        Noisy readings by run and channel, SI, NaN in gaps; ``time`` and, where there is an encoder, ``crank_angle`` among them.
+        Noisy readings by run and channel, SI, NaN in gaps; ``time``, ``crank_angle`` where there is an encoder, and the
+        noise's standard deviations as ``{channel} sd`` among them.
     folder : Path
     name : str
-        What the campaign is called.
+        Of the campaign.
     """
-    channels = [*(["crank_angle"] if design.angle_noise else []), *design.sensors]
-    word = str(rng.choice(_WORDS))
-    columns = {channels[which]: f"{word}{place}" for place, which in enumerate(rng.permutation(len(channels)), 1)}
+    channels = [*(["crank_angle"] if rig.angle_noise else []), *rig.sensors]
+    prefix = str(rng.choice(_COLUMN_PREFIXES))
+    columns = {channels[index]: f"{prefix}{number}" for number, index in enumerate(rng.permutation(len(channels)), 1)}
     units = {channel: str(rng.choice(_UNITS[channel][1])) for channel in channels}
     scale = {channel: 1 / unit_factor(units[channel], _UNITS[channel][0]) for channel in channels}
     milliseconds, wrap, parquet = rng.random() < 0.3, rng.choice(["none", "up", "both"]), rng.random() < 0.3
@@ -70,39 +70,39 @@ def written(
         else:
             text = frame.to_csv(sep=separator, decimal=decimal, index=False, float_format="%.9g")
             write_text(file, text)
-        rpm = design.speeds[run] * 30 / math.pi
-        role = "confirm" if run == design.confirm else "identify"
+        rpm = rig.nominal_speeds[run] * 30 / math.pi
+        role = "confirm" if run == rig.confirm_run else "identify"
         runs.append({"id": run, "file": file.name, "speed": f"{rpm:g} rpm", "role": role, "start": "settled"})
-    listed = {"time": {"column": "t", "unit": "ms" if milliseconds else "s"}}
+    channel_entries = {"time": {"column": "t", "unit": "ms" if milliseconds else "s"}}
     for channel, column in columns.items():
         entry = {"column": column, "unit": units[channel]}
         if channel == "crank_angle":
-            entry["noise"] = _short(design.angle_noise * scale[channel])
-        elif design.stated:
+            entry["noise"] = _rounded(rig.angle_noise * scale[channel])
+        elif rig.noise_is_stated:
             entry["noise"] = {
-                run: _short(reading[f"{channel} sd"] * scale[channel]) for run, reading in readings.items()
+                run: _rounded(reading[f"{channel} sd"] * scale[channel]) for run, reading in readings.items()
             }
-        listed[channel] = entry
+        channel_entries[channel] = entry
     campaign = {
         "name": name,
         "mechanism": "mechanism.yaml",
         "drive": "constant_speed",
         "runs": runs,
-        "channels": listed,
-        "nuisance": {key: _bounds(design, key) for key in design.nuisance},
+        "channels": channel_entries,
+        "nuisance": {key: _bounds_entry(rig, key) for key in rig.nuisance_bounds},
     }
-    _dump(folder / "mechanism.yaml", design.nominal)
+    _dump(folder / "mechanism.yaml", rig.nominal)
     _dump(folder / "campaign.yaml", campaign)
     for file in folder.iterdir():
-        os.utime(file, (_EPOCH, _EPOCH))
+        os.utime(file, (_FILE_TIME, _FILE_TIME))
 
 
-def _bounds(design: Design, key: str) -> str | list[float]:
-    low, high = design.nuisance[key]
-    return f"{50 * (high - low):g}%" if key == "speed" else [_short(low), _short(high)]
+def _bounds_entry(rig: VirtualRig, key: str) -> str | list[float]:
+    low, high = rig.nuisance_bounds[key]
+    return f"{50 * (high - low):g}%" if key == "speed" else [_rounded(low), _rounded(high)]
 
 
-def _short(number: float) -> float:
+def _rounded(number: float) -> float:
     return float(f"{number:.8g}")
 
 

@@ -1,9 +1,9 @@
-"""A baseline: sparse regression of the residual, differentiated where need be, as for the identification of dynamics.
+"""A baseline method: sparse regression of the residual, as for the identification of dynamics.
 
-With the crank at constant speed w the power that the model misses is that of a force F on the slider and of a torque M on
-the crank: w dT = -v F - w M, with the crank torque's residual dT. Without a measured torque the slider's acceleration
-gives F = m da, or its velocity and position do, differentiated. The library holds what the list of effects has that such
-a balance can tell; pysindy's sequentially thresholded least squares choose from it.
+With the crank at constant speed w the power that the model misses is that of a force F on the slider and of a torque M
+on the crank: w dT = -v F - w M, with the crank torque's residual dT. Without a measured torque the slider's acceleration
+gives F = m da, or its velocity and position do, differentiated. The library holds those of the list of effects that such
+a balance can show; pysindy's sequentially thresholded least squares choose from it.
 
 S. L. Brunton, J. L. Proctor and J. N. Kutz, PNAS 113 (2016) 3932-3937.
 """
@@ -20,10 +20,14 @@ from jointgap.config.load import load_campaign
 from jointgap.recordings import read_measurements
 
 _THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the largest coefficient, columns and target of length 1
-_ORDERS = {"slider_acceleration": 0, "slider_velocity": 1, "slider_position": 2}
+_DERIVATIVE = {
+    "slider_acceleration": 0,
+    "slider_velocity": 1,
+    "slider_position": 2,
+}  # order that gives the acceleration
 
 
-def sparse(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | None:
+def sparse_names(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | None:
     """Names that sparse regression gives; empty where a model without any term is best, None where no channel serves.
 
     Parameters
@@ -40,15 +44,15 @@ def sparse(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | None:
     from pysindy import STLSQ  # an optional dependency
 
     campaign = load_campaign(campaign_file)
-    known = residuals[~residuals["held_out"]].dropna(subset=["measured", "base", "crank_angle"])
-    channels = set(known["channel"])
-    channel = next((one for one in ("crank_torque", *_ORDERS) if one in channels), None)
+    identified = residuals[~residuals["held_out"]].dropna(subset=["measured", "base", "crank_angle"])
+    channels = set(identified["channel"])
+    channel = next((name for name in ("crank_torque", *_DERIVATIVE) if name in channels), None)
     if channel is None:
         return None
-    chosen = known[known["channel"] == channel]
-    times = {run: one.time for run, one in read_measurements(campaign).runs.items()}
+    chosen = identified[identified["channel"] == channel]
+    times = {run: recording.time for run, recording in read_measurements(campaign).runs.items()}
     speeds = {run.id: run.speed for run in campaign.runs}
-    parts = [_terms(campaign, channel, run, speeds[run], part, times[run]) for run, part in chosen.groupby("run")]
+    parts = [_library(campaign, channel, speeds[run], part, times[run]) for run, part in chosen.groupby("run")]
     names = list(parts[0][0])
     library = np.vstack([np.column_stack(list(columns.values())) for columns, _ in parts])
     target = np.concatenate([values for _, values in parts])
@@ -65,18 +69,20 @@ def sparse(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | None:
     for threshold in _THRESHOLDS:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # that a threshold leaves nothing is an answer
-            found = STLSQ(threshold=threshold, alpha=1e-6).fit(library, target[:, None])
-        picked = np.abs(np.ravel(found.coef_)) > 0
+            regression = STLSQ(threshold=threshold, alpha=1e-6).fit(library, target[:, None])
+        picked = np.abs(np.ravel(regression.coef_)) > 0
         if picked.any() and bic(picked) < bic(best):
             best = picked
-    return [name for name, taken in zip(names, best, strict=True) if taken]
+    return [name for name, picked in zip(names, best, strict=True) if picked]
 
 
-def _terms(campaign: Campaign, channel: str, run: str, speed: float, part: pd.DataFrame, time: np.ndarray):
+def _library(
+    campaign: Campaign, channel: str, speed: float, part: pd.DataFrame, time: np.ndarray
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Columns of the library by name, and the target, of one run."""
     mechanism, angle = campaign.mechanism, part["crank_angle"].to_numpy()
-    crank, rod, rise = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
-    sine = (rise - crank * np.sin(angle)) / rod
+    crank, rod, offset = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
+    sine = (offset - crank * np.sin(angle)) / rod
     x = crank * np.cos(angle) + rod * np.sqrt(1 - sine**2)
     v = speed * (-crank * np.sin(angle) + crank * np.cos(angle) * sine / np.sqrt(1 - sine**2))
     a = np.gradient(v, angle) * speed
@@ -88,7 +94,7 @@ def _terms(campaign: Campaign, channel: str, run: str, speed: float, part: pd.Da
         "slider_spring": -(x - rod),
         "added_slider_mass": -a,
     }
-    off = (part["measured"] - part["base"]).to_numpy()
+    residual = (part["measured"] - part["base"]).to_numpy()
     if channel == "crank_torque":
         columns = {name: -v * force for name, force in forces.items()}
         columns |= {
@@ -96,10 +102,10 @@ def _terms(campaign: Campaign, channel: str, run: str, speed: float, part: pd.Da
             "crank_viscous_friction": np.full_like(v, speed**2),
             "gravity": speed * np.cos(angle),
         }
-        return columns, speed * off
-    moments = time[part["sample"].to_numpy()]
-    if not np.isfinite(moments).all():
-        moments = angle / speed
-    for _ in range(_ORDERS[channel]):
-        off = np.gradient(off, moments)
-    return forces, mechanism.slider.mass * off
+        return columns, speed * residual
+    times = time[part["sample"].to_numpy()]
+    if not np.isfinite(times).all():
+        times = angle / speed
+    for _ in range(_DERIVATIVE[channel]):
+        residual = np.gradient(residual, times)
+    return forces, mechanism.slider.mass * residual

@@ -1,0 +1,311 @@
+"""Virtual test rigs: a mechanism and what is not known of it exactly, runs, sensors, drawn at random."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointgap.joints import PINS
+from jointgap.trials.injected_effects import Rig
+from jointgap.trials.sensor_readings import SETTLING_REVOLUTIONS, CrankRun, Numerics, simulate_signals
+
+KINEMATIC = ("slider_position", "slider_velocity", "rod_angle", "rod_angular_velocity")
+FORCES = ("crank_torque", "guide_force", "frame_force_x", "frame_force_y")
+ACCELERATIONS = ("slider_acceleration", "rod_acceleration_x", "rod_acceleration_y")
+
+BASES = ("ideal", "loose", "chaotic")
+"""How the motion without an effect is: ideal joints, loose joints that settle to a cycle, a motion that never repeats."""
+
+_JOURNALS = {"crank_pivot": "crank", "crank_pin": "crank", "piston_pin": "slider"}
+_LOOSE_CHOICES = (PINS, PINS, PINS, ("piston_pin",), ("piston_pin",), ("crank_pin",))
+
+_REPEATS_BELOW = 3e-3
+"""Share of a channel's standard deviation by which revolutions of a settled motion may differ: far below any sensor noise."""
+
+_CHAOTIC_ABOVE = 0.05
+"""The same share above which samples cannot be compared, so that only statistics can."""
+
+_MOST_DRAWS = 200  # rigs, until one moves as its base asks at all three speeds
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """How one channel is measured.
+
+    Attributes
+    ----------
+    noise_share : float
+        Standard deviation of the noise over that of the signal.
+    correlation : float
+        Of the noise of neighbouring samples.
+    gaps : bool
+        Whether samples are lost.
+    """
+
+    noise_share: float
+    correlation: float
+    gaps: bool
+
+
+@dataclass(frozen=True)
+class VirtualRig:
+    """One rig with its true, hidden values; angles in rad, speeds in rad/s.
+
+    Attributes
+    ----------
+    base : str
+        One of `BASES`.
+    nominal, true : dict
+        Contents of mechanism files: the analyst's, and with the true values of the nuisances.
+    nuisance_bounds : dict of str to (low, high)
+        By key of the campaign file, SI; those of ``speed`` are a share.
+    nuisance_values : dict of str to float
+        True values, SI, ``speed@run`` for a run's.
+    runs : dict of str to CrankRun
+        By id, in the order of the campaign file.
+    nominal_speeds : dict of str to float
+        By run.
+    confirm_run : str
+        The held-out run.
+    sensors : dict of str to Sensor
+        By channel.
+    angle_noise : float
+        Standard deviation of the crank angle's reading; 0 where there is no encoder.
+    noise_is_stated : bool
+        Whether the campaign file says how noisy the channels are.
+    numerics : Numerics
+        By which the data are simulated.
+    """
+
+    base: str
+    nominal: dict
+    true: dict
+    nuisance_bounds: dict[str, tuple[float, float]]
+    nuisance_values: dict[str, float]
+    runs: dict[str, CrankRun]
+    nominal_speeds: dict[str, float]
+    confirm_run: str
+    sensors: dict[str, Sensor]
+    angle_noise: float
+    noise_is_stated: bool
+    numerics: Numerics
+
+    @property
+    def loose(self) -> tuple[str, ...]:
+        """Names of the loose joints."""
+        return tuple(name for name, joint in self.nominal["joints"].items() if joint["loose"])
+
+    @property
+    def identify_runs(self) -> list[str]:
+        """Ids of the runs that are not held out."""
+        return [run for run in self.runs if run != self.confirm_run]
+
+    def scales(self, spread: dict[str, float]) -> Rig:
+        """What the sizes of effects go by; `spread` is the standard deviation by channel [SI]."""
+        return Rig(self.true, max(self.nominal_speeds.values()), self.loose, tuple(self.sensors), spread)
+
+
+def _draw_mechanism(rng: np.random.Generator, base: str, needed: str) -> dict:
+    """Content of a mechanism file, around the paper's slider-crank; the joint `needed` is loose."""
+    scale, heavier = rng.uniform(0.7, 1.2), rng.uniform(0.8, 1.3, 3)
+    crank, rod = 0.15 * scale * rng.uniform(0.85, 1.1), 0.564 * scale
+    choices = [joints for joints in _LOOSE_CHOICES if not needed or needed in joints]
+    loose = () if base == "ideal" else choices[rng.integers(len(choices))]
+    radius = float(rng.uniform(0.006, 0.010))
+    friction = {"ideal": rng.uniform(0.03, 0.1), "loose": rng.uniform(0.05, 0.2), "chaotic": 0.0}[base]
+    joints = {
+        name: {
+            "loose": name in loose,
+            "journal": journal,
+            "journal_radius": round(radius, 5),
+            "bearing_radius": round(round(radius, 5) + 10 ** rng.uniform(-4, -3), 6),
+            "contact": "steel",
+        }
+        for name, journal in _JOURNALS.items()
+    }
+    steel = {
+        "law": "lankarani_nikravesh",
+        "youngs_modulus": 207e9,
+        "poisson_ratio": 0.3,
+        "restitution": round(float(rng.uniform(0.4, 0.75)), 3),
+        "friction": round(float(friction), 3),
+    }
+    number = lambda value: float(f"{value:.5g}")  # noqa: E731
+    masses = [0.3704, 0.773, 0.4482] * heavier * scale
+    return {
+        "crank": {
+            "length": number(crank),
+            "mass": number(masses[0]),
+            "inertia": number(masses[0] * crank**2 * 0.175),
+            "mass_centre": number(crank * rng.uniform(0.3, 0.5)),
+        },
+        "rod": {
+            "length": number(rod),
+            "mass": number(masses[1]),
+            "inertia": number(masses[1] * rod**2 * 0.101),
+            "mass_centre": number(rod * rng.uniform(0.42, 0.5)),
+        },
+        "slider": {"mass": number(masses[2]), "offset": number(rng.choice([0.0, 0.0, rng.uniform(-0.03, 0.03)]))},
+        "joints": joints,
+        "contacts": {"steel": steel},
+        "gravity_direction": -math.pi / 2,
+        "effects": [],
+    }
+
+
+def revolution_spread(content: dict, speed: float) -> float:
+    """RMS difference of settled revolutions that began differently or are some apart, over the standard deviation.
+
+    Parameters
+    ----------
+    content : dict
+        Of a mechanism file.
+    speed : float
+        Of the crank [rad/s].
+    """
+    times = np.arange(90) / 90 * 2 * math.pi / speed
+    nudge = [1e-7 if content["joints"][joint]["loose"] else 0.0 for joint in PINS]  # [m]
+    settled = SETTLING_REVOLUTIONS
+    starts = (None, settled), ([nudge[0], 0.0, 0.0, nudge[1]], settled), (None, 2), (None, settled + 3)
+    first, *others = (
+        simulate_signals(content, CrankRun(speed, 0.3, times), Numerics(1e-10), start, settling)
+        for start, settling in starts
+    )
+    return max(
+        float(np.sqrt(np.mean((first[channel] - other[channel]) ** 2)) / first[channel].std())
+        for other in others
+        for channel in ("slider_acceleration", "crank_torque")
+    )
+
+
+def _draw_nuisances(rng: np.random.Generator, nominal: dict, encoder: bool) -> dict[str, tuple[float, float]]:
+    def within(value: float, share: float) -> tuple[float, float]:
+        return value * (1 - share), value * (1 + share)
+
+    crank, rod, slider = nominal["crank"], nominal["rod"], nominal["slider"]
+    bounds = {
+        "slider_mass": within(slider["mass"], round(rng.uniform(0.02, 0.06), 2)),
+        "rod_mass": within(rod["mass"], round(rng.uniform(0.02, 0.06), 2)),
+        "rod_inertia": within(rod["inertia"], round(rng.uniform(0.03, 0.08), 2)),
+    }
+    for key, link in (("crank_length", crank), ("rod_length", rod)):
+        if rng.random() < 0.3:
+            bounds[key] = within(link["length"], 0.001)
+    loose = [name for name, joint in nominal["joints"].items() if joint["loose"]]
+    steel = nominal["contacts"]["steel"]
+    if loose:
+        bounds["restitution"] = (0.3, 0.9)
+        if steel["friction"]:
+            bounds["joint_friction"] = (round(0.5 * steel["friction"], 3), round(min(1.6 * steel["friction"], 0.5), 3))
+        for name in loose:
+            clearance = nominal["joints"][name]["bearing_radius"] - nominal["joints"][name]["journal_radius"]
+            bounds[f"{name}_clearance"] = within(clearance, 0.1)
+    if rng.random() < 0.5 or not encoder:
+        bounds["speed"] = (-0.003, 0.003)
+    keep = {"slider_mass", "restitution", "joint_friction", "speed"}
+    return {key: own for key, own in bounds.items() if key in keep or rng.random() < 0.8}
+
+
+def with_nuisances(content: dict, values: dict[str, float]) -> dict:
+    """A mechanism file's `content` with true `values` [SI] of nuisances, by their keys."""
+    changed = {key: dict(value) if isinstance(value, dict) else value for key, value in content.items()}
+    changed["joints"] = {name: dict(joint) for name, joint in content["joints"].items()}
+    changed["contacts"] = {"steel": dict(content["contacts"]["steel"])}
+    for key, value in values.items():
+        if key == "restitution":
+            changed["contacts"]["steel"]["restitution"] = value
+        elif key == "joint_friction":
+            changed["contacts"]["steel"]["friction"] = value
+        elif key.endswith("_clearance"):
+            joint = changed["joints"][key.removesuffix("_clearance")]
+            joint["bearing_radius"] = joint["journal_radius"] + value
+        elif not key.startswith(("speed", "first_angle")):
+            body, attribute = key.split("_")
+            if attribute == "length" and "mass_centre" in changed[body]:  # keeps its share
+                changed[body]["mass_centre"] *= value / changed[body]["length"]
+            changed[body][attribute] = value
+    return changed
+
+
+def draw_rig(rng: np.random.Generator, base: str, needed: str = "", encoder: bool = False) -> VirtualRig:
+    """Draw a rig whose settled motion is as `base` says: the same in each revolution, or not.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    base : str
+        One of `BASES`.
+    needed : str
+        A joint that has to be loose.
+    encoder : bool
+        Whether the crank angle has to be measured.
+    """
+    for _ in range(_MOST_DRAWS):
+        nominal = _draw_mechanism(rng, base, needed)
+        slowest = rng.uniform(150, 330)
+        steps = np.cumprod([1.0, *rng.uniform(1.25, 1.5, 2)])
+        speeds = np.round(rng.permutation(np.minimum(slowest * steps, 600))) * math.pi / 30
+        if base == "ideal":
+            break
+        spreads = (revolution_spread(nominal, speed) for speed in speeds)
+        if all(spread < _REPEATS_BELOW if base == "loose" else spread > _CHAOTIC_ABOVE for spread in spreads):
+            break
+    else:
+        raise RuntimeError(f"no rig with a {base} motion in {_MOST_DRAWS} draws")
+    encoder = bool(rng.random() < 0.85) or encoder
+    bounds = _draw_nuisances(rng, nominal, encoder)
+    values = {
+        key: float(rng.uniform(*(0.5 * (low + high) + np.array([-0.45, 0.45]) * (high - low))))
+        for key, (low, high) in bounds.items()
+        if key != "speed"
+    }
+    names = [f"run{number}" for number in range(1, 4)]
+    runs = {}
+    for name, speed in zip(names, speeds, strict=True):
+        share = rng.uniform(-0.003, 0.003) if encoder or "speed" in bounds else 0.0
+        values[f"speed@{name}"] = float(speed * (1 + 0.9 * share))
+        runs[name] = _draw_run(rng, values[f"speed@{name}"], 30 if base == "chaotic" else rng.uniform(3, 6))
+    sensors = {
+        channel: Sensor(
+            noise_share=float(rng.uniform(0.01, 0.05)),
+            correlation=float(rng.uniform(0.3, 0.8)) if rng.random() < 0.25 else 0.0,
+            gaps=bool(rng.random() < 0.15),
+        )
+        for channel in _draw_channels(rng, base)
+    }
+    law = str(rng.choice(["coulomb", "coulomb", "threlfall"]))
+    width = float(rng.choice([0.5, 1.5])) if law == "coulomb" else 1.5
+    return VirtualRig(
+        base=base,
+        nominal=nominal,
+        true=with_nuisances(nominal, values),
+        nuisance_bounds=bounds,
+        nuisance_values=values,
+        runs=runs,
+        nominal_speeds=dict(zip(names, map(float, speeds), strict=True)),
+        confirm_run=names[int(rng.integers(3))],
+        sensors=sensors,
+        angle_noise=float(np.radians(rng.uniform(0.05, 0.3))) if encoder else 0.0,
+        noise_is_stated=bool(rng.random() < 0.8),
+        numerics=Numerics(float(10 ** rng.uniform(-12, -11)), law, 1e-3 * width, float(rng.choice([0.5, 1.0, 1.5]))),
+    )
+
+
+def _draw_run(rng: np.random.Generator, speed: float, revolutions: float) -> CrankRun:
+    samples = int(rng.integers(60, 201))
+    if revolutions >= 30:
+        samples = min(samples, 100)
+    count = int(revolutions * samples)
+    step = 2 * math.pi / speed / samples
+    times = np.arange(count) * step
+    if rng.random() < 0.25:
+        times[1:] += rng.uniform(-0.3, 0.3, count - 1) * step
+    return CrankRun(speed, float(rng.uniform(0, 2 * math.pi)), times)
+
+
+def _draw_channels(rng: np.random.Generator, base: str) -> list[str]:
+    """Two to four channels, at least one of which carries forces."""
+    informative = FORCES if base == "ideal" else FORCES + ACCELERATIONS
+    first = "crank_torque" if rng.random() < 0.5 else str(rng.choice(informative))
+    others = [name for name in (*KINEMATIC, *FORCES, *ACCELERATIONS) if name != first]
+    return [first, *(others[place] for place in rng.permutation(len(others))[: int(rng.integers(1, 4))])]
