@@ -101,9 +101,9 @@ def test_another_choice_of_numerics_is_no_second_effect():
     assert best.label == "coulomb"
     changed = np.sum(other_numerics(base.problem, best) ** 2)
     second = two_effect_thresholds(base, fits, limits)
-    assert second.omnibus == pytest.approx(limits.omnibus + second.directed / best.residual.size)
-    assert 0.5 * changed < second.directed <= changed
-    assert limits.directed < second.directed
+    assert second.omnibus == pytest.approx(limits.omnibus + second.max_gain_threshold / best.residual.size)
+    assert 0.5 * changed < second.max_gain_threshold <= changed
+    assert limits.max_gain_threshold < second.max_gain_threshold
 
 
 def test_such_an_effect_is_not_named_where_another_is_hidden():
@@ -181,7 +181,7 @@ def test_thresholds_hold_their_rate_and_know_of_other_numerics():
     known = signatures(base.problem, base.base, base.differences)
     white = thresholds(base.problem, known, np.empty((0, base.problem.size)), rate=0.05)
     loose = thresholds(base.problem, known, 0.3 * known.of("quadratic")[0].columns.T, rate=0.05)
-    assert loose.directed > white.directed and loose.omnibus > white.omnibus
+    assert loose.max_gain_threshold > white.max_gain_threshold and loose.omnibus > white.omnibus
     generator = np.random.default_rng(9)
     dof = base.problem.size - len(base.base.parameters)
     exceeded = np.mean(generator.chisquare(dof, 20_000) / dof > white.omnibus)
@@ -248,7 +248,7 @@ def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_add
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
     fits, _ = fit_singles(base, known, limits)
-    assert two_effect_thresholds(base, fits, limits).directed > 5.0 * limits.directed
+    assert two_effect_thresholds(base, fits, limits).max_gain_threshold > 5.0 * limits.max_gain_threshold
     decision = refit_and_decide(base, known, [*fits, *fit_pairs(base, known, limits, fits)[0]], limits)
     assert decision.verdict == "named"
     assert decision.chosen.label == "viscous"

@@ -9,10 +9,10 @@ import pytest
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.advice import advise, assumed_noise, preflight
-from jointgap.identification.decision import RIVAL
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate
+from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.toy import SPEEDS, Toy, candidate_of, stated_noise, toy
 
 SLOW = {"slow": SPEEDS["slow"]}
@@ -104,7 +104,7 @@ def test_the_smallest_detectable_size_is_found_nine_times_in_ten():
         model = toy({"coulomb": {"force_N": size}}, seed=seed, **options)
         problem = Problem(model, stated_noise(model))
         gain = fit_hypothesis(problem).chi2 - fit_hypothesis(problem, (candidate_of("coulomb"),)).chi2
-        hits += gain > np.log(problem.size) + RIVAL
+        hits += gain > np.log(problem.size) + DEFAULT_SETTINGS.decision.min_delta_bic
     assert 0.8 <= hits / seeds <= 0.99
 
 

@@ -26,7 +26,7 @@ TERMS = {
     "cos(theta)": lambda x, v, angle: np.cos(angle),
     "sin(theta)": lambda x, v, angle: np.sin(angle),
 }
-LIMITS = Thresholds(rate=0.01, omnibus=1.1, directed=8.0)
+LIMITS = Thresholds(rate=0.01, omnibus=1.1, max_gain_threshold=8.0)
 
 
 def term(text: str) -> Candidate:

@@ -9,7 +9,7 @@ from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import Screen, signatures
-from jointgap.identification.signature_subspaces import Subspaces
+from jointgap.identification.signature_subspaces import SignatureSubspaces
 from tests.identification.toy import stated_noise, toy
 
 
@@ -108,18 +108,18 @@ def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():
 
 def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it():
     *_, known = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
-    spaces = Subspaces(known)
+    spaces = SignatureSubspaces(known)
     by_label = {one.candidate.label: (one.candidate,) for one in known.found}
     both = (*by_label["viscous"], *by_label["coulomb"])
-    assert spaces.within(by_label["viscous"], both)
-    assert not spaces.within(by_label["quadratic"], both)
-    assert not spaces.within(by_label["spring"], by_label["centrifugal"])  # the same, and neither can do more
+    assert spaces.is_special_case(by_label["viscous"], both)
+    assert not spaces.is_special_case(by_label["quadratic"], both)
+    assert not spaces.is_special_case(by_label["spring"], by_label["centrifugal"])  # the same, and neither can do more
 
 
 def test_an_effect_that_could_not_be_simulated_about_the_base_is_like_none():
     *_, known = screened({}, seed=6)
     (first, *rest) = known.found
     lost = (first.candidate,)
-    spaces = Subspaces(replace(known, found=[one for one in rest if one.candidate.label != lost[0].label]))
+    spaces = SignatureSubspaces(replace(known, found=[one for one in rest if one.candidate.label != lost[0].label]))
     assert spaces.nearest(lost)[1] == 0.0
-    assert not spaces.within(lost, (rest[-1].candidate,))
+    assert not spaces.is_special_case(lost, (rest[-1].candidate,))

@@ -138,8 +138,9 @@ def locate(case: Case) -> None:
 
 def regress(case: Case) -> None:
     """Look for a force law where no effect of the list explains what is missing."""
-    from jointgap.campaign.tables_of_identification import UNEXPLAINED, outcome_with_law
+    from jointgap.campaign.tables_of_identification import outcome_with_law
     from jointgap.identification import force_law
+    from jointgap.identification.decision import UNEXPLAINED
 
     if case.folder.read("decision", "decide")["verdict"].iloc[0] != UNEXPLAINED:
         case.folder.write_all(case.folder.read_all(OF_OUTCOME, "decide"), "regress")

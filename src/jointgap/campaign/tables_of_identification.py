@@ -13,7 +13,7 @@ from jointgap.campaign.folder import Frames
 from jointgap.errors import InputError
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.bounded_step import compress_rows
-from jointgap.identification.decision import Decision, Ranked
+from jointgap.identification.decision import NO_DISAGREEMENT, Decision, Ranked
 from jointgap.identification.estimates import effect_estimates
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.force_law import Regressed
@@ -24,8 +24,6 @@ from jointgap.identification.screening import Screened, Signature, Signatures
 
 JOINED = " + "
 """What stands between the labels of effects that are one explanation."""
-
-UNEXPLAINED, NO_DISAGREEMENT = "unexplained", "no_disagreement"
 
 _ORIGIN = "origin"  # in place of a parameter's name: residuals at zero size, where these are not the base's
 _BETWEEN_TEXTS = "; "

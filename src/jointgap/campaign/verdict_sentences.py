@@ -5,7 +5,7 @@ from typing import Any
 
 from jointgap.campaign.phrasing import effect_in_words, explanation_in_words, is_fault
 from jointgap.identification.confirmation import share_closed
-from jointgap.identification.decision import SLIGHT
+from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.report.plain_words import joined, percent, rounded_gap
 
 ENOUGH = ("no_disagreement", "parameters_only")
@@ -87,7 +87,7 @@ def held_out_in_words(verdict: Mapping[str, Any]) -> str:
         return f"{sentence} is {rounded_gap(before)} before anything is added. {_not_simulated(verdict)}"
     falls = after < before
     sentence += f" {'falls' if falls else 'does not fall: it goes'} from {rounded_gap(before)} to {rounded_gap(after)}"
-    if falls and before**2 > SLIGHT:
+    if falls and before**2 > DEFAULT_SETTINGS.decision.tolerated_reduced_chi2:
         closed = share_closed(before, after)
         sentence += f": {percent(min(closed, 1.0))} of what exceeds the noise is gone"
     if after > _NOISE_GAP:

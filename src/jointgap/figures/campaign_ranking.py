@@ -10,7 +10,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from jointgap.figures.campaign_axes import in_words, listed
 from jointgap.figures.drawing import Drawing
 from jointgap.figures.sheet import Panel, Quantity, Sheet, tick_label
-from jointgap.identification.decision import RIVAL
+from jointgap.identification.settings import DEFAULT_SETTINGS
 
 SHOWN = 8
 """The best explanations by one effect that are shown, and the best by more; all stand in the table of the ranking."""
@@ -25,6 +25,8 @@ _KINDS = {
 }
 _EXPLANATION = Quantity("explanation", "")
 
+_APART = DEFAULT_SETTINGS.decision.min_delta_bic
+
 
 def ranking(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> Drawing:
     """The best explanations by how far they are behind the best one in BIC, and by the share of the misfit they explain."""
@@ -38,7 +40,7 @@ def ranking(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> D
         _marks(panel, best, values)
         listed(panel, names)
         panel.axes.set_ylabel("")
-    behind.upright("told apart from here on", RIVAL)
+    behind.upright("told apart from here on", _APART)
     _scale(behind, distance.max())
     share.upright("all of the misfit", 1.0, named=False)
     share.axes.set_xlim(-0.12, 1.12)
@@ -72,11 +74,11 @@ def _marks(panel: Panel, best: pd.DataFrame, values: pd.Series) -> None:
 
 
 def _scale(panel: Panel, farthest: float) -> None:
-    """An abscissa that is linear up to `RIVAL` and logarithmic beyond."""
+    """An abscissa that is linear up to the difference that tells two explanations apart and logarithmic beyond."""
     decades = 10.0 ** np.arange(1, 12)
-    ticks = [0.0, *decades[decades <= 1.5 * max(farthest, RIVAL)]]
-    panel.axes.set_xscale("symlog", linthresh=RIVAL, linscale=0.7)
+    ticks = [0.0, *decades[decades <= 1.5 * max(farthest, _APART)]]
+    panel.axes.set_xscale("symlog", linthresh=_APART, linscale=0.7)
     panel.axes.xaxis.set_major_locator(FixedLocator(ticks))
     panel.axes.xaxis.set_major_formatter(FuncFormatter(tick_label))
     panel.axes.xaxis.set_minor_locator(NullLocator())
-    panel.axes.set_xlim(-1.5, 1.8 * max(farthest, RIVAL))
+    panel.axes.set_xlim(-1.5, 1.8 * max(farthest, _APART))

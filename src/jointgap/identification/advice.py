@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.detectability import Survey
+from jointgap.identification.detectability import Detectability
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.noise_model import Key, numerics_noise
@@ -173,7 +173,9 @@ def _assumed(series: Series, predicted: np.ndarray) -> tuple[float, str]:
     return ASSUMED_SHARE * size, f"{100 * ASSUMED_SHARE:.0f} % of its size, as it hardly varies"
 
 
-def _surveyed(model: Model, noise, rate: float, counts: Mapping[Key, int]) -> tuple[Problem, Survey, dict[Key, str]]:
+def _surveyed(
+    model: Model, noise, rate: float, counts: Mapping[Key, int]
+) -> tuple[Problem, Detectability, dict[Key, str]]:
     assumed: dict[Key, str] = {}
     if noise is None:
         noise, assumed = assumed_noise(model)
@@ -184,7 +186,7 @@ def _surveyed(model: Model, noise, rate: float, counts: Mapping[Key, int]) -> tu
     if base.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
     known = signatures(problem, base, differences)
-    return problem, Survey(known, *_lengths(problem.parts, counts), rate), assumed
+    return problem, Detectability(known, *_lengths(problem.parts, counts), rate, problem.settings), assumed
 
 
 def _lengths(parts: Iterable, counts: Mapping[Key, int]) -> tuple[list[int], list[int]]:
@@ -196,13 +198,13 @@ def _lengths(parts: Iterable, counts: Mapping[Key, int]) -> tuple[list[int], lis
     ]
 
 
-def _of(survey: Survey, problem: Problem, keys: Collection[Key], counts: Mapping[Key, int]) -> Survey:
+def _of(survey: Detectability, problem: Problem, keys: Collection[Key], counts: Mapping[Key, int]) -> Detectability:
     parts = [part for part in problem.parts if part.series.key in keys]
     rows = np.concatenate([np.arange(part.place.start, part.place.stop) for part in parts])
     return survey.part(rows, *_lengths(parts, counts))
 
 
-def _preflight(model: Model, survey: Survey, assumed: tuple[str, ...]) -> Preflight:
+def _preflight(model: Model, survey: Detectability, assumed: tuple[str, ...]) -> Preflight:
     rows, sizes, failed = [], {}, dict(survey.known.failed)
     for candidate in model.candidates:
         there = candidate.label in survey.labels

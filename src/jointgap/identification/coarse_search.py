@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jointgap.identification.baseline import Baseline
-from jointgap.identification.decision import reduced
+from jointgap.identification.decision import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.model_selection import fit_screened
 from jointgap.identification.problem import Hypothesis
@@ -139,7 +139,7 @@ def successive_elimination(
         lost += [one for one in going if one.status == FAILED]
         going = [one for one in going if one.status != FAILED]
     going.sort(key=lambda one: one.chi2)
-    if going and first and reduced(going[0]) > limits.omnibus:
+    if going and first and reduced_chi2(going[0]) > limits.omnibus:
         for one in going[:CAREFUL]:
             near = coarse_to_fine_fit(problem, one.hypothesis, one.mapping, differences, smoothers)
             if near.status != FAILED:

@@ -7,10 +7,10 @@ import numpy as np
 from scipy import optimize, stats
 
 from jointgap.identification.bounded_step import bounded_step, compress_rows
-from jointgap.identification.decision import RIVAL
 from jointgap.identification.fit import bounds_of
 from jointgap.identification.screening import Signature, Signatures
-from jointgap.identification.signature_subspaces import Subspaces
+from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
+from jointgap.identification.signature_subspaces import SignatureSubspaces
 
 GAP = 1.5
 """Whitened gap after recalibration that a clearly visible effect causes."""
@@ -21,7 +21,7 @@ _MOST_STEPS = 1000.0  # of an unbounded size: an effect that has to be larger is
 _SLACK = 4.0  # on what cosines alone say, before bounds are looked at
 
 
-class Survey:
+class Detectability:
     """Signatures of all candidates about the nominal model, over the samples of some channels of some runs.
 
     Parameters
@@ -35,11 +35,18 @@ class Survey:
         False alarms allowed over all candidates.
     """
 
-    def __init__(self, known: Signatures, lengths: Sequence[int], counts: Sequence[int], rate: float):
-        self.known, self.rate = known, rate
+    def __init__(
+        self,
+        known: Signatures,
+        lengths: Sequence[int],
+        counts: Sequence[int],
+        rate: float,
+        settings: IdentificationSettings = DEFAULT_SETTINGS,
+    ):
+        self.known, self.rate, self.settings = known, rate, settings
         self.size = sum(counts)
         self.labels = list(dict.fromkeys(one.candidate.label for one in known.found))
-        self._subspaces: dict[frozenset, Subspaces] = {}
+        self._subspaces: dict[frozenset, SignatureSubspaces] = {}
         blocks = [known.jacobian, *(one.columns for one in known.found)]
         weight = np.repeat(np.sqrt(np.divide(counts, lengths)), lengths)[:, None]
         share = np.repeat((len(lengths) * np.array(lengths)) ** -0.5, lengths)[:, None]
@@ -50,12 +57,12 @@ class Survey:
     def _by_signature(self, blocks):
         return blocks[0], {id(one): block for one, block in zip(self.known.found, blocks[1:], strict=True)}
 
-    def part(self, rows: np.ndarray, lengths: Sequence[int], counts: Sequence[int]) -> "Survey":
+    def part(self, rows: np.ndarray, lengths: Sequence[int], counts: Sequence[int]) -> "Detectability":
         """The survey of some of the rows, of which `lengths` belong to each channel of each run, that stand for `counts`."""
         known = self.known
         found = [replace(one, columns=one.columns[rows], origin=one.origin[rows]) for one in known.found]
         fewer = replace(known, jacobian=known.jacobian[rows], residual=known.residual[rows], found=found)
-        return Survey(fewer, lengths, counts, self.rate)
+        return Detectability(fewer, lengths, counts, self.rate, self.settings)
 
     def detectable_size(self, label: str) -> float:
         """Size that is found with a probability of 90 %, in the unit of the first size; infinite where none is.
@@ -86,7 +93,9 @@ class Survey:
         group = {label: {label} for label in labels}
         for i, label in enumerate(labels):
             for other in labels[i + 1 :]:
-                near = (1.0 - self.cosine(label, other) ** 2) * self.size * (GAP**2 - 1.0) < _SLACK * RIVAL
+                near = (1.0 - self.cosine(label, other) ** 2) * self.size * (
+                    GAP**2 - 1.0
+                ) < _SLACK * self.settings.decision.min_delta_bic
                 if near and self._mistaken(label, other) and self._mistaken(other, label):
                     joined = group[label] | group[other]
                     for one in joined:
@@ -102,7 +111,7 @@ class Survey:
         dimensions = len(one.amplitudes)
         asked = max(
             stats.chi2.isf(self.rate / len(self.labels), dimensions),
-            len(one.coordinates) * np.log(self.size) + RIVAL,
+            len(one.coordinates) * np.log(self.size) + self.settings.decision.min_delta_bic,
         )
         return float(
             optimize.brentq(lambda much: stats.ncx2.sf(asked, dimensions, much) - POWER, 1e-6, 20 * asked + 50)
@@ -144,14 +153,14 @@ class Survey:
             return float(least)
         return float(np.exp(optimize.brentq(excess, np.log(least), np.log(most), xtol=1e-3)))
 
-    def _beyond_nuisances(self, *labels: str) -> Subspaces:
+    def _beyond_nuisances(self, *labels: str) -> SignatureSubspaces:
         chosen = [self.known.of(label)[0] for label in labels]
         replaced = frozenset(name for one in chosen for name in one.candidate.replaces)
         if replaced not in self._subspaces:
             kept = self._kept(*chosen)
             jacobian, columns = self._chi2
             few = [replace(one, columns=columns[id(one)], origin=np.zeros(len(jacobian))) for one in self.known.found]
-            self._subspaces[replaced] = Subspaces(replace(self.known, jacobian=jacobian[:, kept], found=few))
+            self._subspaces[replaced] = SignatureSubspaces(replace(self.known, jacobian=jacobian[:, kept], found=few))
         return self._subspaces[replaced]
 
     def _mistaken(self, label: str, other: str) -> bool:
@@ -165,7 +174,7 @@ class Survey:
             amounts = [(one, self._smallest(one, size, self._gap, GAP**2 - 1.0)) for one in known]
             signs = (1.0, -1.0) if p.low < 0.0 else (1.0,)
             mistaken = [
-                self._fitted(one, size, sign * amount, other) < RIVAL
+                self._fitted(one, size, sign * amount, other) < self.settings.decision.min_delta_bic
                 for one, amount in amounts
                 if np.isfinite(amount)
                 for sign in signs

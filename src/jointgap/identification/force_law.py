@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jointgap.identification.decision import RIVAL, Ranked, reduced, weigh
+from jointgap.identification.decision import Ranked, reduced_chi2, weigh
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_from_signatures
@@ -154,6 +154,7 @@ def regress(
     Regressed
     """
     differences = differences or FiniteDifferences(problem)
+    min_delta_bic = problem.settings.decision.min_delta_bic
     known = signatures(problem, base, differences, library)
     screen = Screen(known)
     sums = [screen.explained(chosen) for chosen in _subsets(known.found)]
@@ -172,16 +173,18 @@ def regress(
 
     fits = fitted(_singles(sums))
     alone = min(fits, key=lambda one: one.bic)
-    fits += fitted(_pairs(sums, alone, reduced(alone) <= limits.omnibus))
+    fits += fitted(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus))
     cost = {one.label: one.bic + price(one.hypothesis) for one in fits}
     fits.sort(key=lambda one: cost[one.label])
     best = fits[0]
     if best.status == FAILED:
         return Regressed(None, False, best.reason, [], fits, known.failed, [weigh(base, one, limits) for one in fits])
-    best = next((one for one in fits if len(one.hypothesis) == 1 and cost[one.label] - cost[best.label] < RIVAL), best)
+    best = next(
+        (one for one in fits if len(one.hypothesis) == 1 and cost[one.label] - cost[best.label] < min_delta_bic), best
+    )
     rest = [one for one in fits if one is not best]
-    rivals = [one for one in rest if cost[one.label] - cost[best.label] < RIVAL and _differs(one, best, base)]
-    accepted, because = _gate(base, best, cost[best.label], limits)
+    rivals = [one for one in rest if cost[one.label] - cost[best.label] < min_delta_bic and _differs(one, best, base)]
+    accepted, because = _gate(base, best, cost[best.label], limits, min_delta_bic)
     others = [one for one in rest if one not in rivals]
     best = fit_hypothesis(
         problem, best.hypothesis, best.mapping, differences=differences, refresh=True
@@ -256,9 +259,9 @@ def _differs(one: Fit, best: Fit, base: Fit) -> bool:
     return another or bool(apart > _SAME * np.linalg.norm(base.residual - best.residual))
 
 
-def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds) -> tuple[bool, str]:
+def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds, min_delta_bic: float) -> tuple[bool, str]:
     ranked = weigh(base, best, limits)
-    if base.bic - cost < max(RIVAL, limits.directed):
+    if base.bic - cost < max(min_delta_bic, limits.max_gain_threshold):
         return False, f"the best sum, {best.label}, is not better than chance"
     if ranked.passes:
         return True, "with it the model leaves noise alone"

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.coarse_search import search_pairs, search_singles
-from jointgap.identification.decision import reduced
+from jointgap.identification.decision import reduced_chi2
 from jointgap.identification.fit import Fit
 from jointgap.identification.model_selection import (
     best_sufficient,
@@ -38,7 +38,12 @@ def fit_singles(found: Baseline, known: Signatures, limits: Thresholds, part: in
     part, parts : int
         Which of how many parts, counted from 0.
     """
-    return _each(found, known, [(one, None) for one in shortlist_singles(known, limits)[part::parts]], limits)
+    return _each(
+        found,
+        known,
+        [(one, None) for one in shortlist_singles(known, limits, found.problem.settings)[part::parts]],
+        limits,
+    )
 
 
 def fit_pairs(
@@ -64,7 +69,7 @@ def fit_pairs(
 def _wanting(found: Baseline, alone: Sequence[Fit], limits: Thresholds) -> bool:
     """Whether there is more to be found than the base and single effects explain."""
     return (
-        reduced(found.base) > limits.omnibus
+        reduced_chi2(found.base) > limits.omnibus
         and best_sufficient(found, alone, two_effect_thresholds(found, alone, limits)) is None
     )
 
@@ -102,7 +107,7 @@ def _each(
     fits, seconds = [], []
     for one, beside in chosen:
         begin = time.monotonic()
-        least = min((one.chi2 for one in fits if reduced(one) <= limits.omnibus), default=np.inf)
+        least = min((one.chi2 for one in fits if reduced_chi2(one) <= limits.omnibus), default=np.inf)
         fits.append(fit_screened(found, known, one, beside, least))
         seconds.append(time.monotonic() - begin)
     return fits, seconds

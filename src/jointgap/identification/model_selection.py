@@ -7,12 +7,13 @@ import numpy as np
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline, multistart_fit, other_numerics, random_nuisances
-from jointgap.identification.decision import RIVAL, SHARE, SLIGHT, Decision, decide, reduced
+from jointgap.identification.decision import Decision, decide, reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_from_signatures
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import Screen, Screened, Signatures
-from jointgap.identification.signature_subspaces import Subspaces, orthonormal
+from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
+from jointgap.identification.signature_subspaces import SignatureSubspaces, orthonormal
 from jointgap.identification.smoother import coarse_to_fine_fit, smoothers_of
 from jointgap.identification.thresholds import Thresholds
 
@@ -39,8 +40,18 @@ EVERYWHERE = 4
 off holds impacts at other instants, a valley of its own."""
 
 
-def shortlist_singles(known: Signatures, limits: Thresholds) -> list[Screened]:
-    """Single effects that are worth a fit, best first."""
+def shortlist_singles(
+    known: Signatures, limits: Thresholds, settings: IdentificationSettings = DEFAULT_SETTINGS
+) -> list[Screened]:
+    """Single effects that are worth a fit, best first.
+
+    Parameters
+    ----------
+    known : Signatures
+        Of all candidates.
+    limits : Thresholds
+    settings : IdentificationSettings
+    """
     singles = Screen(known).singles()
     free = known.residual.size - len(known.parameters)
     left = known.residual @ known.residual
@@ -49,7 +60,11 @@ def shortlist_singles(known: Signatures, limits: Thresholds) -> list[Screened]:
         if singles and singles[0].chi2 - free > LACKING * (left - free):
             short += [one for one in singles[SINGLES:] if one.signatures[0].candidate.grid]
         return short
-    worth = left + len(known.parameters) * np.log(known.residual.size) - 0.5 * max(RIVAL, limits.directed)
+    worth = (
+        left
+        + len(known.parameters) * np.log(known.residual.size)
+        - 0.5 * max(settings.decision.min_delta_bic, limits.max_gain_threshold)
+    )
     near = [one for one in singles if one.bic < min(singles[0].bic + NEAR, worth)]
     return singles[: min(max(len(near), FEWEST), SINGLES)]
 
@@ -64,7 +79,7 @@ def best_sufficient(base: Baseline, fits: Sequence[Fit], second: Thresholds) -> 
     second : Thresholds
         As `two_effect_thresholds` says.
     """
-    good = [one for one in fits if one.bic < base.base.bic and reduced(one) <= second.omnibus]
+    good = [one for one in fits if one.bic < base.base.bic and reduced_chi2(one) <= second.omnibus]
     return min(good, key=lambda one: one.bic, default=None)
 
 
@@ -87,7 +102,11 @@ def shortlist_pairs(
     """
     lost = {one.label for one in fits} - {one.label for one in fits if one.status != FAILED}
     partners = Screen(known.about(best), best.hypothesis).singles()
-    worth = [one for one in partners if one.hypothesis[-1].label not in lost and best.bic - one.bic > second.directed]
+    worth = [
+        one
+        for one in partners
+        if one.hypothesis[-1].label not in lost and best.bic - one.bic > second.max_gain_threshold
+    ]
     return [(one, best) for one in worth[:AMONG]]
 
 
@@ -133,13 +152,13 @@ def two_effect_thresholds(base: Baseline, fits: Sequence[Fit], limits: Threshold
     except (InputError, SimulationError):
         return limits
     left = float(max((np.sum((row - across @ (across.T @ row)) ** 2) for row in changes), default=0.0))
-    most = (1.0 - SHARE) * (base.base.chi2 - best.chi2)
-    found = replace(limits, directed=max(limits.directed, min(left, most)))
-    if limits.directed < left <= most:
+    most = (1.0 - base.problem.settings.decision.min_explained_share) * (base.base.chi2 - best.chi2)
+    found = replace(limits, max_gain_threshold=max(limits.max_gain_threshold, min(left, most)))
+    if limits.max_gain_threshold < left <= most:
         found = replace(found, omnibus=limits.omnibus + left / best.residual.size)
-    if reduced(best) > found.omnibus:
+    if reduced_chi2(best) > found.omnibus:
         return found
-    return replace(found, directed=max(found.directed, nonlinearity(base.problem, best)))
+    return replace(found, max_gain_threshold=max(found.max_gain_threshold, nonlinearity(base.problem, best)))
 
 
 def nonlinearity(problem: Problem, one: Fit) -> float:
@@ -178,18 +197,22 @@ def refit_and_decide(base: Baseline, known: Signatures, fits: Sequence[Fit], lim
     Where the motion is rough, base and rivals are first fitted again from the best one's nuisances: an explanation must not win
     by having found a deeper valley of parameters that all share.
     """
+    settings = base.problem.settings.decision
     second = two_effect_thresholds(base, fits, limits)
-    limits = replace(second, directed=limits.directed)
+    limits = replace(second, max_gain_threshold=limits.max_gain_threshold)
     best: dict[frozenset[str], Fit] = {}
     for one in sorted(fits, key=lambda one: one.chi2):
         best.setdefault(frozenset(candidate.label for candidate in one.hypothesis), one)
     plain, ranked = base.base, sorted(best.values(), key=lambda one: one.bic)
-    if ranked and limits.rough > _SMOOTH and ranked[0].bic < plain.bic:
+    if ranked and limits.numerical_noise > _SMOOTH and ranked[0].bic < plain.bic:
         plain = _moved(base, plain, ranked[0])
         for names, rival in list(best.items()):
             if any(rival is one for one in ranked[1 : 1 + AMONG]) and rival.status != FAILED:
                 best[names] = _moved(base, rival, ranked[0])
-        if reduced(plain) <= max(limits.omnibus, SLIGHT) and plain.bic - ranked[0].bic > RIVAL:
+        if (
+            reduced_chi2(plain) <= max(limits.omnibus, settings.tolerated_reduced_chi2)
+            and plain.bic - ranked[0].bic > settings.min_delta_bic
+        ):
             deeper = _deepest(base, plain)
             if deeper.chi2 < plain.chi2:
                 plain = deeper
@@ -197,15 +220,23 @@ def refit_and_decide(base: Baseline, known: Signatures, fits: Sequence[Fit], lim
                     names = frozenset(candidate.label for candidate in one.hypothesis)
                     if one.status != FAILED:
                         best[names] = _moved(base, best[names], deeper)
-    subspaces = Subspaces(known)
-    alikeness = {
+    subspaces = SignatureSubspaces(known)
+    similarity = {
         one.label: subspaces.nearest(one.hypothesis)[1]
         for one in best.values()
         if one.status != FAILED and one.hypothesis
     }
     bounds = {p.name: (p.nominal, p.low, p.high) for p in base.problem.nuisances}
     return decide(
-        plain, base.nominal, list(best.values()), limits, alikeness, bounds, subspaces.within, second.directed
+        plain,
+        base.nominal,
+        list(best.values()),
+        limits,
+        similarity,
+        bounds,
+        subspaces.is_special_case,
+        second.max_gain_threshold,
+        settings,
     )
 
 

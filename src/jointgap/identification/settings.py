@@ -277,6 +277,29 @@ class ModelSelectionSettings:
 
 
 @dataclass(frozen=True)
+class DecisionSettings:
+    """What a name asks for (`jointgap.identification.decision`).
+
+    Attributes
+    ----------
+    min_delta_bic : float
+        [BIC] Two explanations whose BIC differ by less are not told apart: odds of 150 to 1 (Kass and Raftery 1995: very strong).
+    min_explained_share : float
+        [1, of the misfit] What an explanation has to explain where it leaves more than noise; the rest is a small part of it.
+    tolerated_reduced_chi2 : float
+        [1] chi2 over its degrees of freedom up to which nothing is called missing unless an effect is found: a gap of 1.05.
+    max_share_of_wrong_misfit : float
+        [1] Such an explanation must leave less than this part of what it would leave if the effect most like it were the cause:
+        half way between right and wrong.
+    """
+
+    min_delta_bic: float = 10.0
+    min_explained_share: float = 0.95
+    tolerated_reduced_chi2: float = 1.1
+    max_share_of_wrong_misfit: float = 0.5
+
+
+@dataclass(frozen=True)
 class IdentificationSettings:
     """All tuned numbers of naming, by subject."""
 
@@ -288,6 +311,7 @@ class IdentificationSettings:
     initial_guess: InitialGuessSettings = field(default_factory=InitialGuessSettings)
     coarse_search: CoarseSearchSettings = field(default_factory=CoarseSearchSettings)
     selection: ModelSelectionSettings = field(default_factory=ModelSelectionSettings)
+    decision: DecisionSettings = field(default_factory=DecisionSettings)
 
 
 DEFAULT_SETTINGS = IdentificationSettings()

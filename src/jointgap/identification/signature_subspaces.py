@@ -8,7 +8,7 @@ from jointgap.identification.screening import Signatures
 _INSIDE = 0.03  # of a signature's length may lie outside another's span, for it to be a special case of that
 
 
-class Subspaces:
+class SignatureSubspaces:
     """What each candidate can change in the whitened residuals beyond what nuisances can, as orthonormal columns.
 
     Parameters
@@ -37,7 +37,7 @@ class Subspaces:
         found = [np.linalg.norm(space.T @ one, 2) for one in self.of[label] if one.size and space.size]
         return float(min(max(found, default=0.0), 1.0))
 
-    def within(self, one: Hypothesis, other: Hypothesis) -> bool:
+    def is_special_case(self, one: Hypothesis, other: Hypothesis) -> bool:
         """Whether `one` is a special case of `other`, which can do more: a constant force is a spring without stiffness."""
         part, whole = (self.span([c.label for c in hypothesis if c.label in self.of]) for hypothesis in (one, other))
         if not 0 < part.shape[1] < whole.shape[1]:

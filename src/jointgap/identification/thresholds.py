@@ -8,7 +8,7 @@ import numpy as np
 from jointgap.identification.baseline import Baseline, other_numerics
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import Signatures, signatures
-from jointgap.identification.signature_subspaces import Subspaces, orthonormal
+from jointgap.identification.signature_subspaces import SignatureSubspaces, orthonormal
 
 DRAWS = 4000
 
@@ -23,17 +23,17 @@ class Thresholds:
         Share of null campaigns that exceed each threshold.
     omnibus : float
         Of the base's chi2 over its degrees of freedom.
-    directed : float
+    max_gain_threshold : float
         Of the largest gain of chi2 by one candidate, less ln n for each of its coordinates; at least what another choice of
         numerics changes, for any candidate may happen to resemble that.
-    rough : float
-        chi2 that a fit may gain by the model's roughness.
+    numerical_noise : float
+        chi2 that a fit may gain by numerical noise alone.
     """
 
     rate: float
     omnibus: float
-    directed: float
-    rough: float = 0.0
+    max_gain_threshold: float
+    numerical_noise: float = 0.0
 
 
 class Screening(NamedTuple):
@@ -94,7 +94,7 @@ def thresholds(
     generator = np.random.default_rng(seed)
     # Whitening divides by noise and numerics together; the noise alone is less than 1 where numerics disagree.
     measured = np.concatenate([(part.noise.sd / part.noise.spread)[part.used] for part in problem.parts])
-    subspaces = Subspaces(known)
+    subspaces = SignatureSubspaces(known)
     numerics = subspaces.projected(numerics.T)
     amounts = generator.standard_normal((DRAWS, numerics.shape[1]))
 

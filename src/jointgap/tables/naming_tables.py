@@ -96,8 +96,8 @@ THRESHOLDS = Table(
     (
         Column("rate", "1", "share of null campaigns that exceed each threshold"),
         Column("omnibus", "1", "chi2 over its degrees of freedom"),
-        Column("directed", "1", "largest gain of BIC by one candidate"),
-        Column("rough", "1", "chi2 that a fit may gain by the model's roughness"),
+        Column("max_gain_threshold", "1", "largest gain of BIC by one candidate"),
+        Column("numerical_noise", "1", "chi2 that a fit may gain by numerical noise"),
     ),
 )
 
