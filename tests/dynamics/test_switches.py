@@ -5,7 +5,7 @@ import pytest
 
 from jointgap.dynamics import simulate
 from jointgap.dynamics.solver.integrate import march
-from jointgap.dynamics.solver.sampling import observe
+from jointgap.dynamics.solver.sampling import fill_samples
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import example
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism, options
@@ -67,4 +67,4 @@ def test_any_combination_runs_through_and_nothing_is_compiled_anew(drive):
                 one["parameters"] = {"formula": "-a*v*|v|", "coefficients": {"a": 0.2}}
         simulate(mechanism(*some, loose=loose, **(LUGRE if count % 2 else {})), chosen)
     assert len(march.signatures) == 1
-    assert len(observe.signatures) == 1
+    assert len(fill_samples.signatures) == 1

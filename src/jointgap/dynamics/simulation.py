@@ -9,16 +9,15 @@ import pandas as pd
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.equations import FURTHER, STATES
-from jointgap.dynamics.model.modes import EVENT_NAMES, sample_modes
 from jointgap.dynamics.model.parameters import MEASURED, Parameters
 from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
 from jointgap.dynamics.solver import integrate as marching
-from jointgap.dynamics.solver.contact_episodes import EVENT
+from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, sample_modes
 from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.dynamics.solver.sampling import COLUMNS, observe
+from jointgap.dynamics.solver.sampling import SAMPLE, TRAJECTORY, fill_samples
 from jointgap.errors import InputError, SimulationError
 from jointgap.joints import JOINT, JOINTS
-from jointgap.tables import EVENTS, TRAJECTORY
+from jointgap.tables import EVENTS
 
 STEPS_PER_REVOLUTION = 5_000_000
 """Most integration steps that a revolution may take on average; a usual one takes some thousands."""
@@ -72,9 +71,10 @@ class March:
     steps: int
 
     def observed(self, p: Parameters) -> dict[str, np.ndarray]:
-        """All that is to be seen at the samples, by column of `jointgap.dynamics.solver.sampling`."""
-        seen = observe(p, self.times, self.states, self.further, self.modes, self.approaches, self.directions)
-        return dict(zip(COLUMNS, seen.T, strict=True))
+        """Every number at the samples, by column of `jointgap.dynamics.solver.sampling.SAMPLE`, (n,) each."""
+        samples = np.empty(self.times.size, SAMPLE)
+        fill_samples(p, self.times, self.states, self.further, self.modes, self.approaches, self.directions, samples)
+        return {name: samples[name] for name in SAMPLE.names}
 
 
 def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Trajectory:
@@ -108,8 +108,7 @@ def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Traj
     columns = run.observed(p)
     _check_finite(columns, run.times)
     columns |= sample_modes(p, run.times, run.modes, run.events)
-    columns |= {"time": run.times, "crank_angle": angles}
-    columns["transmission_angle"] = math.pi / 2 + columns["rod_angle"]
+    columns["crank_angle"] = angles  # as asked for: of a motor's crank compiled code knows it to a few roundings
     frame = pd.DataFrame({column.name: columns[column.name] for column in TRAJECTORY.columns})
     return Trajectory(samples=frame, events=event_frame(run.events), steps=run.steps)
 

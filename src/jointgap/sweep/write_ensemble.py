@@ -9,9 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from jointgap import tables
-from jointgap.dynamics.model.modes import EVENT_NAMES, MODES, mode_numbers
 from jointgap.dynamics.parallel_runs import Outcome, Run, crank_speeds, march_runs, rod_and_slider
-from jointgap.dynamics.solver.contact_episodes import EVENT
+from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, MODES, mode_numbers
 from jointgap.joints import JOINTS
 from jointgap.sweep.variation import WORDS
 

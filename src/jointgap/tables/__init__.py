@@ -43,7 +43,7 @@ from jointgap.tables.naming_tables import (
     THRESHOLDS,
 )
 from jointgap.tables.optimise_tables import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
-from jointgap.tables.simulate_tables import EVENTS, OUTPUTS, TRAJECTORY, number_of, outputs
+from jointgap.tables.simulate_tables import EVENTS, OUTPUTS, number_of, outputs
 from jointgap.tables.statistics_tables import ECCENTRICITY, IMPACT_DISTRIBUTION, JOINT_REVOLUTIONS, POINCARE_SECTION
 from jointgap.tables.store import check_writable, describe, read, to_arrow, write, write_text, write_whole
 from jointgap.tables.study_tables import STUDY
@@ -122,3 +122,12 @@ __all__ = [
     "write_text",
     "write_whole",
 ]
+
+
+def __getattr__(name: str) -> Table:
+    """The table whose columns stand with the compiled code that fills them, which most users need not load."""
+    if name != "TRAJECTORY":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from jointgap.dynamics.solver.sampling import TRAJECTORY
+
+    return TRAJECTORY

@@ -20,7 +20,7 @@ from jointgap.dynamics.solver.events import DISTANCE, FORCE, all_conditions, swi
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.dynamics.solver.integrate import least_approach, replaced
 from jointgap.dynamics.solver.runge_kutta import instant
-from jointgap.dynamics.solver.sampling import COLUMNS, observe
+from jointgap.dynamics.solver.sampling import SAMPLE, fill_samples
 from jointgap.errors import SimulationError
 
 _SIZE = STATES + FURTHER
@@ -168,7 +168,7 @@ def integrate(p: Parameters, times: np.ndarray, tolerance: float, perturbation=N
     Returns
     -------
     dict of str to (n,) array
-        By column of `jointgap.dynamics.solver.sampling.COLUMNS`.
+        By column of `jointgap.dynamics.solver.sampling.SAMPLE`.
 
     Raises
     ------
@@ -182,5 +182,6 @@ def integrate(p: Parameters, times: np.ndarray, tolerance: float, perturbation=N
     status, time = _integrate(p, np.concatenate((y, x)), times, tolerance, states, further, modes, approaches)
     if status != DONE:
         raise SimulationError(f"the orders 5 and 4 cannot go on at time {time:.9g} s; give a larger tolerance")
-    signals = observe(p, times, states, further, modes, approaches, np.zeros((n, 3)))
-    return dict(zip(COLUMNS, signals.T, strict=True))
+    samples = np.empty(n, SAMPLE)
+    fill_samples(p, times, states, further, modes, approaches, np.zeros((n, 3)), samples)
+    return {name: samples[name] for name in SAMPLE.names}

@@ -1,11 +1,19 @@
-"""Contacts as episodes, from an impact to the separation: impulse, peak of the force, maxima of the penetration."""
+"""Contacts as episodes, from an impact to the separation: impulse, peak of the force, maxima of the penetration.
+
+To a user a joint is in flight, in an impact or in contact. An impact is a contact in which the penetration has one maximum at
+most: the journal hits and rebounds. In a longer one it stays, swinging about its equilibrium.
+"""
 
 import math
 
+import numpy as np
+
 from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.joint_forces import FLIGHT
+from jointgap.dynamics.model.parameters import Parameters
 from jointgap.dynamics.solver.runge_kutta import NORMAL, pace
 from jointgap.dynamics.solver.tableau import COUNT, NODES, STAGES
+from jointgap.joints import JOINTS
 
 EPISODE = 4
 """Numbers kept of each joint's contact: impulse [N s], largest normal force [N], maxima of the penetration, begin [s]."""
@@ -14,6 +22,11 @@ EVENT = ("time", "joint", "begins", "approach_speed", "impulse", "peak_force", "
 """What a row of the events holds; the numbers of the episode belong to its end."""
 
 EVENT_WIDTH = len(EVENT)
+
+EVENT_NAMES = np.array(["separation", "impact"], dtype=object)
+
+MODES = ("ideal", "flight", "impact", "contact")
+"""What a sample may be in, by joint."""
 
 
 @inlined
@@ -64,3 +77,32 @@ def note_event(event, episodes, there, joint, begins, approach):
     for i in range(3):
         event[4 + i] = math.nan if begins else episodes[joint, i]
     event[8] = math.nan if begins else there.time - episodes[joint, 3]
+
+
+def mode_numbers(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> np.ndarray:
+    """What each joint is in at samples, as places in `MODES`, shape (n, 3), int8.
+
+    Parameters
+    ----------
+    p : Parameters
+    times, modes : (n,), (n, 3) arrays
+        Samples [s] and modes of a march.
+    events : (m, 9) array
+        Its events. A contact that lasts to the end of the march counts as contact.
+    """
+    found = np.zeros((times.size, 3), np.int8)
+    column = {name: i for i, name in enumerate(EVENT)}
+    for number, joint in enumerate(JOINTS):
+        if not getattr(p, joint).loose:
+            continue
+        ends = events[(events[:, column["joint"]] == number) & (events[:, column["begins"]] == 0)]
+        following = np.searchsorted(ends[:, column["time"]], times)  # the next separation; none: the contact goes on
+        maxima = np.append(ends[:, column["maxima"]], np.inf)[following]
+        found[:, number] = np.where(modes[:, number] != FLIGHT, np.where(maxima <= 1, 2, 3), 1)
+    return found
+
+
+def sample_modes(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns ``crank_pin_mode``, ... of the table ``trajectory``; parameters as `mode_numbers`."""
+    numbers = mode_numbers(p, times, modes, events)
+    return {f"{joint}_mode": np.array(MODES, dtype=object)[numbers[:, i]] for i, joint in enumerate(JOINTS)}

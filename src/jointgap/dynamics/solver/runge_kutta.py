@@ -97,7 +97,7 @@ def stretch(course, s, duration):
 
 
 @inlined
-def hystereses(p, approaches):
+def damping_factors(p, approaches):
     """chi / d'_0 [s/m] of all contacts."""
     return (
         p.crank_pin.damping / approaches[0],
@@ -125,7 +125,7 @@ def further_rates(x, found, bristles):
 def instant(p, time, y, x, modes, approaches):
     """The instant of a state."""
     angle, crank = crank_at(p, time, x)
-    drags = hystereses(p, approaches)
+    drags = damping_factors(p, approaches)
     a, pin, piston, pivot, _, _, bristles = accelerations(p, time, angle, crank, y, x, modes, drags)
     slope = (y[4], y[5], y[6], y[7], a[0], a[1], a[2], a[3])
     normals = (pin[0], piston[0], pivot[0])
@@ -173,7 +173,7 @@ def step(p, here, course, s, ds, velocity_time, k):
     tuple
         State and further states at the end, estimated local error [m].
     """
-    y, x, drags = here.y, here.x, hystereses(p, here.approaches)
+    y, x, drags = here.y, here.x, damping_factors(p, here.approaches)
     factor = pace(course, s)
     for i in range(STATES):
         k[0, i] = factor * here.slope[i]

@@ -1,4 +1,8 @@
-"""What is seen of a motion at its samples: clearances, bodies, forces and reactions, from states alone."""
+"""What is seen of a motion at its samples: the columns of the table ``trajectory`` and the code that computes them.
+
+A new column is an entry of `TRAJECTORY` and the line of this file that fills it: compiled code fills columns by name, so
+that no value lands under another's name.
+"""
 
 import math
 
@@ -10,44 +14,100 @@ from jointgap.dynamics.model.effect_laws import crank_losses
 from jointgap.dynamics.model.equations import accelerations, pose
 from jointgap.dynamics.model.joint_forces import NOTHING, reaction
 from jointgap.dynamics.model.relative_motion import relative_motion
-from jointgap.dynamics.solver.runge_kutta import hystereses, instant
-from jointgap.joints import JOINTS
+from jointgap.dynamics.solver.runge_kutta import damping_factors, instant
+from jointgap.joints import JOINT, JOINTS, RevoluteJoint
+from jointgap.tables.columns import Column, Table
 
-COLUMNS = (
-    *(f"{symbol}{joint}{dots}" for joint in (2, 3, 1) for symbol in ("r", "gamma") for dots in ("", "_dot", "_ddot")),
-    *(f"{joint}_{force}" for joint in JOINTS for force in ("normal_force", "friction_force", "force_x", "force_y")),
-    "crank_angle",
-    "crank_speed",
-    "crank_acceleration",
-    "rod_position_x",
-    "rod_position_y",
-    "rod_velocity_x",
-    "rod_velocity_y",
-    "rod_acceleration_x",
-    "rod_acceleration_y",
-    "rod_angle",
-    "rod_angular_velocity",
-    "rod_angular_acceleration",
-    "rod_deflection",
-    "slider_position",
-    "slider_velocity",
-    "slider_acceleration",
-    "crank_torque",
-    "guide_force",
-    "guide_moment",
-    "frame_force_x",
-    "frame_force_y",
+_ENDS = {
+    "crank_pin": "from the crank's pin to the rod's end",
+    "piston_pin": "from the slider's pin to the rod's end",
+    "crank_pivot": "from the frame's centre to the crank's",
+}
+
+
+def _clearance(joint: RevoluteJoint) -> tuple[Column, ...]:
+    r, gamma = f"r{joint.number}", f"gamma{joint.number}"
+    undefined = "; null where the centres coincide, as in an ideal joint"
+    ends = f"the {joint.words} ({_ENDS[joint.name]})"
+    return (
+        Column(r, "m", f"distance of the centres of {ends}; 0 where it is ideal"),
+        Column(f"{r}_dot", "m/s", f"first time derivative of {r}", nullable=True),
+        Column(f"{r}_ddot", "m/s^2", f"second time derivative of {r}", nullable=True),
+        Column(gamma, "rad", f"direction of the vector of length {r}, unwrapped{undefined}", nullable=True),
+        Column(f"{gamma}_dot", "rad/s", f"first time derivative of {gamma}{undefined}", nullable=True),
+        Column(f"{gamma}_ddot", "rad/s^2", f"second time derivative of {gamma}{undefined}", nullable=True),
+    )
+
+
+def _contact(joint: RevoluteJoint) -> tuple[Column, ...]:
+    name, words, bodies = joint.name, joint.words, f"the {joint.partner} on the {joint.body}"
+    return (
+        Column(
+            f"{name}_normal_force", "N", f"force in the {words} along the clearance; size of an ideal one's reaction"
+        ),
+        Column(f"{name}_friction_force", "N", f"force in the {words} along the tangent, with sign; 0 in an ideal one"),
+        Column(f"{name}_force_x", "N", f"force of {bodies} in the {words}, x"),
+        Column(f"{name}_force_y", "N", f"force of {bodies} in the {words}, y"),
+    )
+
+
+TRAJECTORY = Table(
+    "trajectory",
+    "Motion of the slider-crank at samples uniform in crank angle",
+    (
+        Column("time", "s", "time since the start"),
+        Column("crank_angle", "rad", "crank angle theta2, running on over revolutions"),
+        Column("crank_speed", "rad/s", "first time derivative of the crank angle"),
+        Column("crank_acceleration", "rad/s^2", "second time derivative of the crank angle"),
+        *(column for joint in JOINT.values() for column in _clearance(joint)),
+        Column("rod_position_x", "m", "mass centre of the rod as if it did not bend, x"),
+        Column("rod_position_y", "m", "mass centre of the rod as if it did not bend, y"),
+        Column("rod_velocity_x", "m/s", "velocity of the rod's mass centre as if it did not bend, x"),
+        Column("rod_velocity_y", "m/s", "velocity of the rod's mass centre as if it did not bend, y"),
+        Column("rod_acceleration_x", "m/s^2", "acceleration of the rod's mass centre as if it did not bend, x"),
+        Column("rod_acceleration_y", "m/s^2", "acceleration of the rod's mass centre as if it did not bend, y"),
+        Column("rod_angle", "rad", "angle theta3 of the rod from +x, crank end to piston end"),
+        Column("rod_angular_velocity", "rad/s", "first time derivative of the rod angle"),
+        Column("rod_angular_acceleration", "rad/s^2", "second time derivative of the rod angle"),
+        Column("rod_deflection", "m", "deflection of the rod at midspan, along its normal; 0 where it is rigid"),
+        Column("slider_position", "m", "position of the slider's pin along x"),
+        Column("slider_velocity", "m/s", "velocity of the slider"),
+        Column("slider_acceleration", "m/s^2", "acceleration of the slider"),
+        *(column for joint in JOINT.values() for column in _contact(joint)),
+        *(
+            Column(f"{joint}_mode", "", "ideal, flight, impact (the journal hits and rebounds) or contact", "text")
+            for joint in JOINTS
+        ),
+        Column("crank_torque", "N*m", "torque of the drive on the crank, losses of the crank included"),
+        Column("guide_force", "N", "normal force of the guide on the slider, +y"),
+        Column("guide_moment", "N*m", "moment of the guide on the slider, about its pin"),
+        Column("frame_force_x", "N", "force of the crank on the crank pivot's bearing, x"),
+        Column("frame_force_y", "N", "force of the crank on the crank pivot's bearing, y"),
+        Column("transmission_angle", "rad", "transmission angle mu, equation (10)"),
+    ),
 )
-"""What the columns of `observe` hold."""
 
-_WIDTH = len(COLUMNS)
+SAMPLE = np.dtype([(column.name, "f8") for column in TRAJECTORY.columns if column.kind == "float"])
+"""Record of one sample as compiled code fills it."""
 
 
 @compiled
 def polar_rates(vector, direction):
-    """Length of a clearance vector with two time derivatives, and two time derivatives of its direction.
+    """Length and direction of a clearance vector with two time derivatives each.
 
-    Where the length is zero its derivatives are those just after, the direction's NaN.
+    Where the length is zero its derivatives are those just after, the direction and its derivatives NaN.
+
+    Parameters
+    ----------
+    vector : tuple of 6 floats
+        Clearance vector x, y [m], its rate [m/s], its second rate [m/s^2].
+    direction : float
+        Its unwrapped direction [rad].
+
+    Returns
+    -------
+    tuple of 6 floats
+        r [m], r' [m/s], r'' [m/s^2], gamma [rad], gamma' [rad/s], gamma'' [rad/s^2].
     """
     ex, ey, vx, vy, ax, ay = vector
     r = math.sqrt(ex * ex + ey * ey)
@@ -63,40 +123,42 @@ def polar_rates(vector, direction):
 
 
 @compiled
-def never_pulling(joint, force):
+def _never_pulling(joint, force):
     """A joint's force, or none where rounding has left a pull at the very end of a contact."""
     return NOTHING if joint.loose and joint.film_viscosity == 0.0 and force[0] <= 0.0 else force
 
 
 @compiled
-def observe(p, times, states, further, modes_at, approaches_at, directions_at):
-    """Everything that follows from the samples of a march, as an (n, 51) array with `COLUMNS`.
+def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, directions_at, samples):
+    """Compute every number that follows from the sampled states of an integration.
 
     Parameters
     ----------
     p : Parameters
-    times, states, further, modes_at, approaches_at, directions_at
-        Samples as `jointgap.dynamics.solver.integrate.march` leaves them.
+    times, states, auxiliary_states, modes_at, approaches_at, directions_at
+        Samples as `jointgap.dynamics.solver.integrate.integrate` leaves them.
+    samples : (n,) array of `SAMPLE`
+        Overwritten.
     """
-    seen, b = np.empty((times.size, _WIDTH)), p.bodies
+    b = p.bodies
     for n in range(times.size):
-        y, x, row = states[n], further[n], seen[n]
+        y, x, row = states[n], auxiliary_states[n], samples[n]
         modes = (modes_at[n, 0], modes_at[n, 1], modes_at[n, 2])
         approaches = (approaches_at[n, 0], approaches_at[n, 1], approaches_at[n, 2])
         y = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
         x = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
         here = instant(p, times[n], y, x, modes, approaches)
         motion, crank = relative_motion(here), here.crank
-        for joint in range(3):
-            polar = polar_rates(motion[joint], directions_at[n, joint])
-            for i in range(6):
-                row[6 * joint + i] = polar[i]
+        at = directions_at[n]
+        row.r2, row.r2_dot, row.r2_ddot, row.gamma2, row.gamma2_dot, row.gamma2_ddot = polar_rates(motion[0], at[0])
+        row.r3, row.r3_dot, row.r3_ddot, row.gamma3, row.gamma3_dot, row.gamma3_ddot = polar_rates(motion[1], at[1])
+        row.r1, row.r1_dot, row.r1_ddot, row.gamma1, row.gamma1_dot, row.gamma1_ddot = polar_rates(motion[2], at[2])
 
         place = pose(b, crank, y, x)
-        drags = hystereses(p, approaches)
-        a, pin, piston, pivot, _, force, _ = accelerations(p, times[n], here.crank_angle, crank, y, x, modes, drags)
-        pin, piston = never_pulling(p.crank_pin, pin), never_pulling(p.piston_pin, piston)
-        pivot, alpha = never_pulling(p.crank_pivot, pivot), a[6]
+        damping = damping_factors(p, approaches)
+        a, pin, piston, pivot, _, force, _ = accelerations(p, times[n], here.crank_angle, crank, y, x, modes, damping)
+        pin, piston = _never_pulling(p.crank_pin, pin), _never_pulling(p.piston_pin, piston)
+        pivot, alpha = _never_pulling(p.crank_pivot, pivot), a[6]
         # The crank as a free body: m a + alpha z x h - w^2 h = force,  I alpha + h x a = moment about its pivot end.
         hx = b.crank_moment_x * crank.cosine - b.crank_moment_y * crank.sine
         hy = b.crank_moment_x * crank.sine + b.crank_moment_y * crank.cosine
@@ -107,22 +169,35 @@ def observe(p, times, states, further, modes_at, approaches_at, directions_at):
         torque = b.crank_inertia * alpha + hx * (a[5] - b.gravity_y) - hy * (a[4] - b.gravity_x) - pivot[4] - pin[5]
         torque += b.crank_length * (crank.cosine * pin[3] - crank.sine * pin[2])
         torque -= crank_losses(p, place.slider, place.slider_speed, crank.speed, here.crank_angle, times[n])
-        for i in range(4):
-            row[18 + i], row[22 + i], row[26 + i] = pin[i], piston[i], pivot[i]
+        row.crank_pin_normal_force, row.crank_pin_friction_force = pin[0], pin[1]
+        row.crank_pin_force_x, row.crank_pin_force_y = pin[2], pin[3]
+        row.piston_pin_normal_force, row.piston_pin_friction_force = piston[0], piston[1]
+        row.piston_pin_force_x, row.piston_pin_force_y = piston[2], piston[3]
+        row.crank_pivot_normal_force, row.crank_pivot_friction_force = pivot[0], pivot[1]
+        row.crank_pivot_force_x, row.crank_pivot_force_y = pivot[2], pivot[3]
 
         c, s, speed, arm = place.rod_cos, place.rod_sin, place.rod_speed, b.rod_centre
         moment = pin[4] + piston[4] - arm * (c * pin[3] - s * pin[2])
         moment += (b.rod_length - arm) * (c * piston[3] - s * piston[2])
         rod = rod_accelerations(b, c, s, speed, x[3], x[7], pin[2] + piston[2], pin[3] + piston[3], moment)
-        row[30], row[31], row[32] = here.crank_angle, crank.speed, alpha
-        row[33] = b.crank_length * crank.cosine + y[0] + x[0] + arm * c
-        row[34] = b.crank_length * crank.sine + y[1] + x[1] + arm * s
-        row[35] = y[4] + x[4] - b.crank_length * crank.speed * crank.sine - arm * speed * s
-        row[36] = y[5] + x[5] + b.crank_length * crank.speed * crank.cosine + arm * speed * c
-        row[37], row[38] = rod[0], rod[1]
-        row[39], row[40], row[41], row[42] = math.atan2(s, c), speed, rod[2], x[3]
-        row[43], row[44] = place.slider, place.slider_speed
-        row[45] = b.gravity_x + (force - piston[2]) * b.slider_inverse_mass
-        row[46], row[47], row[48] = torque, piston[3] - b.slider_mass * b.gravity_y, -piston[5]
-        row[49], row[50] = -pivot[2], -pivot[3]
-    return seen
+        row.time, row.crank_angle, row.crank_speed, row.crank_acceleration = (
+            times[n],
+            here.crank_angle,
+            crank.speed,
+            alpha,
+        )
+        row.rod_position_x = b.crank_length * crank.cosine + y[0] + x[0] + arm * c
+        row.rod_position_y = b.crank_length * crank.sine + y[1] + x[1] + arm * s
+        row.rod_velocity_x = y[4] + x[4] - b.crank_length * crank.speed * crank.sine - arm * speed * s
+        row.rod_velocity_y = y[5] + x[5] + b.crank_length * crank.speed * crank.cosine + arm * speed * c
+        row.rod_acceleration_x, row.rod_acceleration_y, row.rod_angular_acceleration = rod[0], rod[1], rod[2]
+        row.rod_angle, row.rod_angular_velocity, row.rod_deflection = math.atan2(s, c), speed, x[3]
+        row.transmission_angle = math.pi / 2 + row.rod_angle
+        row.slider_position, row.slider_velocity = place.slider, place.slider_speed
+        row.slider_acceleration = b.gravity_x + (force - piston[2]) * b.slider_inverse_mass
+        row.crank_torque, row.guide_force, row.guide_moment = (
+            torque,
+            piston[3] - b.slider_mass * b.gravity_y,
+            -piston[5],
+        )
+        row.frame_force_x, row.frame_force_y = -pivot[2], -pivot[3]
