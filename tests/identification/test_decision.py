@@ -1,0 +1,294 @@
+"""The verdict follows from the fits' chi2 by rules with sharp limits: each is met from both sides, with fits made up for it."""
+
+import numpy as np
+import pytest
+
+from jointgap.identification.decision import decide, rank, reduced, weigh
+from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.identification.thresholds import Thresholds
+
+SAMPLES = 1000
+LN = np.log(SAMPLES)
+LIMITS = Thresholds(rate=0.01, omnibus=1.05, directed=12.0, rough=4.0)
+
+
+def effect(name, replaces=None, low=-np.inf):
+    """An effect with one amplitude."""
+    return Candidate(name, "slider", (Parameter("size", 0.0, low),), ("size",), replaces=replaces or {})
+
+
+def fitted(chi2, *effects, value=1.0, nuisances=1, status="converged", reason="", slope=1.0):
+    """A fit with a residual of `chi2`, its nuisances ``n0``, ``n1`` ... and one amplitude for each effect."""
+    parameters = [Parameter(f"n{place}", 0.0) for place in range(nuisances)]
+    parameters += [Parameter(f"{candidate.label}.size", 0.0) for candidate in effects]
+    residual = np.zeros(SAMPLES)
+    residual[-1] = np.sqrt(chi2)
+    jacobian = np.zeros((SAMPLES, len(parameters)))
+    jacobian[np.arange(len(parameters)), np.arange(len(parameters))] = slope
+    values = np.array([0.0] * nuisances + [value] * len(effects))
+    return Fit(effects, tuple(parameters), values, residual, jacobian, 1, status, reason)
+
+
+def decided(base, fits, nominal=None, limits=LIMITS, alikeness=None, bounds=None, within=lambda *_: False, second=0.0):
+    """The decision, with nominal values that are far worse than the base where a test says nothing of them."""
+    nominal = nominal or fitted(base.chi2 + 500.0, nuisances=0)
+    return decide(base, nominal, fits, limits, alikeness or {}, bounds or {}, within, second)
+
+
+COULOMB, SPRING, MASS = effect("coulomb"), effect("spring"), effect("mass", replaces={"slider_mass": "size"})
+NOISE = SAMPLES - 1.0  # chi2 of the base where it leaves noise alone: one nuisance is fitted
+GREAT = 2000.0  # chi2 of a base that leaves far more than noise
+
+
+# Whether anything is missing
+
+
+def test_nominal_values_that_leave_noise_alone_are_no_disagreement():
+    found = decided(fitted(NOISE), [], nominal=fitted(NOISE + 5.0, nuisances=0))
+    assert (found.verdict, found.chosen.chi2) == ("no_disagreement", pytest.approx(NOISE + 5.0))
+
+
+@pytest.mark.parametrize(("behind", "verdict"), [(13.9, "no_disagreement"), (14.1, "parameters_only")])
+def test_nominal_values_may_be_behind_the_fitted_ones_by_a_rivals_distance_and_the_roughness(behind, verdict):
+    limits = Thresholds(rate=0.01, omnibus=1.5, directed=12.0, rough=4.0)
+    nominal = fitted(NOISE + LN + behind, nuisances=0)  # the base has one parameter more, worth ln n
+    assert decided(fitted(NOISE), [], nominal=nominal, limits=limits).verdict == verdict
+
+
+@pytest.mark.parametrize(("chi2", "verdict"), [(1049.9, "no_disagreement"), (1050.1, "parameters_only")])
+def test_nominal_values_have_to_leave_no_more_than_null_campaigns_do(chi2, verdict):
+    assert decided(fitted(chi2 - 1.0), [], nominal=fitted(chi2, nuisances=0)).verdict == verdict
+
+
+@pytest.mark.parametrize(("gap", "verdict"), [(1.0999, "parameters_only"), (1.1001, "unexplained")])
+def test_a_slight_misfit_without_an_effect_is_not_called_missing(gap, verdict):
+    assert decided(fitted(gap * (SAMPLES - 1)), []).verdict == verdict
+
+
+def test_null_campaigns_that_leave_more_raise_what_counts_as_slight():
+    limits = Thresholds(rate=0.01, omnibus=1.3, directed=12.0, rough=4.0)
+    assert decided(fitted(1.29 * (SAMPLES - 1)), [], limits=limits).verdict == "parameters_only"
+    assert decided(fitted(1.31 * (SAMPLES - 1)), [], limits=limits).verdict == "unexplained"
+
+
+# What is named
+
+
+def test_an_effect_that_leaves_noise_alone_is_named():
+    found = decided(fitted(GREAT), [fitted(NOISE, COULOMB)])
+    assert (found.verdict, found.chosen.label) == ("named", "coulomb")
+    assert found.base.chi2 == pytest.approx(GREAT)
+    assert found.thresholds is LIMITS
+    assert found.equivalent == []
+
+
+@pytest.mark.parametrize(("gain", "verdict"), [(12.1, "named"), (11.9, "parameters_only")])
+def test_an_effect_has_to_gain_what_null_campaigns_gain_by_chance(gain, verdict):
+    base = fitted(NOISE + 30.0)
+    assert decided(base, [fitted(base.chi2 - LN - gain, COULOMB)]).verdict == verdict
+
+
+@pytest.mark.parametrize(("gain", "verdict"), [(10.1, "named"), (9.9, "parameters_only")])
+def test_an_effect_has_to_be_ahead_of_the_base_as_of_any_rival(gain, verdict):
+    base, limits = fitted(NOISE + 30.0), Thresholds(rate=0.01, omnibus=1.05, directed=2.0, rough=0.0)
+    assert decided(base, [fitted(base.chi2 - LN - gain, COULOMB)], limits=limits).verdict == verdict
+
+
+@pytest.mark.parametrize(("gain", "label"), [(12.1, "coulomb + spring"), (11.9, "coulomb")])
+def test_a_second_effect_has_to_gain_as_much_beside_the_first(gain, label):
+    single, pair = fitted(NOISE, COULOMB), fitted(NOISE - LN - gain, COULOMB, SPRING)
+    found = decided(fitted(GREAT), [pair, single])
+    assert (found.verdict, found.chosen.label) == ("named", label)
+
+
+@pytest.mark.parametrize(("gain", "label"), [(40.1, "coulomb + spring"), (39.9, "coulomb")])
+def test_a_second_effect_has_to_gain_what_is_asked_of_it(gain, label):
+    single, pair = fitted(NOISE, COULOMB), fitted(NOISE - LN - gain, COULOMB, SPRING)
+    assert decided(fitted(GREAT), [single, pair], second=40.0).chosen.label == label
+
+
+def test_a_pair_is_named_where_no_single_effect_was_fitted():
+    assert decided(fitted(GREAT), [fitted(NOISE, COULOMB, SPRING)]).chosen.label == "coulomb + spring"
+
+
+# What the data cannot tell apart
+
+
+@pytest.mark.parametrize(("behind", "verdict"), [(13.9, "ambiguous"), (14.1, "named")])
+def test_effects_within_a_rivals_distance_and_the_roughness_are_not_told_apart(behind, verdict):
+    fits = [fitted(NOISE + behind, SPRING), fitted(NOISE, COULOMB)]
+    found = decided(fitted(GREAT), fits)
+    assert found.verdict == verdict
+    assert [fit.label for fit in found.equivalent] == (["coulomb", "spring"] if verdict == "ambiguous" else [])
+    assert found.chosen.label == ("" if verdict == "ambiguous" else "coulomb") or found.chosen is found.base
+
+
+def test_a_special_case_of_an_effect_is_no_rival():
+    fits = [fitted(NOISE, COULOMB), fitted(NOISE + 1.0, SPRING)]
+    asked = []
+
+    def within(special, general):
+        asked.append((special[0].name, general[0].name))
+        return True
+
+    assert decided(fitted(GREAT), fits, within=within).verdict == "named"
+    assert asked == [("coulomb", "spring")]
+
+
+def test_the_same_effect_with_another_beside_it_is_no_rival():
+    fits = [fitted(NOISE, COULOMB), fitted(NOISE + 1.0, COULOMB, SPRING)]
+    assert decided(fitted(GREAT), fits).verdict == "named"
+
+
+def test_one_effect_of_a_named_pair_is_no_rival_and_another_single_one_is():
+    pair, limits = fitted(NOISE - LN, COULOMB, SPRING), Thresholds(rate=0.01, omnibus=1.05, directed=0.0, rough=30.0)
+    single = fitted(NOISE + 20.0, COULOMB)
+    assert decided(fitted(GREAT), [pair, single], limits=limits).verdict == "named"
+    other = fitted(NOISE + 20.0, MASS)
+    assert (
+        decided(fitted(GREAT), [pair, single, other], limits=limits, bounds={"slider_mass": (1, 1, 1)}).verdict
+        == "ambiguous"
+    )
+
+
+def test_a_pair_is_no_rival_of_a_single_effect():
+    fits = [fitted(NOISE, COULOMB), fitted(NOISE, SPRING, effect("drag"))]
+    assert decided(fitted(GREAT), fits).verdict == "named"
+
+
+def test_rivals_that_leave_too_much_explain_nothing():
+    fits = [fitted(1500.0, COULOMB), fitted(1501.0, SPRING)]
+    found = decided(fitted(GREAT), fits)
+    assert (found.verdict, found.equivalent) == ("unexplained", [])
+    assert found.because == "several explanations are equally poor"
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.951, "ambiguous"), (0.949, "unexplained")])
+def test_rivals_that_explain_nearly_all_are_told_as_such(share, verdict):
+    base = fitted(101_000.0 - 1.0)  # an excess of 100 000
+    left = base.chi2 - share * 1e5
+    assert decided(base, [fitted(left, COULOMB), fitted(left + 1.0, SPRING)]).verdict == verdict
+
+
+# What an effect leaves
+
+
+@pytest.mark.parametrize(
+    ("share", "alike", "verdict"),
+    [
+        (0.97, 0.93, "named_with_remaining_misfit"),  # leaves 3 %, a rival in its place would leave 7 %
+        (0.97, 0.95, "unexplained"),  # a rival would leave 5 %: more than half of that is left
+        (0.951, 0.0, "named_with_remaining_misfit"),
+        (0.949, 0.0, "unexplained"),
+    ],
+)
+def test_an_effect_that_leaves_more_than_noise_is_named_if_it_explains_what_no_rival_could(share, alike, verdict):
+    base = fitted(101_000.0 - 1.0)
+    found = decided(base, [fitted(base.chi2 - share * 1e5, COULOMB)], alikeness={"coulomb": alike})
+    assert found.verdict == verdict
+    assert (found.chosen.label == "coulomb") == (verdict != "unexplained")
+
+
+def test_the_reason_tells_the_share_of_the_best_effect():
+    base = fitted(101_000.0 - 1.0)
+    poor = decided(base, [fitted(base.chi2 - 0.5e5, COULOMB)])
+    assert poor.because == "the best, coulomb, explains 50.0% only"
+    alike = decided(base, [fitted(base.chi2 - 0.96e5, COULOMB)], alikeness={"coulomb": 0.99})
+    assert alike.because == "coulomb explains 96.0%, as it also would if a similar effect were the cause"
+
+
+def test_where_nothing_of_the_ranking_helps_the_reason_says_so():
+    assert decided(fitted(GREAT), []).because == "no candidate explains the disagreement"
+
+
+# Ranking
+
+
+def test_a_rank_tells_gain_share_and_whether_noise_alone_is_left():
+    base, fit = fitted(1999.0), fitted(1100.0, COULOMB)
+    ranked = weigh(base, fit, LIMITS)
+    assert ranked.delta_bic == pytest.approx(899.0 - LN)
+    assert ranked.share == pytest.approx(899.0 / 1000.0)
+    assert not ranked.passes  # 1100 / 998 is above 1.05
+    assert ranked.admissible
+    assert weigh(base, fitted(1047.8, COULOMB), LIMITS).passes  # 1.05 * 998 is 1047.9
+    assert not weigh(base, fitted(1048.0, COULOMB), LIMITS).passes
+
+
+@pytest.mark.parametrize(("excess", "known"), [(44.7, False), (44.8, True)])
+def test_a_share_is_told_where_the_excess_is_above_a_standard_deviation_of_chi2(excess, known):
+    share = weigh(fitted(NOISE + excess), fitted(NOISE, COULOMB), LIMITS).share
+    assert np.isfinite(share) == known  # sqrt(2 * 1000) is 44.72
+    assert not known or share == pytest.approx(1.0)
+
+
+def test_the_ranking_puts_failed_fits_last_and_says_why():
+    failed = fitted(10.0, SPRING, status=FAILED, reason="it stopped")
+    ranking = rank(
+        fitted(GREAT),
+        [failed, fitted(1500.0, MASS, value=9.0), fitted(1100.0, COULOMB)],
+        LIMITS,
+        {"slider_mass": (1.0, 0.9, 1.1)},
+    )
+    assert [ranked.fit.label for ranked in ranking] == ["coulomb", "mass", "spring"]
+    assert [ranked.admissible for ranked in ranking] == [True, True, False]
+    assert ranking[-1].remark == "it stopped"
+
+
+def test_chi2_is_taken_over_its_degrees_of_freedom():
+    assert reduced(fitted(997.0, COULOMB, SPRING)) == pytest.approx(1.0)
+    assert reduced(fitted(1.0, COULOMB, status=FAILED)) == np.inf
+
+
+# Effects that are not there, and parameters within their ranges
+
+
+def test_an_effect_of_no_size_is_not_admissible():
+    (ranked,) = rank(fitted(GREAT), [fitted(NOISE, COULOMB, value=0.0)], LIMITS, {})
+    assert (ranked.admissible, ranked.remark) == (False, "coulomb is fitted with no size")
+
+
+@pytest.mark.parametrize(
+    ("value", "admissible"),
+    [(0.51, True), (0.49, False), (0.0001, False), (-0.09, False), (-0.11, True)],
+)
+def test_nominal_plus_value_is_held_against_the_range_of_the_nuisance_it_replaces(value, admissible):
+    bounds = {"slider_mass": (1.0, 0.9, 1.5)}  # not symmetric: 1 - 0.49 is out, 1 + 0.49 is within
+    (ranked,) = rank(fitted(GREAT), [fitted(NOISE, MASS, value=value)], LIMITS, bounds)
+    assert ranked.admissible == admissible
+    assert admissible or ranked.remark == "mass is slider_mass within its range: a parameter, no effect"
+
+
+@pytest.mark.parametrize(("value", "admissible"), [(2.1, True), (1.9, False), (-2.1, True), (-1.9, False)])
+def test_a_further_size_of_such_an_effect_counts_from_two_standard_errors_on(value, admissible):
+    lengths = Candidate(
+        "lengths", "rod", (Parameter("a", 0.0), Parameter("b", 0.0)), ("a", "b"), replaces={"crank_length": "a"}
+    )
+    parameters = (Parameter("lengths.a", 0.0), Parameter("lengths.b", 0.0))
+    residual = np.zeros(SAMPLES)
+    residual[-1] = np.sqrt(SAMPLES - 2.0)  # chi2 of noise: standard errors are those of the Jacobian
+    jacobian = np.zeros((SAMPLES, 2))
+    jacobian[[0, 1], [0, 1]] = 1.0
+    fit = Fit((lengths,), parameters, np.array([0.05, value]), residual, jacobian, 1, "converged")
+    (ranked,) = rank(fitted(GREAT), [fit], LIMITS, {"crank_length": (1.0, 0.9, 1.1)})
+    assert ranked.admissible == admissible
+
+
+def test_an_effect_that_leaves_the_rest_of_a_shared_nuisance_to_be_fitted_is_one_within_the_range_too():
+    both = Parameter("joint_friction", 0.1, 0.0, 0.2)
+    friction = Candidate(
+        "pin", "crank_pin", (Parameter("size", 0.0), both), ("size",), replaces={"joint_friction": "size"}
+    )
+    (ranked,) = rank(fitted(GREAT), [fitted(NOISE, friction, value=0.05)], LIMITS, {"joint_friction": (0.1, 0.0, 0.2)})
+    assert ranked.admissible
+
+
+def test_what_is_not_admissible_is_not_named():
+    found = decided(fitted(GREAT), [fitted(NOISE, MASS, value=0.01)], bounds={"slider_mass": (1.0, 0.9, 1.1)})
+    assert found.verdict == "unexplained"
+
+
+def test_a_replaced_nuisance_still_counts_in_the_bic():
+    assert fitted(100.0, MASS).bic == pytest.approx(100.0 + (2 + 1) * LN)
+    assert fitted(100.0, COULOMB).bic == pytest.approx(100.0 + 2 * LN)
