@@ -292,3 +292,89 @@ def test_what_is_not_admissible_is_not_named():
 def test_a_replaced_nuisance_still_counts_in_the_bic():
     assert fitted(100.0, MASS).bic == pytest.approx(100.0 + (2 + 1) * LN)
     assert fitted(100.0, COULOMB).bic == pytest.approx(100.0 + 2 * LN)
+
+
+# What each verdict says, and hands on
+
+
+def test_every_verdict_gives_its_reason_and_hands_on_the_model_that_it_rests_on():
+    base, noisy = fitted(101_000.0 - 1.0), fitted(NOISE)
+    single, rival = fitted(NOISE, COULOMB), fitted(NOISE + 1.0, SPRING)
+    nearly = fitted(base.chi2 - 0.97e5, COULOMB)
+    nominal = fitted(NOISE + 5.0, nuisances=0)
+    poor = [fitted(0.5e5, COULOMB), fitted(0.5e5, SPRING)]
+    reasons = [
+        (decided(noisy, [], nominal=nominal), nominal, "the model as it stands leaves noise alone"),
+        (decided(noisy, []), noisy, "with parameters within their ranges the model leaves noise alone"),
+        (decided(base, []), base, "no candidate explains the disagreement"),
+        (decided(base, [single]), single, "with it the model leaves noise alone"),
+        (decided(base, [single, rival]), base, "several explanations fit the data equally well"),
+        (decided(base, poor), base, "several explanations are equally poor"),
+        (
+            decided(base, [nearly]),
+            nearly,
+            "it explains nearly all, and more than it could if the nearest other effect were the cause",
+        ),
+    ]
+    for decision, chosen, reason in reasons:
+        assert decision.chosen is chosen
+        assert decision.because == reason
+        assert decision.thresholds is LIMITS
+
+
+def test_an_excess_that_may_be_noise_has_no_share_and_the_reason_says_so():
+    strict = Thresholds(rate=0.01, omnibus=0.9, directed=12.0, rough=0.0)  # 1000 / 998 is above 0.9
+    base, limits = fitted(1200.0), strict
+    found = decided(base, [fitted(1300.0, COULOMB)], limits=limits)
+    assert found.because == "no candidate explains the disagreement"
+    within_chance = fitted(NOISE + 44.0)  # sqrt(2 * 1000) is 44.72
+    lower = Thresholds(rate=0.01, omnibus=0.9, directed=12.0, rough=0.0)
+    assert decided(within_chance, [fitted(NOISE, COULOMB)], limits=lower).because == "the best, coulomb, leaves as much"
+
+
+def test_a_pair_needs_a_rivals_distance_where_chance_gains_less():
+    limits = Thresholds(rate=0.01, omnibus=1.05, directed=2.0, rough=0.0)
+    for gain, label in ((9.9, "coulomb"), (10.1, "coulomb + spring")):
+        fits = [fitted(NOISE, COULOMB), fitted(NOISE - LN - gain, COULOMB, SPRING)]
+        assert decided(fitted(GREAT), fits, limits=limits).chosen.label == label
+
+
+def test_of_two_effects_the_second_is_held_against_its_range_though_the_first_shares_a_nuisance():
+    both = Parameter("joint_friction", 0.1, 0.0, 0.2)
+    friction = Candidate(
+        "pin", "crank_pin", (Parameter("size", 0.0), both), ("size",), replaces={"joint_friction": "size"}
+    )
+    bounds = {"joint_friction": (0.1, 0.0, 0.2), "slider_mass": (1.0, 0.9, 1.1)}
+    (ranked,) = rank(fitted(GREAT), [fitted(NOISE, friction, MASS, value=0.05)], LIMITS, bounds)
+    assert ranked.remark == "mass is slider_mass within its range: a parameter, no effect"
+
+
+def test_an_effect_that_replaces_two_nuisances_names_both():
+    names = {"crank_length": "a", "rod_length": "b"}
+    lengths = Candidate("lengths", "rod", (Parameter("a", 0.0), Parameter("b", 0.0)), ("a", "b"), replaces=names)
+    parameters = (Parameter("lengths.a", 0.0), Parameter("lengths.b", 0.0))
+    fit = Fit((lengths,), parameters, np.array([0.05, 0.05]), np.ones(9), np.ones((9, 2)), 1, "converged")
+    (ranked,) = rank(fitted(GREAT), [fit], LIMITS, dict.fromkeys(names, (1.0, 0.9, 1.1)))
+    assert ranked.remark == "lengths is crank_length and rod_length within its range: a parameter, no effect"
+
+
+def test_a_failed_fit_is_not_looked_into():
+    failed = fitted(10.0, MASS, value=0.0, status=FAILED, reason="it stopped")
+    (ranked,) = rank(fitted(GREAT), [failed], LIMITS, {})
+    assert (ranked.admissible, ranked.remark) == (False, "it stopped")
+
+
+def test_standard_errors_come_from_the_slope_of_the_residual():
+    lengths = Candidate("lengths", "rod", (Parameter("a", 0.0), Parameter("b", 0.0)), ("a", "b"), replaces={"c": "a"})
+    parameters = (Parameter("lengths.a", 0.0), Parameter("lengths.b", 0.0))
+    jacobian = np.zeros((SAMPLES, 2))
+    jacobian[[0, 1], [0, 1]] = 4.0  # standard errors of 0.25
+    for value, admissible in ((0.51, True), (0.49, False)):
+        fit = Fit((lengths,), parameters, np.array([0.0, value]), np.zeros(SAMPLES), jacobian, 1, "converged")
+        (ranked,) = rank(fitted(GREAT), [fit], LIMITS, {"c": (1.0, 0.9, 1.1)})
+        assert ranked.admissible == admissible
+
+
+def test_chi2_of_as_many_parameters_as_samples_is_taken_as_it_is():
+    two = (Parameter("a", 0.0), Parameter("b", 0.0))
+    assert reduced(Fit((), two, np.zeros(2), np.array([3.0, 4.0]), np.eye(2), 1, "converged")) == pytest.approx(25.0)
