@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from jointgap.identification.decision import decide, rank, reduced, weigh
+from jointgap.identification.decision import decide, rank, reduced_chi2, weigh
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.thresholds import Thresholds
 
 SAMPLES = 1000
 LN = np.log(SAMPLES)
-LIMITS = Thresholds(rate=0.01, omnibus=1.05, directed=12.0, rough=4.0)
+LIMITS = Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=12.0, numerical_noise=4.0)
 
 
 def effect(name, replaces=None, low=-np.inf):
@@ -30,10 +30,10 @@ def fitted(chi2, *effects, value=1.0, nuisances=1, status="converged", reason=""
     return Fit(effects, tuple(parameters), values, residual, jacobian, 1, status, reason)
 
 
-def decided(base, fits, nominal=None, limits=LIMITS, alikeness=None, bounds=None, within=lambda *_: False, second=0.0):
+def decided(base, fits, nominal=None, limits=LIMITS, similarity=None, bounds=None, within=lambda *_: False, second=0.0):
     """The decision, with nominal values that are far worse than the base where a test says nothing of them."""
     nominal = nominal or fitted(base.chi2 + 500.0, nuisances=0)
-    return decide(base, nominal, fits, limits, alikeness or {}, bounds or {}, within, second)
+    return decide(base, nominal, fits, limits, similarity or {}, bounds or {}, within, second)
 
 
 COULOMB, SPRING, MASS = effect("coulomb"), effect("spring"), effect("mass", replaces={"slider_mass": "size"})
@@ -51,7 +51,7 @@ def test_nominal_values_that_leave_noise_alone_are_no_disagreement():
 
 @pytest.mark.parametrize(("behind", "verdict"), [(13.9, "no_disagreement"), (14.1, "parameters_only")])
 def test_nominal_values_may_be_behind_the_fitted_ones_by_a_rivals_distance_and_the_roughness(behind, verdict):
-    limits = Thresholds(rate=0.01, omnibus=1.5, directed=12.0, rough=4.0)
+    limits = Thresholds(rate=0.01, omnibus=1.5, max_gain_threshold=12.0, numerical_noise=4.0)
     nominal = fitted(NOISE + LN + behind, nuisances=0)  # the base has one parameter more, worth ln n
     assert decided(fitted(NOISE), [], nominal=nominal, limits=limits).verdict == verdict
 
@@ -67,7 +67,7 @@ def test_a_slight_misfit_without_an_effect_is_not_called_missing(gap, verdict):
 
 
 def test_null_campaigns_that_leave_more_raise_what_counts_as_slight():
-    limits = Thresholds(rate=0.01, omnibus=1.3, directed=12.0, rough=4.0)
+    limits = Thresholds(rate=0.01, omnibus=1.3, max_gain_threshold=12.0, numerical_noise=4.0)
     assert decided(fitted(1.29 * (SAMPLES - 1)), [], limits=limits).verdict == "parameters_only"
     assert decided(fitted(1.31 * (SAMPLES - 1)), [], limits=limits).verdict == "unexplained"
 
@@ -91,7 +91,10 @@ def test_an_effect_has_to_gain_what_null_campaigns_gain_by_chance(gain, verdict)
 
 @pytest.mark.parametrize(("gain", "verdict"), [(10.1, "named"), (9.9, "parameters_only")])
 def test_an_effect_has_to_be_ahead_of_the_base_as_of_any_rival(gain, verdict):
-    base, limits = fitted(NOISE + 30.0), Thresholds(rate=0.01, omnibus=1.05, directed=2.0, rough=0.0)
+    base, limits = (
+        fitted(NOISE + 30.0),
+        Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=2.0, numerical_noise=0.0),
+    )
     assert decided(base, [fitted(base.chi2 - LN - gain, COULOMB)], limits=limits).verdict == verdict
 
 
@@ -142,7 +145,10 @@ def test_the_same_effect_with_another_beside_it_is_no_rival():
 
 
 def test_one_effect_of_a_named_pair_is_no_rival_and_another_single_one_is():
-    pair, limits = fitted(NOISE - LN, COULOMB, SPRING), Thresholds(rate=0.01, omnibus=1.05, directed=0.0, rough=30.0)
+    pair, limits = (
+        fitted(NOISE - LN, COULOMB, SPRING),
+        Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=0.0, numerical_noise=30.0),
+    )
     single = fitted(NOISE + 20.0, COULOMB)
     assert decided(fitted(GREAT), [pair, single], limits=limits).verdict == "named"
     other = fitted(NOISE + 20.0, MASS)
@@ -185,7 +191,7 @@ def test_rivals_that_explain_nearly_all_are_told_as_such(share, verdict):
 )
 def test_an_effect_that_leaves_more_than_noise_is_named_if_it_explains_what_no_rival_could(share, alike, verdict):
     base = fitted(101_000.0 - 1.0)
-    found = decided(base, [fitted(base.chi2 - share * 1e5, COULOMB)], alikeness={"coulomb": alike})
+    found = decided(base, [fitted(base.chi2 - share * 1e5, COULOMB)], similarity={"coulomb": alike})
     assert found.verdict == verdict
     assert (found.chosen.label == "coulomb") == (verdict != "unexplained")
 
@@ -194,7 +200,7 @@ def test_the_reason_tells_the_share_of_the_best_effect():
     base = fitted(101_000.0 - 1.0)
     poor = decided(base, [fitted(base.chi2 - 0.5e5, COULOMB)])
     assert poor.because == "the best, coulomb, explains 50.0% only"
-    alike = decided(base, [fitted(base.chi2 - 0.96e5, COULOMB)], alikeness={"coulomb": 0.99})
+    alike = decided(base, [fitted(base.chi2 - 0.96e5, COULOMB)], similarity={"coulomb": 0.99})
     assert alike.because == "coulomb explains 96.0%, as it also would if a similar effect were the cause"
 
 
@@ -237,8 +243,8 @@ def test_the_ranking_puts_failed_fits_last_and_says_why():
 
 
 def test_chi2_is_taken_over_its_degrees_of_freedom():
-    assert reduced(fitted(997.0, COULOMB, SPRING)) == pytest.approx(1.0)
-    assert reduced(fitted(1.0, COULOMB, status=FAILED)) == np.inf
+    assert reduced_chi2(fitted(997.0, COULOMB, SPRING)) == pytest.approx(1.0)
+    assert reduced_chi2(fitted(1.0, COULOMB, status=FAILED)) == np.inf
 
 
 # Effects that are not there, and parameters within their ranges
@@ -323,17 +329,17 @@ def test_every_verdict_gives_its_reason_and_hands_on_the_model_that_it_rests_on(
 
 
 def test_an_excess_that_may_be_noise_has_no_share_and_the_reason_says_so():
-    strict = Thresholds(rate=0.01, omnibus=0.9, directed=12.0, rough=0.0)  # 1000 / 998 is above 0.9
+    strict = Thresholds(rate=0.01, omnibus=0.9, max_gain_threshold=12.0, numerical_noise=0.0)  # 1000 / 998 is above 0.9
     base, limits = fitted(1200.0), strict
     found = decided(base, [fitted(1300.0, COULOMB)], limits=limits)
     assert found.because == "no candidate explains the disagreement"
     within_chance = fitted(NOISE + 44.0)  # sqrt(2 * 1000) is 44.72
-    lower = Thresholds(rate=0.01, omnibus=0.9, directed=12.0, rough=0.0)
+    lower = Thresholds(rate=0.01, omnibus=0.9, max_gain_threshold=12.0, numerical_noise=0.0)
     assert decided(within_chance, [fitted(NOISE, COULOMB)], limits=lower).because == "the best, coulomb, leaves as much"
 
 
 def test_a_pair_needs_a_rivals_distance_where_chance_gains_less():
-    limits = Thresholds(rate=0.01, omnibus=1.05, directed=2.0, rough=0.0)
+    limits = Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=2.0, numerical_noise=0.0)
     for gain, label in ((9.9, "coulomb"), (10.1, "coulomb + spring")):
         fits = [fitted(NOISE, COULOMB), fitted(NOISE - LN - gain, COULOMB, SPRING)]
         assert decided(fitted(GREAT), fits, limits=limits).chosen.label == label
@@ -377,4 +383,6 @@ def test_standard_errors_come_from_the_slope_of_the_residual():
 
 def test_chi2_of_as_many_parameters_as_samples_is_taken_as_it_is():
     two = (Parameter("a", 0.0), Parameter("b", 0.0))
-    assert reduced(Fit((), two, np.zeros(2), np.array([3.0, 4.0]), np.eye(2), 1, "converged")) == pytest.approx(25.0)
+    assert reduced_chi2(Fit((), two, np.zeros(2), np.array([3.0, 4.0]), np.eye(2), 1, "converged")) == pytest.approx(
+        25.0
+    )
