@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from jointgap import tables
 from jointgap.cli import cli
 from jointgap.errors import InputError
-from jointgap.track.compare_links import addresses
+from jointgap.track.dashboard import addresses
 from jointgap.trials.score import TRIALS
 from jointgap.trials.trials_report import mlflow_records, rates
 

@@ -18,7 +18,7 @@ from jointgap.cli.group import IN, OUT, cli
 @click.option("--port", type=click.IntRange(1, 65535), default=5000, show_default=True, help="First port to try.")
 def dashboard(results: Path, port: int) -> None:
     """Open MLflow's pages on this machine and print an address that compares the scenarios."""
-    from jointgap.dashboard import dashboard
+    from jointgap.track.dashboard import dashboard
 
     dashboard(results, port, say=click.echo)
 

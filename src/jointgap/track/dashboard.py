@@ -1,0 +1,130 @@
+"""The dashboard: addresses in MLflow's interface that compare the scenarios, and MLflow's own server to open them."""
+
+import json
+import os
+import socket
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import quote
+
+from jointgap.errors import InputError
+from jointgap.track.mlflow_store import Store, StoredRun, address_for, artifacts_beside
+
+HOST = "127.0.0.1"
+_PORTS = 100  # that are tried, from the one asked for on
+
+_COMPARED = {
+    "optimise": "optima of all scenarios",
+    "campaign": "verdicts of all campaigns",
+    "blind": "scores of all blind trials",
+}
+"""Stages whose runs are compared in a table, with what that shows."""
+
+_TRAINING = "workflowType=machine_learning"  # the interface has another face, for language models
+
+
+def dashboard(
+    results: Path, port: int = 5000, tracking_uri: str | None = None, say: Callable[[str], object] = print
+) -> None:
+    """Print what to open, then become MLflow's server until it is interrupted.
+
+    Parameters
+    ----------
+    results : Path
+        Folder of the default store.
+    port : int
+        Port from which to look for a free one.
+    tracking_uri : str, optional
+        Another store; ``None`` takes ``MLFLOW_TRACKING_URI``, else the one in `results`. A server is already serving:
+        then only the addresses are printed.
+    say : callable
+        Takes the lines to show.
+
+    Raises
+    ------
+    InputError
+        No store, or no free port.
+    """
+    address = address_for(results, tracking_uri)
+    remote = address.startswith("http")
+    file = Path(address.removeprefix("sqlite:///"))
+    if address.startswith("sqlite:///") and not file.is_file():
+        raise InputError(f"{file}: no such file; run `make run` (or `jointgap track`) first, then open the dashboard")
+    base = address.rstrip("/") if remote else f"http://{HOST}:{free_port(port)}"
+    say(f"dashboard: {base}")
+    found = addresses(address, base)
+    for title, link in found.items():
+        say(f"{title}: {link}")
+    if not found:
+        say("nothing published yet")
+    if not remote:
+        say("It answers in some seconds. Ctrl-C ends it.")
+        _become_server(address, artifacts_beside(address, results), base.rpartition(":")[2])
+
+
+def _become_server(address: str, artifacts: Path, port: str) -> None:
+    """MLflow's own server command in place of this process, so that a signal reaches it and nothing is left to tidy up."""
+    command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", address, "--host", HOST, "--port", port]
+    command += ["--artifacts-destination", artifacts.as_uri(), "--workers", "1"]  # of what is published through it
+    # a browser may keep its connection open; every request on a line of its own would hide the addresses above
+    command += ["--uvicorn-opts", "--timeout-graceful-shutdown 1 --log-level warning"]
+    quiet = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
+    sys.stdout.flush()
+    os.execve(sys.executable, command, os.environ | quiet)
+
+
+def free_port(first: int) -> int:
+    """The first port from `first` on that nothing on this machine listens on.
+
+    Raises
+    ------
+    InputError
+        Not one of a hundred is free.
+    """
+    ports = range(first, min(first + _PORTS, 65536))
+    for port in ports:
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # one just given up counts as free
+            try:
+                probe.bind((HOST, port))
+            except OSError:
+                continue
+            return port
+    raise InputError(f"no free port from {first} to {ports[-1]}; give another --port")
+
+
+def addresses(store_address: str, base: str) -> dict[str, str]:
+    """Addresses by what they show; empty when nothing is published.
+
+    Parameters
+    ----------
+    store_address : str
+        The MLflow store.
+    base : str
+        Where its interface is served, e.g. ``http://127.0.0.1:5000``.
+    """
+    store, found = Store(store_address), {}
+    for stage, title in _COMPARED.items():
+        if published := _published(store, stage):
+            experiment, runs = published
+            values = {"runs": [run.run_id for run in runs], "experiments": [experiment]}
+            # the interface reads values as JSON
+            query = "&".join(
+                f"{key}={quote(json.dumps(value, separators=(',', ':')))}" for key, value in values.items()
+            )
+            found[title] = f"{base}/#/compare-runs?{query}&{_TRAINING}"
+    if published := _published(store, "surrogate"):
+        path = f"experiments/{published[0]}/runs?compareRunsMode=CHART"
+        found["MSE curves of all scenarios"] = f"{base}/#/{path}&{_TRAINING}"
+    return found
+
+
+def _published(store: Store, stage: str) -> tuple[str, list[StoredRun]] | None:
+    """The stage's experiment and the complete run of each scenario in it."""
+    experiment = store.experiment(stage, create=False)
+    if experiment is None:
+        return None
+    runs = store.runs(experiment, {"jointgap.stage": stage})
+    whole = [run for run in runs if run.complete and not run.tags["jointgap.output"]]
+    return (experiment, whole) if whole else None
