@@ -193,7 +193,7 @@ def test_the_largest_windows_come_first_and_the_rest_are_counted():
     rows = [("fast", "crank_torque", 10.0 * k, 10.0 * k + 10.0, 1.0 + k, 1.5 + k, 1e-3) for k in range(7)]
     rows.append(("slow", "crank_torque", 0.0, 360.0, 0.0, 9.0, 1e-3))
     columns = ["run", "channel", "start_deg", "end_deg", "mean", "rms", "p_adjusted"]
-    text = markdown(NAMED, {"windows": pd.DataFrame(rows, columns=columns)})
+    text = markdown(NAMED, {"map_windows": pd.DataFrame(rows, columns=columns)})
     largest = (
         "- run slow, crank torque, all crank angles, by 9.0 standard deviations of the noise (root mean square)\n"
         "- run fast, crank torque, 60 to 70 deg of crank angle, by 7.5 standard deviations of the noise (root mean square), "
@@ -221,38 +221,38 @@ OPTIMUM = pd.DataFrame({"model": ["base", "augmented"], "source": "network", "re
 
 
 def test_a_move_of_the_optimum_is_told_in_millimetres_and_percent():
-    text = markdown(NAMED, {"optimum": OPTIMUM})
+    text = markdown(NAMED, {"campaign_optimum": OPTIMUM})
     assert "the crank from 150.00 to 151.50 mm (+1.00 %)" in text
     assert "Does it move the optimum" not in markdown(NAMED, {})
-    assert "all joints are ideal" in markdown(NAMED, {"optimum": OPTIMUM.head(0)})
+    assert "all joints are ideal" in markdown(NAMED, {"campaign_optimum": OPTIMUM.head(0)})
 
 
 def test_what_the_optimal_lengths_gain_is_said():
-    text = markdown(NAMED, {"optimum": OPTIMUM})
+    text = markdown(NAMED, {"campaign_optimum": OPTIMUM})
     assert "the RMS error of the transmission angle is smallest" in text
     assert "the error falls by 3.8 % before and by 5.0 % after" in text
     assert "; before, the optimum lies at the edge of the lengths that were searched." in text
-    assert "edge" not in markdown(NAMED, {"optimum": OPTIMUM.assign(at_edge=False)})
+    assert "edge" not in markdown(NAMED, {"campaign_optimum": OPTIMUM.assign(at_edge=False)})
 
 
 def test_a_model_that_could_not_be_optimised_again_is_told_with_the_reason():
     lost = OPTIMUM.assign(failed=[None, "the slider jams"])
-    text = markdown(NAMED, {"optimum": lost})
+    text = markdown(NAMED, {"campaign_optimum": lost})
     assert "- The model after the effects were added could not be optimised again (the slider jams)." in text
     assert "Motion from" not in text
 
 
 def test_where_a_joint_became_loose_the_optimal_lengths_after_are_told():
-    text = markdown(NAMED, {"optimum": OPTIMUM.tail(1)})
+    text = markdown(NAMED, {"campaign_optimum": OPTIMUM.tail(1)})
     assert "Before, all joints were ideal" in text
     assert "crank 151.50 mm and rod 564.00 mm." in text
-    text = markdown(NAMED, {"optimum": OPTIMUM.tail(1).assign(at_edge=True)})
+    text = markdown(NAMED, {"campaign_optimum": OPTIMUM.tail(1).assign(at_edge=True)})
     assert "rod 564.00 mm; after, the optimum lies at the edge" in text
 
 
 @pytest.mark.parametrize("verdict", [VERDICTS["unexplained"], NAMED | {"effects": [BIAS]}])
 def test_no_optimum_moves_where_nothing_was_added(verdict):
-    text = markdown(verdict, {"optimum": OPTIMUM.head(0)})
+    text = markdown(verdict, {"campaign_optimum": OPTIMUM.head(0)})
     assert "Nothing was added to the mechanism" in text
     assert "ideal" not in text
 
@@ -270,7 +270,7 @@ EFFECTS_SEEN = pd.DataFrame(
 
 
 def test_what_would_have_been_seen_is_told_by_parameter_and_unit_in_the_direction_in_which_it_shows():
-    text = markdown(VERDICTS["no_disagreement"], {"effects": EFFECTS_SEEN})
+    text = markdown(VERDICTS["no_disagreement"], {"detectable": EFFECTS_SEEN})
     seen = (
         "bending of the rod (frequency_Hz up to 157.2 Hz), a wrong gain of the sensor of crank torque (gain_error 0.05), Coulomb "
         "friction of the slider (force_N 0.0787 N)."
@@ -280,15 +280,15 @@ def test_what_would_have_been_seen_is_told_by_parameter_and_unit_in_the_directio
 
 def test_what_could_not_be_simulated_is_not_called_undetectable():
     verdict = NAMED | {"preflight": {"undetectable": ["crank_unbalance", "gas_pressure"], "merged": []}}
-    text = markdown(verdict, {"effects": EFFECTS_SEEN})
+    text = markdown(verdict, {"detectable": EFFECTS_SEEN})
     assert "so nothing is said about: an unbalance of the crank.\n" in text
     assert "is not known: the pressure of a closed gas volume on the slider (the slider jams)." in text
 
 
 def test_noise_that_was_assumed_for_what_could_be_seen_is_told():
     told = "with assumed noise where the campaign states none"
-    assert told in markdown(NAMED, {"effects": EFFECTS_SEEN})
-    assert "assumed noise" not in markdown(NAMED, {"effects": EFFECTS_SEEN.assign(assumed="")})
+    assert told in markdown(NAMED, {"detectable": EFFECTS_SEEN})
+    assert "assumed noise" not in markdown(NAMED, {"detectable": EFFECTS_SEEN.assign(assumed="")})
 
 
 def test_what_was_not_detectable_and_what_looks_alike_is_said():

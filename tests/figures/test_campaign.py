@@ -1,7 +1,7 @@
 """What the figures of a campaign owe their reader, on a small made-up campaign."""
 
+import inspect
 import re
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,6 @@ from jointgap.errors import InputError
 from jointgap.figures import campaign_catalogue as campaign
 from jointgap.figures import style
 
-CAPTIONS = Path("workflow/report")
 RUNS = {"slow": False, "fast": False, "check": True}  # held out
 CHANNELS = ("slider_acceleration", "crank_torque")
 VERDICT = {
@@ -50,7 +49,7 @@ def located(samples):
     bins = grouped.agg(samples="size", mean="mean", rms=lambda values: np.sqrt((values**2).mean())).reset_index()
     bins = bins.assign(end_deg=bins["start_deg"] + 10.0, p=0.5, p_adjusted=0.5, flagged=bins["mean"].abs() > 2.0)
     window = {"run": "slow", "channel": "crank_torque", "mean": -4.0, "rms": 4.1, "p_adjusted": 1e-9}
-    return {"bins": bins, "windows": pd.DataFrame([window | {"start_deg": 340.0, "end_deg": 20.0}])}
+    return {"map_bins": bins, "map_windows": pd.DataFrame([window | {"start_deg": 340.0, "end_deg": 20.0}])}
 
 
 def fitted():
@@ -64,7 +63,7 @@ def fitted():
     ]
     fits = pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "delta_bic", "explained_share"])
     place = np.where(fits["explanation"] == "slider_coulomb_friction", "named", "")
-    return {"fits": fits.assign(place=place)}
+    return {"ranking": fits.assign(place=place)}
 
 
 def planned():
@@ -81,7 +80,7 @@ def planned():
     effects = effects.assign(parameter="x", unit="N", detectable=effects["typical"].notna())
     effects = effects.assign(falls=effects["label"] == "rod_flexibility", failed=None)
     effects.loc[effects["label"] == "gas_pressure", "failed"] = "the slider jams"
-    return {"confusability": pd.DataFrame(pairs, columns=["first", "second", "cosine"]), "effects": effects}
+    return {"confusability": pd.DataFrame(pairs, columns=["first", "second", "cosine"]), "detectable": effects}
 
 
 def after(samples):
@@ -107,7 +106,7 @@ def after(samples):
     runs = [force.assign(run=run, slider_velocity=-0.15 * w * np.sin(angle)) for run, w in speeds.items()]
     force = pd.concat(runs, ignore_index=True)
     force["slider_force"] = -21.0 * np.tanh(force["slider_velocity"] / 0.01)
-    return {"gaps": pd.DataFrame(rows), "optimum": optimum, "force": force}
+    return {"gaps": pd.DataFrame(rows), "campaign_optimum": optimum, "missing_force": force}
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +155,7 @@ def test_without_a_table_the_figure_says_so(name, absent, tables):
     given = {} if absent == "no table" else {key: frame.head(0) for key, frame in tables.items()}
     drawing = campaign.draw(name, given, VERDICT)
     texts = [text.get_text() for axes in drawing.figure.axes for text in axes.texts]
-    assert texts == [campaign.NOTHING[name]]
+    assert texts == [campaign.CATALOGUE[name].nothing]
     files.to_arrow(files.PLOTTED, drawing.data)
 
 
@@ -169,7 +168,7 @@ def test_a_window_across_dead_centre_is_outlined_at_both_ends(drawings):
 def test_the_map_shows_the_mean_of_every_bin(drawings, tables):
     data = drawings["disagreement"].data
     shown = data[data["series"] == "mean whitened residual"]
-    assert np.allclose(np.sort(shown["value"].astype(float)), np.sort(tables["bins"]["mean"]))
+    assert np.allclose(np.sort(shown["value"].astype(float)), np.sort(tables["map_bins"]["mean"]))
 
 
 def test_the_explanation_of_the_verdict_stands_first_and_failed_fits_are_left_out(drawings):
@@ -219,16 +218,16 @@ def test_a_model_that_nothing_was_added_to_has_no_after(tables):
 
 
 def test_an_effect_that_is_no_force_has_none_to_show(tables):
-    force = tables["force"].assign(slider_force=0.0)
-    drawing = campaign.draw("missing_force", {"force": force}, VERDICT)
-    assert [text.get_text() for text in drawing.figure.axes[0].texts] == [campaign.NOTHING["missing_force"]]
+    force = tables["missing_force"].assign(slider_force=0.0)
+    drawing = campaign.draw("missing_force", {"missing_force": force}, VERDICT)
+    assert [text.get_text() for text in drawing.figure.axes[0].texts] == [campaign.CATALOGUE["missing_force"].nothing]
 
 
 def test_models_that_could_not_be_optimised_have_no_mark(tables):
-    optimum = tables["optimum"]
+    optimum = tables["campaign_optimum"]
     lost = optimum.assign(failed=[None, "it jams"], crank_length=[0.15, np.nan])
-    assert set(campaign.draw("optimum", tables | {"optimum": lost}, VERDICT).data["series"]) == {"before"}
-    none = campaign.draw("optimum", tables | {"optimum": optimum.assign(crank_length=np.nan)}, VERDICT)
+    assert set(campaign.draw("optimum", tables | {"campaign_optimum": lost}, VERDICT).data["series"]) == {"before"}
+    none = campaign.draw("optimum", tables | {"campaign_optimum": optimum.assign(crank_length=np.nan)}, VERDICT)
     (said,) = none.figure.axes[0].texts
     assert "could not be optimised" in said.get_text()
 
@@ -239,6 +238,14 @@ def test_a_figure_that_is_not_there_is_refused():
 
 
 @every_figure
-def test_every_figure_has_a_caption_that_names_it(name):
-    text = (CAPTIONS / f"campaign_{name}.rst").read_text()
-    assert text.startswith(f"**{campaign.CATALOGUE[name].title}**")
+def test_every_figure_has_a_caption_that_names_it_its_campaign_and_its_tables(name):
+    text = campaign.CATALOGUE[name].rst("campaign")
+    assert text.startswith(
+        f"**{campaign.CATALOGUE[name].title}** (campaign ``{{{{ snakemake.wildcards.campaign }}}}``). "
+    )
+    assert all(table in text.split("Table")[-1] for table in campaign.CATALOGUE[name].tables)
+
+
+@every_figure
+def test_every_figure_of_the_catalogue_is_drawn_by_a_function_that_is_there(name):
+    assert list(inspect.signature(campaign.CATALOGUE[name].load()).parameters) == ["tables", "verdict"]

@@ -83,7 +83,7 @@ rule campaign_conclude:
         figures=[
             report(
                 campaign_place(f"figures/{name}.png"),
-                caption=f"../report/campaign_{name}.rst",
+                caption=caption(f"campaign_{name}", figure.rst("campaign")),
                 category=campaign_section,
                 subcategory=figure.category,
                 labels={"figure": figure.title},

@@ -12,7 +12,7 @@ from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FIGURES
 from jointgap.provenance import code_digest
 from jointgap.results import PLACES, parts, tables_of
 from jointgap.sweep.study_catalogue import FIGURES as STUDY_FIGURES
-from jointgap.tables import JOINT_NUMBERS, outputs
+from jointgap.tables import outputs, write_text
 
 FOLDERS = (Path(), Path(workflow.current_basedir).parent.parent)
 try:
@@ -81,11 +81,19 @@ def section(wildcards):
     return f"{place:0{len(str(len(SCENARIOS)))}}. {wildcards.scenario}"
 
 
+def caption(name, text):
+    """For the report, which takes captions as files only: one that holds `text`, from a catalogue of figures."""
+    path = Path(".snakemake", "captions", f"{name}.rst").absolute()
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        write_text(path, text)
+    return str(path)
+
+
 def reported(name, figure, ending):
     """For output: one figure with its caption and its place in the report."""
     return report(
         f"results/{{scenario}}/figures/{name}.{ending}",
-        caption=f"../report/{name}.rst",
+        caption=caption(name, figure.rst("scenario")),
         category=section,
         subcategory=figure.category,
         labels={"figure": figure.title},

@@ -14,18 +14,6 @@ from jointgap.identification.fit import Fit
 from jointgap.report.page import to_html, to_markdown
 from jointgap.tables import write_text
 
-_PICTURED = {
-    "bins": "map_bins",
-    "windows": "map_windows",
-    "gaps": "gaps",
-    "residuals": "residuals",
-    "force": "missing_force",
-    "optimum": "campaign_optimum",
-    "confusability": "confusability",
-    "effects": "detectable",
-}
-"""Tables by what figures and summary call them."""
-
 
 def conclude(case: Case) -> dict[str, Any]:
     """Write ``verdict.json``; its content.
@@ -56,12 +44,16 @@ def conclude(case: Case) -> dict[str, Any]:
 def show(case: Case) -> None:
     """Draw the figures and write the one-page summary of a verdict that is there."""
     from jointgap.figures import style
-    from jointgap.figures.campaign_catalogue import CATALOGUE, draw
+    from jointgap.figures.campaign_catalogue import CATALOGUE, TABLES, draw
 
     folder = case.folder
     found = verdict.read(folder.path / VERDICT)
-    frames = {name: folder.read(table) for name, table in _PICTURED.items() if folder.place(table).is_file()}
-    frames["fits"] = folder.read("ranking", "regress")
+    stages = {"ranking": "regress"}  # written by two stages, of which the later one counts
+    frames = {
+        table: folder.read(table, stages.get(table, ""))
+        for table in TABLES
+        if folder.place(table, stages.get(table, "")).is_file()
+    }
     for name in CATALOGUE:
         style.save(draw(name, frames, found), folder.path / "figures" / name)
     summary = page(found, frames, (*folder.read("remarks")["remark"], *_noise_remarks(case)))

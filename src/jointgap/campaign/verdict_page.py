@@ -43,7 +43,7 @@ def page(verdict: Mapping[str, Any], tables: Tables, warnings: Sequence[str] = (
     verdict : mapping
         Content of ``verdict.json``.
     tables : mapping of str to DataFrame
-        Tables `GAPS`, `MAP_WINDOWS`, `DETECTABLE` and `OPTIMUM` as ``gaps``, ``windows``, ``effects`` and ``optimum``: those that there are.
+        Tables by name, those that there are: ``gaps``, ``map_windows``, ``detectable`` and ``campaign_optimum``.
     warnings : sequence of str
         What was noticed about the data, a sentence each.
     """
@@ -52,11 +52,11 @@ def page(verdict: Mapping[str, Any], tables: Tables, warnings: Sequence[str] = (
         (
             *_answer(verdict),
             *_gap(verdict, tables.get("gaps")),
-            *_where(verdict, tables.get("windows")),
+            *_where(verdict, tables.get("map_windows")),
             *_why(verdict),
-            *_optimum(verdict["effects"], tables.get("optimum")),
+            *_optimum(verdict["effects"], tables.get("campaign_optimum")),
             *_nuisances(verdict),
-            *_limits(verdict, tables.get("effects")),
+            *_limits(verdict, tables.get("detectable")),
             *([Heading("About the data"), Bullets(tuple(warnings))] if warnings else []),
             Paragraph(
                 "Numbers: verdict.json. Every compared sample, fit and interval: the Parquet tables beside it "

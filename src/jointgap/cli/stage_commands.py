@@ -157,8 +157,8 @@ def optimise(options: str, results: Path) -> None:
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), required=True, help="Folder to write to.")
 def figures(options: str, results: Path, names: tuple[str, ...], folder: Path) -> None:
     """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
-    from jointgap.figures.catalogue import FIGURES
-    from jointgap.figures.draw_figures import draw_all, needed_tables
+    from jointgap.figures.catalogue import FIGURES, needed_tables
+    from jointgap.figures.draw_figures import draw_all
     from jointgap.figures.figure_data import predictions
     from jointgap.results import PLACES
 

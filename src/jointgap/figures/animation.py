@@ -12,11 +12,11 @@ from matplotlib.patches import Circle, Rectangle
 
 from jointgap.config import Scenario
 from jointgap.figures.contact_figures import SMALLEST_FORCE, eccentricity
-from jointgap.figures.drawing import Drawing
-from jointgap.figures.figure_data import degrees, in_words, loose_joints, revolution
+from jointgap.figures.figure_data import degrees, loose_joints, revolution
 from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet
-from jointgap.figures.style import INK
+from jointgap.figures.style import INK, Drawing
 from jointgap.joints import JOINT, JOINT_NUMBERS
+from jointgap.report.plain_words import in_words
 
 OPENING, SHARE = 60.0, 0.5  # [deg] the opening, where the journals fly and hit, gets this share of the frames
 FRAME_DURATION = 0.06  # s

@@ -1,11 +1,9 @@
-"""Figures of a campaign: where model and measurement disagree, what is missing, and what adding it brings.
+"""Every figure of a campaign: where model and measurement disagree, what is missing, and what adding it brings.
 
-Tables and the verdict in, drawings out; `jointgap.figures.style.save` saves them. Importing this package does not import
-matplotlib.
+A further figure is a function of `jointgap.figures.campaign_figures`, and its entry here. Imports nothing heavy.
 """
 
 from collections.abc import Mapping
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -14,25 +12,103 @@ from jointgap.errors import InputError, did_you_mean
 from jointgap.figures.catalogue import FigureSpec
 
 if TYPE_CHECKING:
-    from jointgap.figures.drawing import Drawing
+    from jointgap.figures.style import Drawing
 
 _WHERE, _WHAT, _BETTER, _PLAN = "Where", "What is missing", "What it brings", "What could be found"
 
 CATALOGUE = {
     "disagreement": FigureSpec(
-        "Map of disagreement", _WHERE, "campaign_disagreement:disagreement", ("bins", "windows")
+        "Map of disagreement",
+        _WHERE,
+        "campaign_figures:disagreement",
+        ("map_bins", "map_windows"),
+        "Where the measurement differs from the model as it stands, its parameters re-fitted within their ranges: "
+        "mean whitened residual by channel, run and crank angle, in standard deviations of the noise; red where the "
+        "measurement is above. Outlined: windows that stand out of the noise once all windows tested are counted "
+        "(false-discovery rate 1 %). Where means exceed 6 the scale is logarithmic beyond 1.",
+        nothing="no sample could be compared with the model",
     ),
-    "residuals": FigureSpec("Residuals before and after", _WHERE, "campaign_residuals:residuals", ("residuals",)),
-    "ranking": FigureSpec("Candidates ranked", _WHAT, "campaign_ranking:ranking", ("fits",)),
-    "missing_force": FigureSpec("The missing force", _WHAT, "campaign_force:missing_force", ("force",)),
-    "gaps": FigureSpec("Gap before and after", _BETTER, "campaign_gaps:gaps", ("gaps",)),
-    "optimum": FigureSpec("Optimum before and after", _BETTER, "campaign_optimum:optimum", ("optimum",)),
+    "residuals": FigureSpec(
+        "Residuals before and after",
+        _WHERE,
+        "campaign_figures:residuals",
+        ("residuals",),
+        "Measured less predicted, over the standard deviation of noise and numerics, by crank angle: dots are "
+        "samples, lines their means over 5 deg. Before: no effect added, parameters re-fitted unless nominal ones are "
+        "enough; after: with the effects of the verdict. A true model stays in the grey band for 95 % of its samples. "
+        "Where residuals are large the scale is linear inside the band and logarithmic outside. Without a named "
+        "effect there is no after.",
+        nothing="no sample could be compared with the model",
+    ),
+    "ranking": FigureSpec(
+        "Candidates ranked",
+        _WHAT,
+        "campaign_figures:ranking",
+        ("ranking",),
+        "Each candidate was added to the model, simulated and fitted together with all uncertain parameters. Left: "
+        "how much larger its Bayesian information criterion is than that of the best (linear up to 10, logarithmic "
+        "beyond); beyond 10 the evidence against it is very strong. Right: the share of the misfit beyond noise that "
+        "it explains. Diamonds: named, or not to be told apart. A list always has a best member, even if the truth is "
+        "not on it: what counts is whether noise alone is left. All fits, those that failed too, with the reason: "
+        "table ranking.",
+        nothing="no candidate was fitted: nothing is there to be explained",
+    ),
+    "missing_force": FigureSpec(
+        "The missing force",
+        _WHAT,
+        "campaign_figures:missing_force",
+        ("missing_force",),
+        "What the named effects push the slider with, or turn the crank with, along one settled revolution of each "
+        "run: over velocity, over position (crank angle for a torque), and as colour over both. Effects that are no "
+        "force (a mass, a length, a clearance, a fault of a sensor) have none.",
+        nothing="no force or torque was named, so none is shown",
+    ),
+    "gaps": FigureSpec(
+        "Gap before and after",
+        _BETTER,
+        "campaign_figures:gaps",
+        ("gaps",),
+        "Root mean square of the whitened residual, by run and channel, with 90 % bootstrap intervals over stretches "
+        "of time; 1 is noise alone. Held-out runs took no part in fitting or choosing; what only such a run knows of "
+        "itself (its speed, its first angle) was fitted to it, before and after alike.",
+        nothing="no gap was taken",
+    ),
+    "optimum": FigureSpec(
+        "Optimum before and after",
+        _BETTER,
+        "campaign_figures:optimum",
+        ("campaign_optimum",),
+        "The link lengths with the smallest error of the transmission angle, found on the model as it stood and on "
+        "the model with the effects of the verdict, and by how much the error falls there: with the joints' motion "
+        "frozen, and simulated again.",
+        nothing="the model was not optimised again: no effect was added, or no joint is loose",
+    ),
     "confusability": FigureSpec(
-        "Effects that look alike", _PLAN, "campaign_preflight:confusability", ("confusability",)
+        "Effects that look alike",
+        _PLAN,
+        "campaign_figures:confusability",
+        ("confusability",),
+        "Cosine between what two effects change in the measured channels, whitened, once uncertain parameters have "
+        "taken up what they can; 1: no such experiment tells them apart, whatever their sizes. Outlined: classes that "
+        "count as one here. Known before anything is measured.",
+        nothing="there are no candidates to compare",
     ),
-    "detectable": FigureSpec("Smallest detectable sizes", _PLAN, "campaign_preflight:detectable", ("effects",)),
+    "detectable": FigureSpec(
+        "Smallest detectable sizes",
+        _PLAN,
+        "campaign_figures:detectable",
+        ("detectable",),
+        "The size from which on an effect is found in nine of ten such campaigns, over the size at which simulation "
+        "and measurement are 1.5 standard deviations of the noise apart once uncertain parameters are re-fitted, "
+        'turned over where an effect shrinks as its value grows ("up to"); its value stands at the right. Known '
+        "before anything is measured.",
+        nothing="there are no candidates to detect",
+    ),
 }
-"""Every figure of a campaign: title, section of the report, ``module:function`` in here, and the tables it needs."""
+"""Every figure of a campaign by name, with the tables it needs."""
+
+TABLES = tuple(dict.fromkeys(table for spec in CATALOGUE.values() for table in spec.tables))
+"""Names of the tables that the figures of a campaign need."""
 
 
 def draw(name: str, tables: Mapping[str, pd.DataFrame | None], verdict: Mapping[str, Any]) -> "Drawing":
@@ -43,9 +119,8 @@ def draw(name: str, tables: Mapping[str, pd.DataFrame | None], verdict: Mapping[
     name : str
         One of `CATALOGUE`.
     tables : mapping of str to DataFrame
-        Tables by the names in `CATALOGUE`: ``bins`` and ``windows`` of the map, ``fits`` the ranking, ``force`` the missing force,
-        ``effects`` those that are detectable, and ``residuals``, ``gaps``, ``optimum``, ``confusability``. One that is absent, None or empty gives a figure that says so:
-        without a named effect there is no force to show, without loose joints no optimum.
+        Tables by name. One that is absent, None or empty gives a figure that says so: without a named effect there is no
+        force to show, without loose joints no optimum.
     verdict : mapping
         Content of ``verdict.json``; of a preflight the key ``preflight`` is enough.
 
@@ -57,24 +132,10 @@ def draw(name: str, tables: Mapping[str, pd.DataFrame | None], verdict: Mapping[
     if name not in CATALOGUE:
         raise InputError(f"no figure '{name}' of a campaign; {did_you_mean(name, CATALOGUE)}")
     from jointgap.figures import style
-    from jointgap.figures.campaign_axes import nothing
+    from jointgap.figures.campaign_figures import message_sheet
 
     spec = CATALOGUE[name]
-    with style.look():
+    with style.matplotlib_style():
         if any(tables.get(table) is None for table in spec.tables) or tables[spec.tables[0]].empty:
-            return nothing(spec.title, NOTHING[name])
-        module, function = spec.function.split(":")
-        return getattr(import_module(f"jointgap.figures.{module}"), function)(tables, verdict)
-
-
-NOTHING = {
-    "disagreement": "no sample could be compared with the model",
-    "residuals": "no sample could be compared with the model",
-    "ranking": "no candidate was fitted: nothing is there to be explained",
-    "missing_force": "no force or torque was named, so none is shown",
-    "gaps": "no gap was taken",
-    "optimum": "the model was not optimised again: no effect was added, or no joint is loose",
-    "confusability": "there are no candidates to compare",
-    "detectable": "there are no candidates to detect",
-}
-"""What a figure says where there is nothing to draw."""
+            return message_sheet(spec.title, spec.nothing)
+        return spec.load()(tables, verdict)

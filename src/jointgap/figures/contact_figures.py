@@ -6,12 +6,11 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Joint, Scenario
-from jointgap.figures.drawing import Drawing
-from jointgap.figures.figure_data import degrees, in_words, loose_joints, revolution, settled_revolution
-from jointgap.figures.output_figures import spread_scale
+from jointgap.figures.figure_data import degrees, loose_joints, revolution, settled_revolution
 from jointgap.figures.sheet import CRANK_ANGLE, Quantity, Sheet
-from jointgap.figures.style import COLOURS
+from jointgap.figures.style import COLOURS, Drawing
 from jointgap.joints import JOINT, JOINT_NUMBERS
+from jointgap.report.plain_words import in_words
 
 DEPTH_MAGNIFIED = 20.0  # times that penetrations of the settled orbit are drawn
 INNERMOST = 10.0  # [um] the gap to the wall is shown linearly up to here, logarithmically beyond
@@ -117,13 +116,13 @@ def impacts(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
             angle = turn + np.degrees(contacts["crank_angle"].to_numpy(dtype=float))
             rebounds = (contacts["maxima"] <= 1).to_numpy()
             sizes = contacts[column].to_numpy(dtype=float)
-            for chosen, kind, look in (
+            for chosen, kind, style in (
                 (rebounds, "impact", {}),
                 (~rebounds, "longer contact", {"markerfacecolor": "white", "marker": "s"}),
             ):
                 series = f"{in_words(name)}: {kind}"
                 if chosen.any():
-                    panel.marks(series, angle[chosen], sizes[chosen], in_words(name), markersize=3.5, **look)
+                    panel.marks(series, angle[chosen], sizes[chosen], in_words(name), markersize=3.5, **style)
         panel.logarithmic()
         panel.over_crank_angle(first, last)
         above = panel
@@ -164,6 +163,6 @@ def drive_and_guide(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> D
             room = max(0.6 * swing, 0.05 * middle)  # a constant speed is a line in the middle
             panel.axes.set_ylim(np.min(drawn) + 0.5 * swing - room, np.max(drawn) - 0.5 * swing + room)
         else:
-            spread_scale(panel, np.concatenate(drawn))
+            panel.spread_scale(np.concatenate(drawn))
     sheet.legend()
     return sheet.drawing()

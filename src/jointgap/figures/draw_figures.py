@@ -1,29 +1,15 @@
 """The stage figures: from the tables of a scenario to files."""
 
 from collections.abc import Iterable, Mapping
-from importlib import import_module
 from pathlib import Path
 
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.errors import InputError, did_you_mean
+from jointgap.errors import InputError
 from jointgap.figures import style
-from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FigureSpec
-from jointgap.figures.drawing import Drawing
-
-SPECS = CATALOGUE | {"animation": ANIMATION}
-
-
-def _spec(name: str) -> FigureSpec:
-    if name not in SPECS:
-        raise InputError(f"no figure '{name}'; {did_you_mean(name, SPECS)}")
-    return SPECS[name]
-
-
-def needed_tables(names: Iterable[str]) -> tuple[str, ...]:
-    """Names of the tables that the figures `names` need, sorted."""
-    return tuple(sorted({table for name in names for table in _spec(name).tables}))
+from jointgap.figures.catalogue import FIGURES, spec_of
+from jointgap.figures.style import Drawing
 
 
 def draw(name: str, tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
@@ -43,17 +29,16 @@ def draw(name: str, tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> D
     InputError
         No such figure, or a table it needs is not given.
     """
-    spec = _spec(name)
+    spec = spec_of(name)
     for table in spec.tables:
         if table not in tables:
             raise InputError(f"figure {name} needs the table '{table}'; give it (needed: {', '.join(spec.tables)})")
-    module, function = spec.function.split(":")
-    with style.look():
-        return getattr(import_module(f"jointgap.figures.{module}"), function)(tables, scenario)
+    with style.matplotlib_style():
+        return spec.load()(tables, scenario)
 
 
 def draw_all(
-    tables: Mapping[str, pd.DataFrame], scenario: Scenario, folder: Path | str, names: Iterable[str] = tuple(CATALOGUE)
+    tables: Mapping[str, pd.DataFrame], scenario: Scenario, folder: Path | str, names: Iterable[str] = FIGURES
 ) -> tuple[Path, ...]:
     """Draw the figures `names` (all still ones by default) and save them in `folder`; the files written.
 

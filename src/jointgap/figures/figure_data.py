@@ -39,11 +39,6 @@ def loose_joints(scenario: Scenario) -> dict[str, int]:
     return {joint: JOINT_NUMBERS[joint] for joint in scenario.mechanism.applied().loose}
 
 
-def in_words(joint: str) -> str:
-    """A joint as titles and legends name it; its colour goes by the same name."""
-    return joint.replace("_", " ")
-
-
 def degrees(crank_angle: pd.Series) -> np.ndarray:
     """Crank angle for an abscissa, running from the start of its revolution [deg]: the revolution begins in [0, 360)."""
     angle = np.degrees(crank_angle.to_numpy())

@@ -1,4 +1,4 @@
-"""Figures 9-15: rod, piston and transmission angle, without clearance (desired) and with it."""
+"""Figures 9-16: rod, piston and transmission angle without clearance (desired) and with it, and what other lengths leave of the error."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,13 +7,17 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.figures.drawing import Drawing
-from jointgap.figures.figure_data import degrees
-from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet, round_up
+from jointgap.figures.figure_data import NETWORKS, degrees, loose_joints, predicted, revolution
+from jointgap.figures.sheet import CRANK_ANGLE, IMPACTS_DWARF, Panel, Quantity, Sheet, round_up
+from jointgap.figures.style import Drawing
+from jointgap.mechanism import clearance_lift, transmission_angle
 
 Tables = Mapping[str, pd.DataFrame]
-SIMULATION, NETWORKS, DESIRED = "with clearance: simulation", "with clearance: networks", "without clearance (desired)"
-IMPACTS_DWARF = 4.0  # a curve this many times as high as the desired one gets a partly logarithmic scale
+_SIMULATED, _PREDICTED, _DESIRED = (
+    "with clearance: simulation",
+    "with clearance: networks",
+    "without clearance (desired)",
+)
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ def piston_acceleration(tables: Tables, scenario: Scenario) -> Drawing:
     return _compare(tables, [axis["acceleration"] for axis in PISTON])
 
 
-def transmission_angle(tables: Tables, scenario: Scenario) -> Drawing:
+def transmission_angles(tables: Tables, scenario: Scenario) -> Drawing:
     """Transmission angle with and without clearance (figure 15)."""
     return _compare(tables, [TRANSMISSION])
 
@@ -87,10 +91,10 @@ def _compare(tables: Tables, curves: list[Curve]) -> Drawing:
             (1, column), "deviation", CRANK_ANGLE, Quantity("actual − desired", curve.unit), below=above
         )
         for panel, less in ((above, 0.0), (below, desired)):
-            panel.line(NETWORKS, angle, networks - less, "network", linewidth=0.8)
-            panel.line(SIMULATION, angle, simulated - less, "simulation", linewidth=0.9)
+            panel.line(_PREDICTED, angle, networks - less, "network", linewidth=0.8)
+            panel.line(_SIMULATED, angle, simulated - less, "simulation", linewidth=0.9)
             _spread_scale(panel, desired, np.concatenate([simulated - less, networks - less]))
-        above.line(DESIRED, angle, desired, "ideal", linestyle="--", linewidth=1.1)
+        above.line(_DESIRED, angle, desired, "ideal", linestyle="--", linewidth=1.1)
         below.over_crank_angle(angle[0], angle[-1])
     sheet.legend()
     return sheet.drawing()
@@ -101,3 +105,48 @@ def _spread_scale(panel: Panel, desired: np.ndarray, shown: np.ndarray) -> None:
     peak = np.max(np.abs(desired))
     if np.nanmax(np.abs(shown)) > IMPACTS_DWARF * peak:
         panel.linear_then_logarithmic(round_up(peak))
+
+
+ACTUAL, OPTIMISED = "desired − actual", "desired − optimised"
+
+
+def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
+    """Errors of the transmission angle before and after the optimisation, clearance motion frozen (figure 16)."""
+    samples = revolution(tables["trajectory"], scenario, 1)
+    crank_angle, angle = samples["crank_angle"].to_numpy(), degrees(samples["crank_angle"])
+    coordinates = [f"{name}{number}" for number in loose_joints(scenario).values() for name in ("r", "gamma")]
+    motions = {
+        NETWORKS: {name: predicted(tables, NETWORKS, name)["value"].to_numpy() for name in coordinates},
+        "simulation": {name: samples[name].to_numpy() for name in coordinates},
+    }
+    mechanism = scenario.mechanism.applied()
+    crank, rod, offset = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
+    desired = transmission_angle(crank, rod, crank_angle, 0.0, offset)
+    optima = tables["optimise_optima"]
+    box = next(iter(scenario.optimise.boxes))
+    sheet = Sheet(5.4, 2, 1)
+    above: Panel | None = None
+    for row, (source, motion) in enumerate(motions.items()):
+        lift = clearance_lift(motion)
+        best = optima[(optima["source"] == source) & (optima["box"] == box) & (optima["method"] == "genetic")].iloc[0]
+        pairs = {
+            ACTUAL: (crank, rod, "simulation"),
+            OPTIMISED: (best["crank_length"], best["rod_length"], "genetic"),
+        }
+        title = (
+            f"{source}: $L_2$ = {1e3 * best['crank_length']:.3f} mm, $L_3$ = {1e3 * best['rod_length']:.3f} mm, "
+            f"RMS in the window {-100 * best['rms_reduction']:+.1f} %"
+        ).replace("-", "−")
+        error = Quantity("error of $\\mu$", "deg")
+        panel = sheet.panel((row, 0), title, CRANK_ANGLE, error, below=above)
+        for series, (crank_length, rod_length, colour) in pairs.items():
+            actual = transmission_angle(crank_length, rod_length, crank_angle, lift, offset)
+            panel.line(series, angle, np.degrees(desired - actual), colour, linewidth=1.0)
+        panel.horizontal_line("zero", 0.0)
+        for edge in np.degrees(scenario.optimise.window):
+            if 0.0 < edge < 359.99:
+                panel.vertical_line("edge of the window", angle[0] + edge)
+        panel.over_crank_angle(angle[0], angle[-1])
+        above = panel
+    sheet.legend()
+    return sheet.drawing()

@@ -7,9 +7,9 @@ import pandas as pd
 from matplotlib.colors import LogNorm
 
 from jointgap.config import Scenario
-from jointgap.figures.drawing import Drawing
 from jointgap.figures.figure_data import NETWORKS
 from jointgap.figures.sheet import Panel, Quantity, Sheet
+from jointgap.figures.style import Drawing
 
 Tables = Mapping[str, pd.DataFrame]
 CRANK = Quantity("crank length", "mm", "$L_2$")
@@ -105,17 +105,17 @@ def _floor(sheet: Sheet, floor: pd.DataFrame, optima: pd.DataFrame, box: str) ->
 
 def _points(panel: Panel, optima: pd.DataFrame, box: str, x: str, x_factor: float, y: str, y_factor: float) -> None:
     """Optima found here and the paper's, under the objective of this scenario."""
-    looks = {
+    styles = {
         "genetic": ("genetic optimum", "genetic", {"marker": "*", "markersize": 11, "markeredgecolor": "white"}),
         "local": ("local optimum", "local", {"marker": "s", "markersize": 4}),
         "printed": (PRINTED, "paper", {"marker": "D", "markersize": 5.5, "markeredgecolor": "black"}),
     }
-    for method, (series, colour, look) in looks.items():
+    for method, (series, colour, style) in styles.items():
         rows = optima[(optima["method"] == method) & (optima["box"].isna() | (optima["box"] == box))]
         if rows.empty:  # the paper's points are those of its own mechanism
             continue
         panel.marks(
-            series, x_factor * rows[x], y_factor * rows[y], colour, labels=list(rows["point"]), zorder=5, **look
+            series, x_factor * rows[x], y_factor * rows[y], colour, labels=list(rows["point"]), zorder=5, **style
         )
 
 
@@ -155,7 +155,7 @@ def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
                 marker="D",
                 markerfacecolor="white",
             )
-        panel.upright("no change", 0.0, named=False)
+        panel.vertical_line("no change", 0.0, named=False)
         panel.rows(names if beside is None else [""] * len(names), place)
         if beside is not None:
             panel.axes.set_ylabel("")

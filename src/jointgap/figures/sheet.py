@@ -14,8 +14,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MultipleL
 from numpy.typing import ArrayLike
 
 from jointgap import tables
-from jointgap.figures.drawing import Drawing
-from jointgap.figures.style import COLOURS, WIDTH
+from jointgap.figures.style import COLOURS, WIDTH, Drawing
 
 
 @dataclass(frozen=True)
@@ -64,6 +63,8 @@ def width_for(columns: int) -> float:
     return WIDTH * max(1.0, columns / 2)
 
 
+BULK = 95.0  # [%] of the samples lie in the linear part of a scale that is logarithmic beyond
+IMPACTS_DWARF = 4.0  # times beyond the bulk, or the desired motion, from which a scale becomes logarithmic
 CRANK_ANGLE = Quantity("crank angle", "deg", r"$\theta_2$")
 
 
@@ -77,27 +78,27 @@ class Panel:
         axes.set_xlabel(x.label)
         axes.set_ylabel(y.label)
 
-    def line(self, series: str, x: ArrayLike, y: ArrayLike, colour: str, **look) -> None:
-        """A curve; it breaks where `y` is nan. Looks are matplotlib's."""
-        self.axes.plot(x, y, label=series, color=COLOURS[colour], **look)
+    def line(self, series: str, x: ArrayLike, y: ArrayLike, colour: str, **style) -> None:
+        """A curve; it breaks where `y` is nan. `style` is matplotlib's."""
+        self.axes.plot(x, y, label=series, color=COLOURS[colour], **style)
         self.record(series, x, y)
 
     def marks(
-        self, series: str, x: ArrayLike, y: ArrayLike, colour: str, low=None, high=None, labels=None, along="y", **look
+        self, series: str, x: ArrayLike, y: ArrayLike, colour: str, low=None, high=None, labels=None, along="y", **style
     ) -> None:
         """Points, with bars from `low` to `high` along an axis where these are given; `labels` name categories."""
-        look = {"marker": "o", "markersize": 4.0, "linestyle": "none"} | look
+        style = {"marker": "o", "markersize": 4.0, "linestyle": "none"} | style
         if low is not None:
             centre = np.asarray(y if along == "y" else x)
             spread = {f"{along}err": np.abs([centre - np.asarray(low), np.asarray(high) - centre])}
-            self.axes.errorbar(x, y, **spread, label=series, color=COLOURS[colour], capsize=2.5, **look)
+            self.axes.errorbar(x, y, **spread, label=series, color=COLOURS[colour], capsize=2.5, **style)
         else:
-            self.axes.plot(x, y, label=series, color=COLOURS[colour], **look)
+            self.axes.plot(x, y, label=series, color=COLOURS[colour], **style)
         self.record(series, x, y, low=low, high=high, label=labels)
 
-    def contours(self, series: str, x: np.ndarray, y: np.ndarray, value: np.ndarray, quantity: Quantity, **look):
+    def contours(self, series: str, x: np.ndarray, y: np.ndarray, value: np.ndarray, quantity: Quantity, **style):
         """Filled contours over a grid of shape (len(y), len(x)); hands back what a colour bar needs."""
-        drawn = self.axes.contourf(x, y, value, **look)
+        drawn = self.axes.contourf(x, y, value, **style)
         grid_x, grid_y = np.meshgrid(x, y)
         self.record(
             series,
@@ -109,7 +110,7 @@ class Panel:
         )
         return drawn
 
-    def level(self, series: str, y: float) -> None:
+    def horizontal_line(self, series: str, y: float) -> None:
         """A horizontal line across the panel, not in the legend."""
         self.axes.axhline(y, color=COLOURS["limit"], linewidth=0.9, linestyle=":")
         self.record(series, [np.nan], [y])
@@ -136,7 +137,7 @@ class Panel:
                 kind, (low + high) / 2.0, np.full(len(low), float(row)), low=low, high=high, label=[label] * len(low)
             )
 
-    def upright(self, series: str, x: float, named: bool = True) -> None:
+    def vertical_line(self, series: str, x: float, named: bool = True) -> None:
         """A vertical line across the panel, in the legend if `named`."""
         self.axes.axvline(x, label=series if named else None, color=COLOURS["limit"], linewidth=0.9, linestyle="--")
         self.record(series, [x], [np.nan])
@@ -176,6 +177,13 @@ class Panel:
         self.axes.yaxis.set_minor_locator(NullLocator())
         self.axes.set_ylim(min(1.5 * bottom, -1.2 * threshold), max(1.5 * top, 1.2 * threshold))
         self.axes.axhspan(-threshold, threshold, color="#F4F4F4", zorder=0)
+
+    def spread_scale(self, shown: np.ndarray) -> None:
+        """An ordinate that is linear for the bulk of the values `shown` and logarithmic beyond, where the first impacts dwarf the rest."""
+        size = np.abs(shown[np.isfinite(shown)])
+        bulk = np.percentile(size, BULK)
+        if size.max() > IMPACTS_DWARF * bulk > 0.0:
+            self.linear_then_logarithmic(round_up(bulk))
 
     def record(self, series: str, x: ArrayLike, y: ArrayLike, **more) -> None:
         """Note points for the data beside the figure; `more` names further columns of the table."""

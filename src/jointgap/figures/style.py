@@ -1,13 +1,17 @@
-"""The one look of all figures, and the only place that saves them."""
+"""The one style of all figures, what a figure function hands back, and the only place that saves it."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
 from PIL import Image
 
 from jointgap import tables
-from jointgap.figures.drawing import Drawing
 
 INK = "#222222"
 COLOURS = {
@@ -69,7 +73,29 @@ WIDTH = 7.5  # inches
 DOTS_PER_INCH = 160
 
 
-def look():
+@dataclass(frozen=True)
+class Drawing:
+    """A figure, or the frames of an animation, and the data that it shows.
+
+    Attributes
+    ----------
+    figure : Figure
+        The figure; of an animation, the state of the last frame.
+    data : DataFrame
+        Table `jointgap.tables.PLOTTED`.
+    frames : tuple of ndarray
+        Frames of an animation, shape (height, width, 3), uint8; empty for a still figure.
+    frame_duration : float
+        Time a frame is shown [s]; 0 for a still figure.
+    """
+
+    figure: Figure
+    data: pd.DataFrame
+    frames: tuple[np.ndarray, ...] = ()
+    frame_duration: float = 0.0
+
+
+def matplotlib_style() -> AbstractContextManager[None]:
     """Context in which figures are made and saved."""
     return mpl.rc_context(LOOK)
 
@@ -105,16 +131,16 @@ def save(drawing: Drawing, stem: Path | str) -> tuple[Path, ...]:
 
 def _still(drawing: Drawing) -> dict[str, Callable]:
     figure = drawing.figure
-    with look():
+    with matplotlib_style():
         figure.draw_without_rendering()  # lays the panels out, once for both formats
     figure.set_layout_engine("none")
 
     def vectors(path):
-        with look():
+        with matplotlib_style():
             figure.savefig(path, format="svg", metadata={"Date": None, "Creator": None})
 
     def pixels(path):
-        with look():
+        with matplotlib_style():
             figure.savefig(path, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
 
     return {".svg": vectors, ".png": pixels}

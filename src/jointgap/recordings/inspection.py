@@ -11,7 +11,7 @@ from jointgap.config.channels import CHANNELS
 from jointgap.recordings.recording import Measurements, Recording
 
 if TYPE_CHECKING:
-    from jointgap.figures.drawing import Drawing
+    from jointgap.figures.style import Drawing
 
 _FIRST, _LATER = "first cycle", "later cycles"
 _MARKED_BELOW_PER_REVOLUTION = (
@@ -145,7 +145,7 @@ def _draw(run: CampaignRun, recording: Recording) -> "Drawing":
     if recording.has_angle and recording.has_time:
         departure = (-1.0 if mirrored else 1.0) * np.degrees(recording.crank_angle - _steady_rotation(recording))
         panels.insert(0, ("departure from steady rotation", "deg", departure))
-    with style.look():
+    with style.matplotlib_style():
         sheet = Sheet(0.9 + 1.6 * len(panels), len(panels), 1)
         panel = None
         for row, (title, unit, values) in enumerate(panels):

@@ -7,8 +7,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from jointgap.config import Scenario
 from jointgap.figures import style
-from jointgap.figures.drawing import Drawing
 from jointgap.figures.sheet import Panel, Quantity, Sheet
+from jointgap.figures.style import Drawing
 from jointgap.sweep.study_catalogue import SHOWN
 from jointgap.tables.study_tables import ORDERS
 
@@ -28,7 +28,7 @@ def draw(points: pd.DataFrame, scenario: Scenario) -> dict[str, Drawing]:
         Table `jointgap.tables.STUDY`.
     scenario : Scenario
     """
-    with style.look():
+    with style.matplotlib_style():
         maps = {f"study_{measure}": study_map(points, measure) for measure in SHOWN}
         return maps | {"study_orders": order_lines(points, scenario)}
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pandas as pd
 
-from jointgap.figures.campaign_axes import in_words, listed
-from jointgap.figures.drawing import Drawing
+from jointgap.figures.campaign_figures import list_rows
 from jointgap.figures.sheet import Quantity, Sheet
-from jointgap.figures.style import look
+from jointgap.figures.style import Drawing, matplotlib_style
+from jointgap.report.plain_words import in_words
 from jointgap.trials.trials_report import confusion, rates
 
 GOALS = {
@@ -26,7 +26,7 @@ _HIDDEN, _NAMED = Quantity("hidden", ""), Quantity("named, or the verdict", "")
 
 def draw_score(trials: pd.DataFrame) -> dict[str, Drawing]:
     """Rates with their intervals beside what is asked for, and the confusion matrix, by file name."""
-    with look():
+    with matplotlib_style():
         return {"rates": _rates(trials), "confusion": _confusion(trials)}
 
 
@@ -46,7 +46,7 @@ def _rates(trials: pd.DataFrame) -> Drawing:
             labels = [name for name, taken in zip(names, own, strict=True) if taken]
             panel.marks(words, part["value"], places[own], colour, part["low"], part["high"], labels, along="x")
     panel.marks("asked for", goals, places, "limit", labels=names, marker="|", markersize=9.0)
-    listed(panel, names)
+    list_rows(panel, names)
     panel.axes.set_xlim(-0.02, 1.02)
     panel.axes.set_ylabel("")
     sheet.legend()
@@ -71,7 +71,7 @@ def _confusion(trials: pd.DataFrame) -> Drawing:
         "trials", x.ravel(), y.ravel(), value=values.ravel(), label=labels, value_quantity=_TRIALS.name,
         value_unit=_TRIALS.unit,
     )  # fmt: skip
-    listed(panel, [in_words(name) for name in counts.index])
+    list_rows(panel, [in_words(name) for name in counts.index])
     panel.axes.set_xticks(range(columns), [in_words(name) for name in counts.columns], rotation=90)
     panel.axes.tick_params(labelsize=7)
     panel.axes.grid(False)
