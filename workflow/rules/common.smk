@@ -8,6 +8,7 @@ from jointgap.campaign.campaign_files import campaigns
 from jointgap.paper.looseness_variants import family
 from jointgap.config import options_for, resolve
 from jointgap.errors import InputError
+from jointgap.joints import JOINT_NUMBERS
 from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FIGURES
 from jointgap.provenance import code_digest
 from jointgap.results import PLACES, parts, tables_of
