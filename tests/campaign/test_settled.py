@@ -17,7 +17,7 @@ from jointgap.config.load import load_campaign
 from jointgap.errors import SimulationError
 from jointgap.identification import force_law, model_selection
 from jointgap.identification.decision import Decision
-from jointgap.identification.disagreement import locate
+from jointgap.identification.disagreement import map_disagreement
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 
@@ -57,9 +57,9 @@ def test_the_outcome_comes_back_from_files_with_the_better_base(case, better):
 
 def test_the_map_is_of_the_better_base(case, chain, better):
     stages.locate(case())
-    expected = locate(chain.recalibrated.problem, better.residual, stages.FALSE_ALARM_RATE).bins
+    expected = map_disagreement(chain.recalibrated.problem, better.residual, stages.FALSE_ALARM_RATE).bins
     assert case().folder.read("map_bins")["mean"].tolist() == pytest.approx(expected["mean"].tolist())
-    other = locate(chain.recalibrated.problem, chain.recalibrated.base.residual, stages.FALSE_ALARM_RATE).bins
+    other = map_disagreement(chain.recalibrated.problem, chain.recalibrated.base.residual, stages.FALSE_ALARM_RATE).bins
     assert expected["mean"].tolist() != pytest.approx(other["mean"].tolist())
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.identification.disagreement import adjusted, circular_spans, ljung_box, locate
+from jointgap.identification.disagreement import circular_spans, ljung_box, map_disagreement
 from jointgap.identification.problem import Problem
 from jointgap.identification.unwhitening import unwhiten
 from jointgap.identification.whitening import Noise, whiten
@@ -17,7 +17,7 @@ from tests.identification.toy import stated_noise, toy
 def mapped(model, memory: float = 0.0, order: int = 0):
     """Map of the nominal model's residual."""
     problem = Problem(model, stated_noise(model, memory, order))
-    return locate(problem, problem.residual({p.key: p.nominal for p in problem.nuisances}))
+    return map_disagreement(problem, problem.residual({p.key: p.nominal for p in problem.nuisances}))
 
 
 def with_bump(model, key: tuple[str, str], begin: float, end: float, height: float):
@@ -100,9 +100,11 @@ def test_ljung_box_is_flat_for_independent_numbers_with_gaps_and_sees_memory():
     assert ljung_box(noise_of(300, 0.5, np.random.default_rng(0)), np.arange(300)) < 1e-6
 
 
-def test_adjusted_probabilities_are_those_of_a_hand_calculation():
-    assert adjusted(np.array([0.04, 0.01, 0.03, 0.5])) == pytest.approx([4 / 75, 0.04, 4 / 75, 0.5])
-    assert adjusted(np.array([])).size == 0
+def test_probabilities_of_bins_are_adjusted_for_their_number_as_by_benjamini_and_hochberg():
+    bins = mapped(toy({"coulomb": {"force_N": 0.5}}, seed=3)).bins
+    p = np.sort(bins["p"].to_numpy())
+    expected = [min(1.0, *(p[later] * p.size / (later + 1) for later in range(i, p.size))) for i in range(p.size)]
+    assert np.sort(bins["p_adjusted"].to_numpy()) == pytest.approx(expected, rel=1e-12)
 
 
 def test_rows_on_a_circle_run_across_its_beginning():
@@ -149,7 +151,7 @@ def test_channels_without_crank_angle_are_tested_but_not_mapped():
     blind = replace(model, series=tuple(replace(s, angle=np.full(s.angle.size, np.nan)) for s in model.series))
     problem = Problem(model, stated_noise(model))
     residual = problem.residual({p.key: p.nominal for p in problem.nuisances})
-    found = locate(Problem(blind, stated_noise(model)), residual)
+    found = map_disagreement(Problem(blind, stated_noise(model)), residual)
     assert len(found.tests) == 6
     assert found.bins.empty and found.windows.empty and found.orders.empty
     assert isinstance(found.scaling, pd.DataFrame) and found.scaling.empty

@@ -127,9 +127,9 @@ def decide(case: Case, parts: int = 1) -> None:
 
 def locate(case: Case) -> None:
     """Map where the base that the verdict rests on disagrees with the measurement."""
-    from jointgap.identification.disagreement import locate as located
+    from jointgap.identification.disagreement import map_disagreement
 
-    found = located(case.settled.problem, case.settled.base.residual, FALSE_ALARM_RATE)
+    found = map_disagreement(case.settled.problem, case.settled.base.residual, FALSE_ALARM_RATE)
     for name in ("bins", "windows"):
         case.folder.write(f"map_{name}", map_as_read(getattr(found, name), clockwise(case.campaign)))
     for name in ("tests", "orders", "scaling"):

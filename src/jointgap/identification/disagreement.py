@@ -5,31 +5,26 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from scipy.special import chdtrc
+from scipy.stats import false_discovery_control
 
 from jointgap.identification.order_spectrum import order_spectrum, speed_scaling
 from jointgap.identification.problem import Part, Problem
+from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.unwhitening import unwhiten
 from jointgap.identification.whitening import Noise, whiten
 
-BINS = 36
-
-_LEAST = 0.1
-"""Disagreements that are estimated to be smaller [noise's standard deviations] are no matter, however sure."""
-
-_LAGS = 10  # of the Ljung-Box test
-
 
 @dataclass(frozen=True)
-class Map:
+class DisagreementMap:
     """Where the residual is more than noise.
 
     Attributes
     ----------
     chi2, p : float
-        Sum of the squared whitened residuals of all samples, and its probability by noise alone.
+        [1] Sum of the squared whitened residuals of all samples, and its probability by noise alone.
     samples : int
     tests : DataFrame
-        Per run and channel: samples, chi2, p_chi2, p_ljung_box (whether whitened residuals remember each other).
+        Per run and channel: samples, chi2, p_chi2, p_ljung_box (whether whitened residuals are correlated).
     bins : DataFrame
         Per run, channel and bin of the crank angle: start_deg, end_deg, samples, mean and rms [standard deviations of the noise],
         p, p_adjusted (Benjamini-Hochberg over all bins), flagged.
@@ -52,32 +47,33 @@ class Map:
     scaling: pd.DataFrame
 
 
-def locate(problem: Problem, residual: np.ndarray, false_discovery: float = 0.01) -> Map:
+def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: float = 0.01) -> DisagreementMap:
     """Test the residual run by run, channel by channel, bin by bin of the crank angle.
 
     Parameters
     ----------
     problem : Problem
     residual : (size,) array
-        Whitened, as `Problem.residual` gives it.
+        [1] Whitened, as `Problem.residual` gives it.
     false_discovery : float
-        Probability that noise alone makes any window.
+        [1] Probability that noise alone makes any window.
 
     Returns
     -------
-    Map
+    DisagreementMap
         Channels without crank angle have tests but no bins.
     """
-    tests = pd.DataFrame([_test(part, residual[part.place]) for part in problem.parts])
+    settings = problem.settings.disagreement
+    tests = pd.DataFrame([_test(part, residual[part.place], settings.ljung_box_lags) for part in problem.parts])
     bins = pd.DataFrame(
-        [row for part in problem.parts for row in _bins(part, residual[part.place])],
+        [row for part in problem.parts for row in _bins(part, residual[part.place], settings.bins)],
         columns=["run", "channel", "start_deg", "end_deg", "samples", "mean", "rms", "size", "p"],
     )
-    bins["p_adjusted"] = adjusted(bins["p"].to_numpy())
-    bins["flagged"] = (bins["p_adjusted"] <= false_discovery) & (bins["size"] >= _LEAST)
-    windows = _windows(bins, false_discovery)
+    bins["p_adjusted"] = false_discovery_control(bins["p"].to_numpy(float))
+    bins["flagged"] = (bins["p_adjusted"] <= false_discovery) & (bins["size"] >= settings.min_size)
+    windows = _windows(bins, settings.bins, false_discovery)
     chi2 = float(residual @ residual)
-    return Map(
+    return DisagreementMap(
         chi2,
         float(chdtrc(max(residual.size, 1), chi2)),
         residual.size,
@@ -89,7 +85,7 @@ def locate(problem: Problem, residual: np.ndarray, false_discovery: float = 0.01
     )
 
 
-def _test(part: Part, residual: np.ndarray) -> dict:
+def _test(part: Part, residual: np.ndarray, lags: int) -> dict:
     chi2 = float(residual @ residual)
     return {
         "run": part.series.run,
@@ -97,18 +93,21 @@ def _test(part: Part, residual: np.ndarray) -> dict:
         "samples": residual.size,
         "chi2": chi2,
         "p_chi2": float(chdtrc(residual.size, chi2)),
-        "p_ljung_box": ljung_box(residual, np.flatnonzero(part.used)),
+        "p_ljung_box": ljung_box(residual, np.flatnonzero(part.used), lags),
     }
 
 
-def ljung_box(residual: np.ndarray, index: np.ndarray, lags: int = _LAGS) -> float:
+def ljung_box(
+    residual: np.ndarray, index: np.ndarray, lags: int = DEFAULT_SETTINGS.disagreement.ljung_box_lags
+) -> float:
     """Probability that independent numbers are as correlated over the first lags (Ljung and Box 1978).
 
     Parameters
     ----------
     residual : (n,) array
+        [1] Whitened.
     index : (n,) int array
-        Place of each among all samples: across gaps nothing is compared.
+        Of each among all samples: across gaps nothing is compared.
     lags : int
 
     Returns
@@ -119,58 +118,45 @@ def ljung_box(residual: np.ndarray, index: np.ndarray, lags: int = _LAGS) -> flo
     lags = min(lags, residual.size // 5)
     if lags < 1:
         return float("nan")
-    row = np.full(index[-1] - index[0] + 1 + lags, np.nan)
-    row[index - index[0]] = residual - residual.mean()
-    variance, total = np.mean(row[np.isfinite(row)] ** 2), 0.0
+    spaced = np.full(index[-1] - index[0] + 1 + lags, np.nan)
+    spaced[index - index[0]] = residual - residual.mean()
+    variance, statistic = np.mean(spaced[np.isfinite(spaced)] ** 2), 0.0
     for lag in range(1, lags + 1):
-        products = row[lag:] * row[:-lag]
+        products = spaced[lag:] * spaced[:-lag]
         products = products[np.isfinite(products)]
         if products.size:
-            total += (products.size + 2 * lag) / products.size * products.sum() ** 2 / (products.size * variance**2)
-    return float(chdtrc(lags, total))
+            statistic += (products.size + 2 * lag) / products.size * products.sum() ** 2 / (products.size * variance**2)
+    return float(chdtrc(lags, statistic))
 
 
-def adjusted(p: np.ndarray) -> np.ndarray:
-    """Probabilities adjusted for their number, so that a bound on them bounds the share of false discoveries.
-
-    Benjamini and Hochberg 1995.
-    """
-    if not p.size:
-        return p
-    order = np.argsort(p)
-    scaled = p[order] * p.size / np.arange(1, p.size + 1)
-    found = np.empty(p.size)
-    found[order] = np.minimum.accumulate(scaled[::-1])[::-1]
-    return np.minimum(found, 1.0)
-
-
-def _bins(part: Part, residual: np.ndarray) -> list[dict]:
+def _bins(part: Part, residual: np.ndarray, count: int) -> list[dict]:
     series, used = part.series, part.used
     if not np.isfinite(series.angle[used]).all():
         return []
-    # Whitened residuals right after a window still compare with what was in it: each stay in a bin is whitened for itself.
+    # Correlated noise carries a disagreement on: the sample after a window is compared with those in it and would be flagged too.
+    # So each passage through a bin is whitened by itself.
     white = np.full(used.size, np.nan)
     white[used] = residual
     scaled = unwhiten(white, part.noise)
-    turn = np.mod(series.angle, 2 * np.pi) / (2 * np.pi) * BINS
-    place = np.where(used, np.minimum(turn.astype(int), BINS - 1), -1)
-    line = 2.0 * (turn - place - 0.5)
-    columns = np.column_stack([scaled, np.ones(used.size), line])
-    apart = _whitened_apart(columns, place, part.noise.autocorrelation)
+    position = np.mod(series.angle, 2 * np.pi) / (2 * np.pi) * count
+    bin_of = np.where(used, np.minimum(position.astype(int), count - 1), -1)
+    slope = 2.0 * (position - bin_of - 0.5)  # from -1 to 1 over the bin
+    columns = np.column_stack([scaled, np.ones(used.size), slope])
+    white_columns = _whiten_passages(columns, bin_of, part.noise.autocorrelation)
     rows = []
-    for number in range(BINS):
-        here = place == number
-        if not here.any():
+    for number in range(count):
+        inside = bin_of == number
+        if not inside.any():
             continue
-        values = scaled[here]
-        p, size = _disagreement(apart[here, 0], apart[here, 1:])
+        values = scaled[inside]
+        p, size = _disagreement(white_columns[inside, 0], white_columns[inside, 1:])
         rows.append(
             {
                 "run": series.run,
                 "channel": series.channel,
-                "start_deg": number * 360.0 / BINS,
-                "end_deg": (number + 1) * 360.0 / BINS,
-                "samples": int(here.sum()),
+                "start_deg": number * 360.0 / count,
+                "end_deg": (number + 1) * 360.0 / count,
+                "samples": int(inside.sum()),
                 "mean": float(values.mean()),
                 "rms": float(np.sqrt(np.mean(values**2))),
                 "size": size,
@@ -180,12 +166,12 @@ def _bins(part: Part, residual: np.ndarray) -> list[dict]:
     return rows
 
 
-def _whitened_apart(columns: np.ndarray, place: np.ndarray, autocorrelation: tuple[float, ...]) -> np.ndarray:
-    """Columns whitened as if nothing were known before each stay in a bin."""
+def _whiten_passages(columns: np.ndarray, bin_of: np.ndarray, autocorrelation: tuple[float, ...]) -> np.ndarray:
+    """Columns (n, m) whitened as if nothing were measured before each passage through a bin."""
     if not autocorrelation:
         return columns
-    entered = np.concatenate(([0], np.cumsum(np.diff(place) != 0)))
-    row = np.arange(place.size) + entered  # a gap before every stay
+    entered = np.concatenate(([0], np.cumsum(np.diff(bin_of) != 0)))
+    row = np.arange(bin_of.size) + entered  # a gap before every passage
     spaced = np.full((row[-1] + 1, columns.shape[1]), np.nan)
     spaced[row] = columns
     return whiten(spaced, Noise(np.ones(spaced.shape[0]), autocorrelation))[row]
@@ -197,36 +183,36 @@ def _disagreement(white: np.ndarray, basis: np.ndarray) -> tuple[float, float]:
     Two questions: is there a constant or a slope common to all cycles, and do the residuals scatter more than noise?
     """
     left, sizes, right = np.linalg.svd(basis, full_matrices=False)
-    kept = sizes > 1e-6 * sizes[0]
+    kept = sizes > 1e-6 * sizes[0]  # a bin of one sample has no slope
     score = left[:, kept].T @ white
     shared, chi2 = float(score @ score), float(white @ white)
-    questions = [chdtrc(kept.sum(), shared), chdtrc(white.size, chi2)]
+    p = [chdtrc(kept.sum(), shared), chdtrc(white.size, chi2)]
     constant, slope = right[kept].T @ (score / sizes[kept])
     estimated = max(constant**2 + slope**2 / 3.0, chi2 / white.size - 1.0)
-    return float(min(1.0, len(questions) * min(questions))), float(np.sqrt(max(estimated, 0.0)))
+    return float(min(1.0, len(p) * min(p))), float(np.sqrt(max(estimated, 0.0)))
 
 
-def _windows(bins: pd.DataFrame, false_discovery: float) -> pd.DataFrame:
+def _windows(bins: pd.DataFrame, count: int, false_discovery: float) -> pd.DataFrame:
     """Neighbouring flagged bins as one, where at least one of them is sure among all bins (Bonferroni).
 
-    A share of false discoveries among bins is not one among windows: a true window may be many bins, a false one is alone.
+    The share of false discoveries among bins says little of windows: a true window is many bins, a false one is one bin.
     """
     rows = []
-    for (run, channel), here in bins.groupby(["run", "channel"], sort=False):
-        number = np.rint(here["start_deg"] * BINS / 360.0).to_numpy(int)
-        flagged = np.zeros(BINS, bool)
-        flagged[number] = here["flagged"]
+    for (run, channel), rows_here in bins.groupby(["run", "channel"], sort=False):
+        number = np.rint(rows_here["start_deg"] * count / 360.0).to_numpy(int)
+        flagged = np.zeros(count, bool)
+        flagged[number] = rows_here["flagged"]
         for begin, length in circular_spans(flagged):
-            chosen = here[np.isin(number, (begin + np.arange(length)) % BINS)]
+            chosen = rows_here[np.isin(number, (begin + np.arange(length)) % count)]
             if chosen["p"].min() * len(bins) > false_discovery:
                 continue
             weight = chosen["samples"] / chosen["samples"].sum()
-            end = 360.0 if length == BINS else (begin + length) % BINS * 360.0 / BINS or 360.0
+            end = 360.0 if length == count else (begin + length) % count * 360.0 / count or 360.0
             rows.append(
                 {
                     "run": run,
                     "channel": channel,
-                    "start_deg": begin * 360.0 / BINS,
+                    "start_deg": begin * 360.0 / count,
                     "end_deg": end,
                     "mean": float(weight @ chosen["mean"]),
                     "rms": float(np.sqrt(weight @ chosen["rms"] ** 2)),
@@ -238,7 +224,7 @@ def _windows(bins: pd.DataFrame, false_discovery: float) -> pd.DataFrame:
 
 
 def circular_spans(flagged: np.ndarray) -> list[tuple[int, int]]:
-    """First place and length of every row of True on a circle; one that is full begins at 0."""
+    """First index and length of every run of True on a circle; a full circle begins at 0."""
     if flagged.all():
         return [(0, flagged.size)]
     begins = np.flatnonzero(flagged & ~np.roll(flagged, 1))

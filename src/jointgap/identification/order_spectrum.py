@@ -3,13 +3,9 @@
 import numpy as np
 import pandas as pd
 
+from jointgap.identification.estimates import HALF_WIDTH_90
 from jointgap.identification.problem import Part, Problem
 from jointgap.identification.unwhitening import unwhiten
-
-HIGHEST_ORDER = 20.0
-
-_SURE = 3.0  # standard deviations by which a disagreement has to exceed noise to count in the growth with speed
-_Z90 = 1.6448536269514722  # of the normal distribution: 90 % lie within
 
 
 def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
@@ -19,7 +15,7 @@ def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
     ----------
     problem : Problem
     residual : (size,) array
-        Whitened.
+        [1] Whitened.
 
     Returns
     -------
@@ -33,13 +29,13 @@ def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
             continue
         turns = np.ptp(angle) / (2 * np.pi)
         step = 1.0 / max(1, round(turns))
-        highest = min(HIGHEST_ORDER, np.pi / np.median(np.abs(np.diff(angle))))
+        highest = min(problem.settings.disagreement.highest_order, np.pi / np.median(np.abs(np.diff(angle))))
         order = step * np.arange(1, int(highest / step) + 1)
-        turning, swing, power = np.exp(-1j * step * angle), white - white.mean(), []
+        rotation, rotated, sums = np.exp(-1j * step * angle), white - white.mean(), []
         for _ in order:  # one order after the other, as the whole table of phases need not fit in memory
-            swing = swing * turning
-            power.append(abs(swing.sum()))
-        amplitude = 2.0 / angle.size * np.array(power)
+            rotated = rotated * rotation
+            sums.append(abs(rotated.sum()))
+        amplitude = 2.0 / angle.size * np.array(sums)
         tables.append(
             pd.DataFrame(
                 {
@@ -62,7 +58,7 @@ def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
     ----------
     problem : Problem
     residual : (size,) array
-        Whitened.
+        [1] Whitened.
 
     Returns
     -------
@@ -71,30 +67,38 @@ def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
     """
     rows = []
     for channel in dict.fromkeys(part.series.channel for part in problem.parts):
-        found = [_excess(part, residual[part.place]) for part in problem.parts if part.series.channel == channel]
-        speed, excess, sd = np.array([one for one in found if one is not None]).reshape(-1, 3).T
+        excesses = [
+            _excess(part, residual[part.place], problem.settings.disagreement.scaling_sigmas)
+            for part in problem.parts
+            if part.series.channel == channel
+        ]
+        speed, excess, sd = np.array([run for run in excesses if run is not None]).reshape(-1, 3).T
         if np.unique(speed).size < 2:
             continue
         x, y, weight = np.log(speed), np.log(excess), 1.0 / sd**2
         x = x - np.average(x, weights=weight)
         exponent = np.sum(weight * x * y) / np.sum(weight * x**2)
-        off = y - np.average(y, weights=weight) - exponent * x
-        spread = max(1.0, np.sum(weight * off**2) / max(x.size - 2, 1)) / np.sum(weight * x**2)
-        reach = _Z90 * np.sqrt(spread)
+        deviation = y - np.average(y, weights=weight) - exponent * x
+        # Where runs scatter more than noise lets them, the interval is as wide as their scatter says.
+        variance = max(1.0, np.sum(weight * deviation**2) / max(x.size - 2, 1)) / np.sum(weight * x**2)
+        half_width = HALF_WIDTH_90 * np.sqrt(variance)
         rows.append(
             {
                 "channel": channel,
                 "exponent": exponent,
-                "low": exponent - reach,
-                "high": exponent + reach,
+                "low": exponent - half_width,
+                "high": exponent + half_width,
                 "runs": x.size,
             }
         )
     return pd.DataFrame(rows, columns=["channel", "exponent", "low", "high", "runs"])
 
 
-def _excess(part: Part, residual: np.ndarray) -> tuple[float, float, float] | None:
-    """Mean speed, root mean square of the disagreement beyond noise [unit], and its relative standard deviation."""
+def _excess(part: Part, residual: np.ndarray, sigmas: float) -> tuple[float, float, float] | None:
+    """Mean speed [rad/s], root mean square of the disagreement beyond noise [unit], and its relative standard deviation [1].
+
+    None where it exceeds noise by fewer than `sigmas` standard deviations, or the run has no angles and times.
+    """
     angle, time = part.series.angle[part.used], part.series.time[part.used]
     if angle.size < 2 or not (np.isfinite(angle).all() and np.isfinite(time).all()):
         return None
@@ -105,4 +109,4 @@ def _excess(part: Part, residual: np.ndarray) -> tuple[float, float, float] | No
     noise = float(np.mean(part.noise.spread[part.used] ** 2))
     excess = float(square.mean()) - noise
     sd = noise * np.sqrt(2.0 / square.size) + 2.0 * np.sqrt(noise * max(excess, 0.0) / square.size)
-    return (speed, np.sqrt(excess), 0.5 * sd / excess) if speed > 0 and excess > _SURE * sd else None
+    return (speed, np.sqrt(excess), 0.5 * sd / excess) if speed > 0 and excess > sigmas * sd else None

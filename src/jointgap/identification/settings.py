@@ -300,6 +300,33 @@ class DecisionSettings:
 
 
 @dataclass(frozen=True)
+class DisagreementSettings:
+    """The map of where and how the model disagrees with the measurement.
+
+    Attributes
+    ----------
+    bins : int
+        Bins of the crank angle: 10 deg each, about the width of what an impact leaves.
+    min_size : float
+        [standard deviations of the noise] Disagreements that are estimated to be smaller are not flagged, however significant:
+        no one would look for their cause.
+    ljung_box_lags : int
+        Lags over which whitened residuals are tested for correlation; the usual ten (Ljung and Box 1978).
+    highest_order : float
+        [cycles per turn] The highest order of the crank in the spectrum; above it motions of a linkage hold little.
+    scaling_sigmas : float
+        [standard deviations] By how much a disagreement has to exceed noise to count in the growth with speed: a logarithm is
+        taken of it.
+    """
+
+    bins: int = 36
+    min_size: float = 0.1
+    ljung_box_lags: int = 10
+    highest_order: float = 20.0
+    scaling_sigmas: float = 3.0
+
+
+@dataclass(frozen=True)
 class IdentificationSettings:
     """All tuned numbers of naming, by subject."""
 
@@ -312,6 +339,7 @@ class IdentificationSettings:
     coarse_search: CoarseSearchSettings = field(default_factory=CoarseSearchSettings)
     selection: ModelSelectionSettings = field(default_factory=ModelSelectionSettings)
     decision: DecisionSettings = field(default_factory=DecisionSettings)
+    disagreement: DisagreementSettings = field(default_factory=DisagreementSettings)
 
 
 DEFAULT_SETTINGS = IdentificationSettings()
