@@ -1,0 +1,98 @@
+"""Estimates as a verdict states them: value, standard error, 90 % interval, and a remark where there is none."""
+
+import math
+
+import numpy as np
+import pytest
+
+from jointgap.identification.estimates import (
+    AT_BOUND,
+    HALF_WIDTH_90,
+    NOT_ESTIMATED,
+    effect_estimates,
+    estimate_with_interval,
+    nuisance_estimates,
+)
+from jointgap.identification.fit import Fit
+from jointgap.identification.protocol import Candidate, Parameter
+
+
+def fit_of(candidate, *values, nuisances=()):
+    parameters = (
+        *nuisances,
+        *(Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high) for p in candidate.coordinates),
+    )
+    empty = np.zeros((9, len(parameters)))
+    return Fit((candidate,), parameters, np.array(values, float), np.zeros(9), empty, 1, "converged")
+
+
+def test_the_half_width_is_the_normal_quantile_of_95_percent():
+    assert 0.5 * (1.0 + math.erf(HALF_WIDTH_90 / math.sqrt(2.0))) == pytest.approx(0.95, abs=1e-4)
+
+
+def test_the_interval_is_the_value_and_its_half_width_to_either_side():
+    found = estimate_with_interval(10.0, 2.0, -100.0, 100.0)
+    assert found == {"value": 10.0, "sd": 2.0, "interval_90": [10.0 - 3.29, 10.0 + 3.29]}
+
+
+def test_the_interval_ends_at_the_bounds():
+    assert estimate_with_interval(1.0, 2.0, 0.0, 3.0)["interval_90"] == [0.0, 3.0]
+
+
+@pytest.mark.parametrize(("value", "remark"), [(0.0, AT_BOUND), (5.0, AT_BOUND), (2.0, NOT_ESTIMATED)])
+def test_without_an_error_there_is_no_interval_but_a_remark(value, remark):
+    found = estimate_with_interval(value, 0.0, 0.0, 5.0)
+    assert found == {"value": value, "sd": None, "interval_90": [None, None], "remark": remark}
+
+
+def test_a_coordinate_that_is_stated_as_it_is_keeps_its_error_and_its_bounds():
+    force = Candidate("coulomb", "slider", (Parameter("force_N", 0.0, 0.0, step=0.1),), ("force_N",))
+    mass = Parameter("mass", 1.0)
+    found = effect_estimates(fit_of(force, 1.0, 0.1, nuisances=(mass,)), force, np.diag([9.0, 0.04]))
+    assert found["force_N"]["sd"] == pytest.approx(0.2)
+    assert found["force_N"]["interval_90"] == pytest.approx([0.0, 0.1 + 0.329])
+
+
+def test_amplitude_and_phase_take_their_errors_from_cosine_and_sine_linearly():
+    def polar(values):
+        return {"amplitude": math.hypot(values["c"], values["s"]), "phase": math.atan2(values["s"], values["c"])}
+
+    wave = Candidate("wave", "slider", (Parameter("c", 0.0), Parameter("s", 0.0)), ("c", "s"), parameters=polar)
+    covariance = np.array([[0.04, 0.01], [0.01, 0.09]])
+    found = effect_estimates(fit_of(wave, 3.0, 4.0), wave, covariance)
+    along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6]) / 5.0
+    assert found["amplitude"]["value"] == pytest.approx(5.0)
+    assert found["amplitude"]["sd"] == pytest.approx(np.sqrt(along @ covariance @ along), rel=1e-6)
+    assert found["phase"]["sd"] == pytest.approx(np.sqrt(across @ covariance @ across), rel=1e-6)
+    assert found["phase"]["interval_90"][1] == pytest.approx(math.atan2(4, 3) + 1.645 * found["phase"]["sd"])
+
+
+def test_what_no_fit_varies_is_not_estimated():
+    film = Candidate(
+        "film", "pin", (Parameter("viscosity", 0.0, 0.0, step=0.1),), ("viscosity",),
+        parameters=lambda values: {"viscosity": values["viscosity"], "length": 0.01},
+    )  # fmt: skip
+    found = effect_estimates(fit_of(film, 0.2), film, np.array([[0.01]]))
+    assert found["length"] == {"value": 0.01, "sd": None, "interval_90": [None, None], "remark": NOT_ESTIMATED}
+    assert "remark" not in found["viscosity"]
+
+
+@pytest.mark.parametrize(("value", "low", "high"), [(0.0, 0.0, math.inf), (4.0, -math.inf, 4.0)])
+def test_what_follows_from_a_coordinate_at_its_bound_is_at_its_bound_too(value, low, high):
+    stretch = Candidate(
+        "stretch", "rod", (Parameter("x", 0.0, low, high, step=0.5),), ("x",),
+        parameters=lambda values: {"double": 2.0 * values["x"], "constant": 7.0},
+    )  # fmt: skip
+    found = effect_estimates(fit_of(stretch, value), stretch, np.zeros((1, 1)))
+    assert found["double"]["remark"] == AT_BOUND
+    assert found["constant"]["remark"] == NOT_ESTIMATED
+
+
+def test_nuisances_are_those_parameters_that_belong_to_no_effect():
+    force = Candidate("coulomb", "slider", (Parameter("force_N", 0.0, 0.0, step=0.1),), ("force_N",))
+    mass, own = Parameter("mass", 1.0, 0.5, 1.2), Parameter("own", 0.0, run="slow")
+    fit = fit_of(force, 1.1, -2.0, 4.0, nuisances=(mass, own))
+    found = nuisance_estimates(fit, np.diag([0.01, 0.25, 9.0]))
+    assert [p for p, _ in found] == [mass, own]
+    assert found[0][1]["interval_90"] == pytest.approx([1.1 - 0.1645, 1.2])
+    assert found[1][1]["interval_90"] == pytest.approx([-2.0 - 0.8225, -2.0 + 0.8225])
