@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from jointgap.identification.bounded_step import bounded_step, compress_rows
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import CONVERGED, FAILED, bounds_of, fit_hypothesis
+from jointgap.identification.gauss_newton import bounded_step, compress_rows
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
 from tests.identification.toy import stated_noise, toy

@@ -12,11 +12,11 @@ from jointgap.campaign.clockwise import nuisances_as_read
 from jointgap.campaign.folder import Frames
 from jointgap.errors import InputError
 from jointgap.identification.baseline import Baseline
-from jointgap.identification.bounded_step import compress_rows
 from jointgap.identification.decision import NO_DISAGREEMENT, Decision, Ranked
 from jointgap.identification.estimates import effect_estimates
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.force_law import Regressed
+from jointgap.identification.gauss_newton import compress_rows
 from jointgap.identification.noise_model import FoundNoise
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from scipy import optimize, stats
 
-from jointgap.identification.bounded_step import bounded_step, compress_rows
 from jointgap.identification.fit import bounds_of
+from jointgap.identification.gauss_newton import bounded_step, compress_rows
 from jointgap.identification.screening import Signature, Signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.identification.signature_subspaces import SignatureSubspaces

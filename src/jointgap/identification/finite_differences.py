@@ -8,25 +8,6 @@ from jointgap.errors import InputError, SimulationError
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Parameter
 
-_TARGET = 5.0
-"""Length of the whitened change over one step: a parameter's step is some five standard deviations. Smaller ones meet the
-roughness of impacts, larger ones curvature."""
-
-_MISFIT = 0.05
-"""While fits are far off, the change over a step is this part of what is left, at least: impacts that move past samples make
-the motion rough on a small scale. Much larger parts lose the way where the motion bends: a film is not found then."""
-
-_STATISTICS = 1.5
-"""Statistics of chaotic motion scatter by about 1 each: there the whole change is made this many times their scatter."""
-
-_ABOVE = 5.0  # how far the change over a step stands above the model's roughness
-
-_TINY = 1e-6  # of a parameter's step: what such a change of the parameter changes in the motion is roughness
-
-_PROBED = 2  # parameters that are changed so
-
-_NEAR = 4.0  # a step whose change is within this factor of the target is good enough
-
 
 class FiniteDifferences:
     """Derivatives of a problem's residuals; remembers which steps were good.
@@ -40,7 +21,8 @@ class FiniteDifferences:
     def __init__(self, problem: Problem):
         self.problem = problem
         statistics = sum(part.place.stop - part.place.start for part in problem.parts if part.series.statistic)
-        self.target = max(_TARGET, _STATISTICS * np.sqrt(statistics))
+        self.settings = problem.settings.differences
+        self.target = max(self.settings.target_length, self.settings.target_per_statistic * np.sqrt(statistics))
         self._steps: dict[str, float] = {}
         self.numerical_noise = 0.0
 
@@ -55,13 +37,16 @@ class FiniteDifferences:
         Where contacts begin and end a hair earlier, an integration takes other steps; no derivative can be had from smaller
         changes than `numerical_noise`, and no fit is better than it.
         """
-        shared = [p for p in parameters if p.run is None][:_PROBED] or list(parameters[:_PROBED])
+        shared = [p for p in parameters if p.run is None][: self.settings.probed_parameters] or list(
+            parameters[: self.settings.probed_parameters]
+        )
         changes = []
         for p in shared:
-            step = _TINY * p.step * (1.0 if values[p.key] + _TINY * p.step <= p.high else -1.0)
+            size = self.settings.probe_step * p.step
+            step = size * (1.0 if values[p.key] + size <= p.high else -1.0)
             changes.append(np.linalg.norm(self.problem.residual({**values, p.key: values[p.key] + step}) - residual))
         self.numerical_noise = float(max(changes, default=0.0))
-        self.target = max(self.target, _ABOVE * self.numerical_noise)
+        self.target = max(self.target, self.settings.target_over_numerical_noise * self.numerical_noise)
 
     def jacobian(
         self,
@@ -97,13 +82,23 @@ class FiniteDifferences:
         InputError, SimulationError
             The model cannot be simulated to either side.
         """
-        target = self.target if fine else max(self.target, _MISFIT * float(np.linalg.norm(residual)))
+        target = (
+            self.target
+            if fine
+            else max(self.target, self.settings.target_share_of_residual * float(np.linalg.norm(residual)))
+        )
         step = self._steps.get(parameter.key, parameter.step)
         change, step = self._change(parameter, step, values, residual, hypothesis)
-        length = float(np.linalg.norm(change))
-        if length > 0 and not target / _NEAR < length < target * _NEAR:
-            better = self._within(parameter, step * np.clip(target / length, 1e-4, 1e4))
-            if abs(better) < abs(step) / 1.5 or abs(better) > abs(step) * 1.5:
+        length, near, other = (
+            float(np.linalg.norm(change)),
+            self.settings.accepted_factor,
+            self.settings.min_step_change,
+        )
+        if length > 0 and not target / near < length < target * near:
+            better = self._within(
+                parameter, step * np.clip(target / length, self.settings.min_step_ratio, self.settings.max_step_ratio)
+            )
+            if abs(better) < abs(step) / other or abs(better) > abs(step) * other:
                 try:
                     change, step = self._change(parameter, abs(better), values, residual, hypothesis)
                 except (InputError, SimulationError):
@@ -111,10 +106,9 @@ class FiniteDifferences:
         self._steps[parameter.key] = abs(step)
         return change / step
 
-    @staticmethod
-    def _within(parameter: Parameter, step: float) -> float:
+    def _within(self, parameter: Parameter, step: float) -> float:
         span = parameter.high - parameter.low
-        return min(step, 0.5 * span) if np.isfinite(span) else step
+        return min(step, self.settings.max_share_of_range * span) if np.isfinite(span) else step
 
     def _change(self, parameter, step, values, residual, hypothesis) -> tuple[np.ndarray, float]:
         """Change of the residuals over a step up, or down where up is out of bounds or fails."""

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.bounded_step import bounded_step, compress_rows
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import Fit, bounds_of
 from jointgap.identification.frequency_search import frequencies
+from jointgap.identification.gauss_newton import bounded_step, compress_rows
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate, Parameter
 

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.signal import oaconvolve
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.bounded_step import bounded_step
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, Fit, bounds_of, fit_hypothesis
+from jointgap.identification.gauss_newton import bounded_step
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
 
