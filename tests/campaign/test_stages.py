@@ -28,7 +28,7 @@ from jointgap.campaign.tables_of_identification import (
     signatures_to_frames,
 )
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification import hypothesis_fits, model_selection
+from jointgap.identification import hypothesis_fits, initial_fit, model_selection
 from jointgap.identification.confirmation import confirm, fit_run_parameters
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.noise_model import noise_of_model
@@ -194,13 +194,13 @@ def test_parts_of_the_fits_together_are_all_of_them(chain):
 
 
 def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, monkeypatch):
-    def fails(problem, one, *others):
-        if one.label == "viscous":
+    def fails(problem, screened, *others):
+        if screened.label == "viscous":
             raise SimulationError("the slide flies off")
-        return fit_from_signatures(problem, one, *others)
+        return start(problem, screened, *others)
 
-    fit_from_signatures = model_selection.fit_from_signatures
-    monkeypatch.setattr(model_selection, "fit_from_signatures", fails)
+    start = initial_fit._start
+    monkeypatch.setattr(initial_fit, "_start", fails)
     found, _ = hypothesis_fits.fit_singles(chain.recalibrated, chain.screening.known, chain.screening.limits)
     rows = fits_to_frames(found)["fits"].set_index("explanation")
     assert rows.loc["viscous", "status"] == FAILED

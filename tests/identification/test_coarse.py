@@ -12,7 +12,8 @@ from jointgap.identification.coarse_search import PARTNERS, search_pairs, search
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
-from jointgap.identification.model_selection import fit_screened, refit_and_decide, shortlist_singles
+from jointgap.identification.initial_fit import fit_screened
+from jointgap.identification.model_selection import refit_and_decide, shortlist_singles
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import signatures
 from jointgap.identification.smoother import coarse_to_fine_fit, smoothers_of
@@ -86,7 +87,7 @@ def test_without_views_a_poor_fit_is_tried_from_every_drawn_start(monkeypatch):
 
     monkeypatch.setattr(baseline, "fit_hypothesis", counted)
     baseline.multistart_fit(problem, FiniteDifferences(problem))
-    assert len(starts) == baseline.STARTS
+    assert len(starts) == problem.settings.baseline.max_starts
     assert len({start["slider_mass"] for start in starts}) == len(starts)
 
 
@@ -103,7 +104,7 @@ def test_an_effect_that_moves_every_knock_is_found_by_the_second_look_alone():
     base = recalibrate(model, stated_noise(model))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    first = [fit_screened(base, known, one) for one in shortlist_singles(known, limits)]
+    first = [fit_screened(base.problem, base.differences, known, one) for one in shortlist_singles(known, limits)]
     assert min(one.chi2 for one in first) > 2.0 * base.problem.size
     best, *_ = search_singles(base, limits)
     assert best.label == "spring"

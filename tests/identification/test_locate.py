@@ -8,8 +8,7 @@ import pytest
 
 from jointgap.identification.disagreement import circular_spans, ljung_box, map_disagreement
 from jointgap.identification.problem import Problem
-from jointgap.identification.unwhitening import unwhiten
-from jointgap.identification.whitening import Noise, whiten
+from jointgap.identification.whitening import Noise, unwhiten, whiten
 from tests.identification.toy import coloured as noise_of
 from tests.identification.toy import stated_noise, toy
 

@@ -9,8 +9,8 @@ from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decision import Decision
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
+from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import (
-    fit_screened,
     nonlinearity,
     refit_and_decide,
     shortlist_singles,
@@ -96,7 +96,7 @@ def test_another_choice_of_numerics_is_no_second_effect():
     base = recalibrate(model, stated_noise(model))
     known = signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    fits = [fit_screened(base, known, one) for one in shortlist_singles(known, limits)]
+    fits = [fit_screened(base.problem, base.differences, known, one) for one in shortlist_singles(known, limits)]
     best = min(fits, key=lambda one: one.chi2)
     assert best.label == "coulomb"
     changed = np.sum(other_numerics(base.problem, best) ** 2)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.identification.whitening import Noise, prediction, whiten
+from jointgap.identification.whitening import Noise, autoregression, whiten
 
 
 def autoregressive(weights, size, seed):
@@ -67,4 +67,4 @@ def test_columns_are_whitened_alike():
 
 def test_an_impossible_autocorrelation_is_refused():
     with pytest.raises(ValueError, match="not that of any process"):
-        prediction((0.9, -0.9))
+        autoregression((0.9, -0.9))

@@ -11,21 +11,14 @@ from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.noise_model import numerics_noise
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Model
-from jointgap.identification.smoother import coarse_to_fine_fit, smoothers_of
+from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
+from jointgap.identification.smoother import fit_via_smoothers, smoothers_of
 from jointgap.identification.whitening import Noise
-
-STARTS = 3
-"""Values of the nuisances that a fit is started from where it does not leave noise alone: those given, among the samples and then from
-afar, and drawn ones from afar."""
-
-_SAME = 1e-3  # of chi2: two fits that differ by less have come to the same end
-
-_SURE = 3.0  # standard deviations of chi2 that noise alone may leave
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """The base that every explanation is compared with.
+    """The model as it stands, that every hypothesis is compared with.
 
     Attributes
     ----------
@@ -44,29 +37,38 @@ class Baseline:
     base: Fit
 
 
-def recalibrate(model: Model, noise: Mapping[tuple[str, str], Noise]) -> Baseline:
+def recalibrate(
+    model: Model, noise: Mapping[tuple[str, str], Noise], settings: IdentificationSettings = DEFAULT_SETTINGS
+) -> Baseline:
     """Fit the nuisances; then count in what equally good numerics would predict, and fit again.
+
+    Parameters
+    ----------
+    model : Model
+    noise : mapping of (run, channel) to Noise
+        Of the measurement.
+    settings : IdentificationSettings
 
     Raises
     ------
     SimulationError
         The model cannot be simulated as it stands.
     """
-    first = Problem(model, noise)
+    first = Problem(model, noise, settings=settings)
     start = multistart_fit(first, probed_differences(first, {p.key: p.nominal for p in first.nuisances}))
     if start.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {start.reason}")
-    problem = Problem(model, numerics_noise(model, start.mapping, noise))
+    problem = Problem(model, numerics_noise(model, start.mapping, noise), settings=settings)
     differences = probed_differences(problem, start.mapping)
-    own = [p for p in problem.nuisances if p.run is not None]
     nominal = fit_hypothesis(
         problem,
         start={key: value for key, value in start.mapping.items() if "@" in key},
         differences=differences,
-        vary=own,
+        vary=[p for p in problem.nuisances if p.run is not None],
     )
     base = fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True)
-    return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)  # as they come back from files
+    # differences probed anew, as they are when a later stage reads the fits from files
+    return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 
 
 def multistart_fit(
@@ -74,13 +76,13 @@ def multistart_fit(
     differences: FiniteDifferences,
     hypothesis: Hypothesis = (),
     start: Mapping[str, float] | None = None,
-    starts: int = STARTS,
+    max_starts: int | None = None,
 ) -> Fit:
     """The best of fits from several values of the nuisances; the first that leaves noise alone ends the search.
 
-    Where joints are loose, fits may be caught in a valley that is not the deepest. So all but the first come from afar
-    (`jointgap.identification.smoother`), and one that comes to the same end as the best one before it ends the search too. Where there is
-    no view from afar all drawn values are tried.
+    Where joints are loose, fits may be caught in a valley that is not the deepest. So all but the first go from coarsely smoothed
+    residuals to the samples, and one that ends in the same minimum as the best before it ends the search too. Where residuals
+    cannot be smoothed all drawn values are tried.
 
     Parameters
     ----------
@@ -88,30 +90,44 @@ def multistart_fit(
     differences : FiniteDifferences
     hypothesis : tuple of Candidate
     start : mapping of str to float
-        Where the first fit starts, and what is no shared nuisance always does; nominal where absent.
-    starts : int
-        From how many values of the nuisances, at most; the first ones also from among the samples.
+        Where the first fit starts [SI], and what is no shared nuisance always does; nominal where absent.
+    max_starts : int, optional
+        From how many values of the nuisances, at most; as the settings say by default.
     """
-    at = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(start or {})
-    best = fit_hypothesis(problem, hypothesis, at, differences=differences)
-    through = smoothers_of(problem)
-    again = (at,) if through else ()  # the same start once more, from afar
-    for values in (*again, *(at | one for one in random_nuisances(problem, hypothesis, starts - 1))):
+    settings = problem.settings.baseline
+    count = settings.max_starts if max_starts is None else max_starts
+    given = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(start or {})
+    best = fit_hypothesis(problem, hypothesis, given, differences=differences)
+    smoothers = smoothers_of(problem)
+    again = (given,) if smoothers else ()  # the same start once more, by way of smoothed residuals
+    for values in (*again, *(given | drawn for drawn in random_nuisances(problem, hypothesis, count - 1))):
         dof = max(problem.size - len(best.parameters), 1)
-        if best.status == FAILED or best.chi2 < dof + _SURE * np.sqrt(2.0 * dof):
+        if best.status == FAILED or best.chi2 < dof + settings.noise_sigmas * np.sqrt(2.0 * dof):
             break
-        near = coarse_to_fine_fit(problem, hypothesis, values, differences, through) if through else None
-        start = values if near is None or near.status == FAILED else near.mapping
-        found = fit_hypothesis(problem, hypothesis, start, differences=differences)
-        same = bool(through) and abs(found.chi2 - best.chi2) < _SAME * best.chi2
-        best = min(best, found, key=lambda one: one.chi2)
+        fit = fit_via_smoothers(problem, hypothesis, values, differences, smoothers)
+        same = bool(smoothers) and abs(fit.chi2 - best.chi2) < settings.same_minimum * best.chi2
+        best = min(best, fit, key=lambda fit: fit.chi2)
         if same:
             break
     return best
 
 
 def random_nuisances(problem: Problem, hypothesis: Hypothesis, count: int) -> list[dict[str, float]]:
-    """Values of the nuisances that runs share, drawn evenly from their ranges, by key; none where there are no such nuisances."""
+    """Values of the nuisances that runs share, drawn evenly from their ranges; none where there are no such nuisances.
+
+    Parameters
+    ----------
+    problem : Problem
+    hypothesis : tuple of Candidate
+        Nuisances that it replaces are left out.
+    count : int
+        How many sets of values.
+
+    Returns
+    -------
+    list of mapping of str to float
+        By key [SI]; the same ones at each call.
+    """
     shared = [p for p in problem.parameters(hypothesis) if p.run is None and p in problem.nuisances]
     bounded = [p for p in shared if np.isfinite(p.high - p.low)]
     generator = np.random.default_rng(0)
@@ -119,7 +135,7 @@ def random_nuisances(problem: Problem, hypothesis: Hypothesis, count: int) -> li
 
 
 def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteDifferences:
-    """Differences that know how rough the model is at `values`, if it can be simulated there."""
+    """Finite differences that know the model's numerical noise at `values` (by key [SI]), if `problem` can be simulated there."""
     differences = FiniteDifferences(problem)
     try:
         differences.probe(problem.nuisances, values, problem.residual(values))
@@ -129,7 +145,7 @@ def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteD
 
 
 def other_numerics(problem: Problem, base: Fit) -> np.ndarray:
-    """What other numerics change in the whitened residuals of a fit, shape (number of them, n)."""
+    """What other numerics change in the whitened residuals of the fit `base` to `problem`, shape (number of numerics, n)."""
     changes = []
     for i in range(len(problem.model.numerics)):
         changes.append(problem.residual(base.mapping, base.hypothesis, numerics=i + 1) - base.residual)

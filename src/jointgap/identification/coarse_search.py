@@ -11,7 +11,7 @@ import numpy as np
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.decision import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
-from jointgap.identification.model_selection import fit_screened
+from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Hypothesis
 from jointgap.identification.screening import Screen, Screened, Signatures, signatures
 from jointgap.identification.smoother import Smoother, coarse_to_fine_fit, coordinate_scan, smoothers_of
@@ -119,7 +119,7 @@ def successive_elimination(
     going, lost, first = [], [], next(iter(smoothers), None)
     least = np.inf
     for one, known in chosen:
-        found = fit_screened(base, known, one, sufficient_chi2=least, smoother=first)
+        found = fit_screened(base.problem, base.differences, known, one, sufficient_chi2=least, smoother=first)
         if found.status == FAILED:
             lost.append(found)
             continue

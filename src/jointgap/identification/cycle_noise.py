@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointgap.identification.whitening import prediction
+from jointgap.identification.whitening import autoregression
 
 ORDERS = 4
 """The noise remembers at most so many samples."""
@@ -99,14 +99,14 @@ def memory(scatter: Scatter, stated: float | None = None) -> tuple[float, ...]:
     if not covariance[0] > 0.0:
         return ()
     correlation = covariance / covariance[0]
-    left = np.array([sd for _, sd in prediction(correlation[1:])]) ** 2
+    left = np.array([sd for _, sd in autoregression(correlation[1:])]) ** 2
     order = int(np.argmin(scatter.count * np.log(left) + np.arange(ORDERS + 1) * np.log(scatter.count)))
     return tuple(float(value) for value in correlation[1 : order + 1])
 
 
 def effective_samples(count: int, autocorrelation: tuple[float, ...]) -> float:
     """How many independent samples tell a mean as well as `count` of a noise with that memory, `count` at most."""
-    weights, sd = prediction(autocorrelation)[-1]
+    weights, sd = autoregression(autocorrelation)[-1]
     return float(count * min((1.0 - weights.sum()) ** 2 / sd**2, 1.0))
 
 

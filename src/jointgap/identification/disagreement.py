@@ -10,8 +10,7 @@ from scipy.stats import false_discovery_control
 from jointgap.identification.order_spectrum import order_spectrum, speed_scaling
 from jointgap.identification.problem import Part, Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.identification.unwhitening import unwhiten
-from jointgap.identification.whitening import Noise, whiten
+from jointgap.identification.whitening import Noise, unwhiten, whiten
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from jointgap.identification.decision import Ranked, reduced_chi2, weigh
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
-from jointgap.identification.initial_fit import fit_from_signatures
+from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import Screen, Screened, signatures
@@ -169,7 +169,7 @@ def regress(
     sums.sort(key=lambda one: one.bic)
 
     def fitted(chosen: Sequence[Screened]) -> list[Fit]:
-        return [fit_from_signatures(problem, one, known.known(one.signatures), differences) for one in chosen]
+        return [fit_screened(problem, differences, known, one) for one in chosen]
 
     fits = fitted(_singles(sums))
     alone = min(fits, key=lambda one: one.bic)

@@ -10,9 +10,9 @@ from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.coarse_search import search_pairs, search_singles
 from jointgap.identification.decision import reduced_chi2
 from jointgap.identification.fit import Fit
+from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import (
     best_sufficient,
-    fit_screened,
     shortlist_pairs,
     shortlist_singles,
     two_effect_thresholds,
@@ -108,6 +108,6 @@ def _each(
     for one, beside in chosen:
         begin = time.monotonic()
         least = min((one.chi2 for one in fits if reduced_chi2(one) <= limits.omnibus), default=np.inf)
-        fits.append(fit_screened(found, known, one, beside, least))
+        fits.append(fit_screened(found.problem, found.differences, known, one, beside, least))
         seconds.append(time.monotonic() - begin)
     return fits, seconds

@@ -1,169 +1,167 @@
-"""Where a fit begins: as far along the linear answer as simulation bears it out."""
+"""Fits of screened hypotheses: where each starts, as far along the linear answer as simulation bears it out."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import Fit, fit_hypothesis
+from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import Screened, Signature
+from jointgap.identification.screening import Screened, Signature, Signatures
+from jointgap.identification.settings import InitialGuessSettings
 from jointgap.identification.signature_subspaces import orthonormal
 
-_FARTHEST = 16.0  # times the linear answer
-
-_BINS = 24  # of a cycle, in which departures are compared
-_LIKELY = 0.5  # of the distance to the course without the effect: a size that comes no nearer is not looked at further
-_BESIDE, _FINE = 1.35, 31  # how far around the best of a grid samples are looked at, and at how many sizes
+Smooth = Callable[[np.ndarray], np.ndarray]
 
 
-def fit_from_signatures(
+def fit_screened(
     problem: Problem,
-    one: Screened,
-    known: Mapping[str, np.ndarray],
     differences: FiniteDifferences,
+    known: Signatures,
+    screened: Screened,
+    beside: Fit | None = None,
     sufficient_chi2: float = np.inf,
-    smoother: Callable[[np.ndarray], np.ndarray] | None = None,
+    smoother: Smooth | None = None,
 ) -> Fit:
-    """The fit from the best of 1, 2, 4 ... times the linear answer, or of the sizes on a candidate's grid.
+    """The fit of a screened hypothesis, from where its signatures say.
 
-    A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be several times
-    as large as they say.
+    A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be several times as
+    large as they say. So it starts from the best of 1, 2, 4 ... times the linear answer, or of the amplitudes on a candidate's grid.
 
     Parameters
     ----------
     problem : Problem
-    one : Screened
-    known : mapping of str to (n,) array
-        Derivatives by key about the base; used where the start is near it.
     differences : FiniteDifferences
+    known : Signatures
+        About the base.
+    screened : Screened
+    beside : Fit, optional
+        The fit of a part of the hypothesis that the rest is added to.
     sufficient_chi2, smoother
         As of `jointgap.identification.fit.fit_hypothesis`.
 
     Returns
     -------
     Fit
-        Failed, with the reason, where its start cannot be simulated.
-
-    Raises
-    ------
-    SimulationError
-        No size on a candidate's grid comes nearer to the data than none, or none can be simulated.
+        Failed, with the reason, where its start cannot be simulated or no amplitude on a grid comes nearer to the data than none.
     """
-    for new in one.signatures:
-        if new.candidate.grid and not any(part.series.statistic for part in problem.parts):
-            start, left = _from_grid(problem, one, new, known)
-            if left >= float(new.origin @ new.origin):
-                raise SimulationError(
-                    f"no size of {new.candidate.label} that was tried comes nearer to the data than none"
-                )
-            return fit_hypothesis(
-                problem,
-                one.hypothesis,
-                start,
-                differences=differences,
-                sufficient_chi2=sufficient_chi2,
-                smoother=smoother,
-            )
-    if any(
-        p.key in new.shape_parameters for new in one.signatures for p in new.amplitudes
-    ):  # it starts far from the base already
-        return fit_hypothesis(
-            problem,
-            one.hypothesis,
-            one.start,
-            differences=differences,
-            sufficient_chi2=sufficient_chi2,
-            smoother=smoother,
-        )
-    start, multiple = _stretched(problem, one, smoother)
-    near = multiple <= 1.0  # derivatives at the base are good enough
+    derivatives = (known if beside is None else known.about(beside)).known(screened.signatures)
+    try:
+        start, near = _start(problem, screened, derivatives, smoother)
+    except (InputError, SimulationError) as error:
+        parameters = problem.parameters(screened.hypothesis)
+        values = np.array([screened.start.get(p.key, p.nominal) for p in parameters])
+        residual, jacobian = np.full(problem.size, np.nan), np.empty((0, len(parameters)))
+        return Fit(screened.hypothesis, parameters, values, residual, jacobian, 0, FAILED, str(error))
     return fit_hypothesis(
         problem,
-        one.hypothesis,
+        screened.hypothesis,
         start,
-        known if near else None,
+        derivatives if near else None,
         differences,
         sufficient_chi2=sufficient_chi2,
         smoother=smoother,
     )
 
 
-def _stretched(
-    problem: Problem, one: Screened, smoother: Callable[[np.ndarray], np.ndarray] | None
-) -> tuple[dict[str, float], float]:
-    """The best of 1, 2, 4 ... times the linear answer, as a start, and which it is."""
-    sizes = {f"{new.candidate.label}.{p.key}" for new in one.signatures for p in new.amplitudes}
-    bounds = {p.key: (p.low, p.high) for p in problem.parameters(one.hypothesis)}
-    start, best, multiple, least = dict(one.start), 1.0, 1.0, np.inf
-    while multiple <= _FARTHEST:
+def _start(
+    problem: Problem, screened: Screened, known: Mapping[str, np.ndarray], smoother: Smooth | None
+) -> tuple[Mapping[str, float], bool]:
+    """Values by key to start from, and whether that is so near the base that derivatives there are good enough."""
+    for signature in screened.signatures:
+        if signature.candidate.grid and not any(part.series.statistic for part in problem.parts):
+            start, misfit = _best_on_grid(problem, screened, signature, known)
+            if misfit >= float(signature.origin @ signature.origin):
+                label = signature.candidate.label
+                raise SimulationError(f"no size of {label} that was tried comes nearer to the data than none")
+            return start, False
+    if any(p.key in signature.shape_parameters for signature in screened.signatures for p in signature.amplitudes):
+        return screened.start, False  # a finite amplitude: far from the base already
+    return _best_multiple(problem, screened, smoother)
+
+
+def _best_multiple(problem: Problem, screened: Screened, smoother: Smooth | None) -> tuple[dict[str, float], bool]:
+    """The best of 1, 2, 4 ... times the linear answer, and whether it is the answer itself."""
+    amplitudes = {f"{s.candidate.label}.{p.key}" for s in screened.signatures for p in s.amplitudes}
+    bounds = {p.key: (p.low, p.high) for p in problem.parameters(screened.hypothesis)}
+    start, best, multiple, least = dict(screened.start), 1.0, 1.0, np.inf
+    while multiple <= problem.settings.initial_guess.max_multiple:
         trial = {
-            key: float(np.clip(value * multiple, *bounds[key])) if key in sizes else value
-            for key, value in one.start.items()
+            key: float(np.clip(value * multiple, *bounds[key])) if key in amplitudes else value
+            for key, value in screened.start.items()
         }
         try:
-            residual = problem.residual(trial, one.hypothesis)
+            residual = problem.residual(trial, screened.hypothesis)
         except (InputError, SimulationError):
             break
         chi2 = float(np.sum(np.square(residual if smoother is None else smoother(residual))))
         if chi2 >= least:
             break
         start, least, best, multiple = trial, chi2, multiple, 2.0 * multiple
-    return start, best
+    return start, best <= 1.0
 
 
-def _from_grid(
-    problem: Problem, one: Screened, new: Signature, known: Mapping[str, np.ndarray]
+def _best_on_grid(
+    problem: Problem, screened: Screened, signature: Signature, known: Mapping[str, np.ndarray]
 ) -> tuple[dict[str, float], float]:
-    """The start with the size of an effect that leaves least once nuisances take up what they can, and the chi2 that is left.
+    """The start whose amplitude leaves the smallest chi2 once nuisances take up what they can, and that chi2.
 
-    Samples answer to sizes that are some percent off alone; where over the cycle the motion departs from what it is without the
-    effect, and how far, says more from afar. So sizes are told apart by that first, and by samples beside the best one.
+    Samples respond only to amplitudes that are right to some percent. Where over the cycle the motion departs from what it is
+    without the effect, and how far, ranks amplitudes from farther away. So that chooses on the grid, and samples beside the best.
     """
-    (size,) = new.amplitudes
-    key = f"{new.candidate.label}.{size.key}"
-    # nuisances stay where the origin was seen from: the answer to a secant that does not hold would lead them astray
-    start = {name: one.near.get(name, value) for name, value in one.start.items()}
-    kept = [known[p.key] for p in problem.parameters(one.hypothesis) if p.key in known and p.key != key]
-    across = orthonormal(np.column_stack(kept) if kept else np.empty((problem.size, 0)))
-    origin = new.origin
-    sought = _course(problem, np.square(origin))
+    settings: InitialGuessSettings = problem.settings.initial_guess
+    (amplitude,) = signature.amplitudes
+    key = f"{signature.candidate.label}.{amplitude.key}"
+    # nuisances stay where the origin was simulated: the answer to a secant that does not hold would lead them astray
+    start = {name: screened.near.get(name, value) for name, value in screened.start.items()}
+    kept = [known[p.key] for p in problem.parameters(screened.hypothesis) if p.key in known and p.key != key]
+    nuisances = orthonormal(np.column_stack(kept) if kept else np.empty((problem.size, 0)))
+    origin = signature.origin
+    measured = _log_power(problem, np.square(origin), settings.cycle_bins)
 
-    def departure(left: np.ndarray) -> float:
-        return float(np.mean(np.square(_course(problem, 1.0 + np.square(left - origin)) - sought)))
+    def departure(residual: np.ndarray) -> float:
+        simulated = _log_power(problem, 1.0 + np.square(residual - origin), settings.cycle_bins)
+        return float(np.mean(np.square(simulated - measured)))
 
-    def misfit(left: np.ndarray) -> float:
-        return float(left @ left - np.sum(np.square(across.T @ left)))
+    def misfit(residual: np.ndarray) -> float:
+        return float(residual @ residual - np.sum(np.square(nuisances.T @ residual)))
 
-    within = [value for value in new.candidate.grid if value <= size.high]
-    start, away = _best_of(problem, one, start, key, within, departure)
-    if away > _LIKELY * departure(origin):
+    grid = [value for value in signature.candidate.grid if value <= amplitude.high]
+    start, smallest = _best_of(problem, screened, start, key, grid, departure)
+    if smallest > settings.max_departure_share * departure(origin):
         return start, np.inf
-    fine = np.minimum(start[key] * np.geomspace(1.0 / _BESIDE, _BESIDE, _FINE), size.high)
-    return _best_of(problem, one, start, key, fine, misfit)
+    around = np.geomspace(1.0 / settings.refinement_factor, settings.refinement_factor, settings.refinement_points)
+    return _best_of(problem, screened, start, key, np.minimum(start[key] * around, amplitude.high), misfit)
 
 
-def _best_of(problem: Problem, one: Screened, start, key: str, values, measure) -> tuple[dict[str, float], float]:
-    """The start with that of `values` of which `measure` is least, and the measure; infinite where none can be simulated."""
+def _best_of(
+    problem: Problem,
+    screened: Screened,
+    start: dict[str, float],
+    key: str,
+    values: Iterable[float],
+    measure: Callable[[np.ndarray], float],
+) -> tuple[dict[str, float], float]:
+    """The start with the one of `values` whose residuals measure least, and the measure; infinite where none can be simulated."""
     best, least = start, np.inf
     for value in values:
         trial = {**start, key: float(value)}
         try:
-            found = measure(problem.residual(trial, one.hypothesis))
+            measured = measure(problem.residual(trial, screened.hypothesis))
         except (InputError, SimulationError):
             continue
-        if found < least:
-            best, least = trial, found
+        if measured < least:
+            best, least = trial, measured
     return best, least
 
 
-def _course(problem: Problem, squares: np.ndarray) -> np.ndarray:
-    """Logarithm of the mean square over the cycle, in bins of each channel of each run, one behind the other."""
-    found = []
+def _log_power(problem: Problem, squares: np.ndarray, bins: int) -> np.ndarray:
+    """Logarithm of the mean of the squares (n,) in bins of the cycle, of each channel of each run, one behind the other."""
+    levels = []
     for part in problem.parts:
         angle = np.nan_to_num(part.series.angle[part.used])
-        at = np.floor(np.mod(angle, 2.0 * np.pi) / (2.0 * np.pi) * _BINS).astype(int) % _BINS
-        total, count = np.bincount(at, squares[part.place], _BINS), np.bincount(at, minlength=_BINS)
-        found.append(np.log(np.maximum(total[count > 0] / count[count > 0], 1e-3)))
-    return np.concatenate(found)
+        place = np.floor(np.mod(angle, 2.0 * np.pi) / (2.0 * np.pi) * bins).astype(int) % bins
+        total, count = np.bincount(place, squares[part.place], bins), np.bincount(place, minlength=bins)
+        levels.append(np.log(np.maximum(total[count > 0] / count[count > 0], 1e-3)))
+    return np.concatenate(levels)

@@ -1,6 +1,6 @@
 """From a base to a verdict: the order in which explanations are sought, fitted and weighed."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +9,7 @@ from jointgap.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline, multistart_fit, other_numerics, random_nuisances
 from jointgap.identification.decision import Decision, decide, reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
-from jointgap.identification.initial_fit import fit_from_signatures
+from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import Screen, Screened, Signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
@@ -108,30 +108,6 @@ def shortlist_pairs(
         if one.hypothesis[-1].label not in lost and best.bic - one.bic > second.max_gain_threshold
     ]
     return [(one, best) for one in worth[:AMONG]]
-
-
-def fit_screened(
-    base: Baseline,
-    known: Signatures,
-    one: Screened,
-    beside: Fit | None = None,
-    sufficient_chi2: float = np.inf,
-    smoother: Callable[[np.ndarray], np.ndarray] | None = None,
-) -> Fit:
-    """The forward-simulated fit of a screened explanation, from where its signatures say; `beside`: the fit it adds to.
-
-    `sufficient_chi2`, `smoother`: as of `jointgap.identification.fit.fit_hypothesis`.
-    """
-    near = known if beside is None else known.about(beside)
-    try:
-        return fit_from_signatures(
-            base.problem, one, near.known(one.signatures), base.differences, sufficient_chi2, smoother
-        )
-    except (InputError, SimulationError) as error:
-        parameters = base.problem.parameters(one.hypothesis)
-        start = np.array([one.start.get(p.key, p.nominal) for p in parameters])
-        lost, size = np.empty((0, len(parameters))), base.problem.size
-        return Fit(one.hypothesis, parameters, start, np.full(size, np.nan), lost, 0, FAILED, str(error))
 
 
 def two_effect_thresholds(base: Baseline, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
@@ -263,7 +239,7 @@ def swap_one_effect(base: Baseline, known: Signatures, fits: Sequence[Fit]) -> l
             names = frozenset(candidate.label for candidate in pair.hypothesis)
             if names not in done:
                 done.add(names)
-                found.append(fit_screened(base, known, pair, alone))
+                found.append(fit_screened(base.problem, base.differences, known, pair, alone))
     return found
 
 
@@ -332,5 +308,5 @@ def _members_alone(base: Baseline, chosen: Sequence[Fit], done: set[str]) -> lis
             }
             shared = {p.key: p.nominal for p in base.problem.nuisances if p.run is None and p.key in own}
             fits.append(fit_hypothesis(base.problem, (kept,), own, differences=base.differences))
-            fits.append(multistart_fit(base.problem, base.differences, (kept,), own | shared, starts=1))
+            fits.append(multistart_fit(base.problem, base.differences, (kept,), own | shared, max_starts=1))
     return fits

@@ -5,7 +5,7 @@ import pandas as pd
 
 from jointgap.identification.estimates import HALF_WIDTH_90
 from jointgap.identification.problem import Part, Problem
-from jointgap.identification.unwhitening import unwhiten
+from jointgap.identification.whitening import unwhiten
 
 
 def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:

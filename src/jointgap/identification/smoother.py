@@ -1,13 +1,13 @@
-"""Residuals seen from afar, and fits that come from there.
+"""Residuals smoothed over the cycle, and fits that go from coarsely smoothed residuals to the samples.
 
 Impacts make spikes. Where a parameter is a percent off, spikes miss each other by some samples, and by how much they do says nothing
-of the way: the valley around the truth is narrow, and elsewhere there are others. Smoothed over the cycle, a residual counts what
-an impact does to the motion rather than at which sample. Fits go from the coarsest view to the samples, each from where
-the one before ended; what a coarse view leaves open is looked through in the next one.
+of the direction: the valley around the truth is narrow, and elsewhere there are others. Smoothed over the cycle, a residual counts
+what an impact does to the motion rather than at which sample. Fits go from the coarsest smoother to the samples, each from where
+the one before ended; parameters that a coarse one leaves undetermined are scanned in the next one.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import oaconvolve
@@ -18,17 +18,7 @@ from jointgap.identification.fit import FAILED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.gauss_newton import bounded_step
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
-
-WIDTHS = (np.deg2rad(24.0), np.deg2rad(6.0))
-"""Standard deviations of the weights by which residuals are smoothed, in the angle of the cycle, coarsest first."""
-
-_REACH = 3.0  # standard deviations
-_OPEN = 0.1  # of its range: a parameter that a view leaves more uncertain than that is looked through
-_MATTERS = 0.2  # of the noise, over all samples: one that changes less over its whole range is not
-_PLACES = 11  # evenly over a range
-_RATIOS = np.geomspace(
-    1.0 / 3.0, 3.0, 25
-)  # of the distance of a size from its bound, to that where the effect is absent
+from jointgap.identification.settings import SmoothingSettings
 
 
 @dataclass(frozen=True)
@@ -50,36 +40,38 @@ class Smoother:
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Residuals (n,) or their derivatives (n, k), smoothed."""
-        found = np.empty_like(values)
+        smoothed = np.empty_like(values)
         for place, weights in self.kernels:
-            shaped = weights if values.ndim == 1 else weights[:, None]
-            found[place] = oaconvolve(values[place], shaped, mode="same", axes=0) if weights.size > 1 else values[place]
-        return found
+            if weights.size > 1:
+                shaped = weights if values.ndim == 1 else weights[:, None]
+                smoothed[place] = oaconvolve(values[place], shaped, mode="same", axes=0)
+            else:
+                smoothed[place] = values[place]
+        return smoothed
 
 
 def smoothers_of(problem: Problem) -> tuple[Smoother, ...]:
-    """Views of a problem's residuals, coarsest first; none where they would change nothing.
+    """Smoothers of a problem's residuals, coarsest first; none where they would change nothing.
 
     Statistics over cycles, and series of which no angle is known, stay as they are.
     """
-    found = []
-    for width in WIDTHS:
+    settings, smoothers = problem.settings.smoothing, []
+    for width in np.deg2rad(settings.widths_deg):
         kernels = []
         for part in problem.parts:
             step = np.abs(np.diff(part.series.angle[part.used]))
             step = float(np.median(step[np.isfinite(step)])) if np.isfinite(step).any() else 0.0
             plain = part.series.statistic or not step > 0.0
-            kernels.append(
-                (part.place, np.ones(1) if plain else _weights(width / step, part.place.stop - part.place.start))
-            )
+            count = part.place.stop - part.place.start
+            kernels.append((part.place, np.ones(1) if plain else _weights(width / step, count, settings.kernel_reach)))
         if any(weights.size > 1 for _, weights in kernels):
-            found.append(Smoother(tuple(kernels)))
-    return tuple(found)
+            smoothers.append(Smoother(tuple(kernels)))
+    return tuple(smoothers)
 
 
-def _weights(sd: float, count: int) -> np.ndarray:
+def _weights(sd: float, count: int, reach: float) -> np.ndarray:
     """Gaussian weights over samples, `sd` in samples, at most about as many as there are samples."""
-    half = min(int(np.ceil(_REACH * sd)), max((count - 1) // 2, 0))
+    half = min(int(np.ceil(reach * sd)), max((count - 1) // 2, 0))
     weights = np.exp(-0.5 * np.square(np.arange(-half, half + 1) / max(sd, 1e-9)))
     return weights / np.linalg.norm(weights)
 
@@ -91,108 +83,131 @@ def coarse_to_fine_fit(
     differences: FiniteDifferences,
     smoothers: Sequence[Smoother],
 ) -> Fit:
-    """The fit in the last of the views, from one to the next; what each leaves open is looked through in what follows it.
+    """The fit to the residuals of the last smoother, by way of all before it; what each leaves undetermined is scanned in the next.
 
     Parameters
     ----------
     problem : Problem
     hypothesis : tuple of Candidate
     start : mapping of str to float
-        Values by key; nominal where absent.
+        Values by key [SI]; nominal where absent.
     differences : FiniteDifferences
     smoothers : sequence of Smoother
-        Coarsest first.
+        Coarsest first; one at least.
 
     Returns
     -------
     Fit
-        Its residual is as the samples have it, and so is its Jacobian, which may be from near by: enough for a fit that starts there.
+        Its residual is that of the samples, and so is its Jacobian, which may be from near by: good for a fit that starts there.
         The last one that could be simulated; failed where the start cannot be.
     """
-    found, known = None, None
+    result, known = None, None
     for smoother, finer in zip(smoothers, (*smoothers[1:], None), strict=True):
-        one = fit_hypothesis(problem, hypothesis, start, known, differences, smoother=smoother)
-        if one.status == FAILED:
-            return found or one
-        found = one
-        moved = coordinate_scan(problem, found, smoother, finer)
-        # derivatives hold about as long as nothing jumped
-        known = dict(zip((p.key for p in found.parameters), found.jacobian.T, strict=True)) if moved is None else None
-        start = found.mapping if moved is None else moved
-        if moved is not None and finer is None:
-            residual = problem.residual(moved, hypothesis)
-            values = np.array([moved[p.key] for p in found.parameters])
-            found = Fit(hypothesis, found.parameters, values, residual, found.jacobian, found.simulations, found.status)
-    return found
+        fit = fit_hypothesis(problem, hypothesis, start, known, differences, smoother=smoother)
+        if fit.status == FAILED:
+            return result or fit
+        result, start, known = fit, fit.mapping, dict(zip((p.key for p in fit.parameters), fit.jacobian.T, strict=True))
+        scanned = coordinate_scan(problem, fit, smoother, finer)
+        if scanned is not None:
+            start, known = scanned, None  # after a jump derivatives do not hold any more
+            if finer is None:
+                values = np.array([scanned[p.key] for p in fit.parameters])
+                result = replace(fit, values=values, residual=problem.residual(scanned, hypothesis), reason="")
+    return result
+
+
+def fit_via_smoothers(
+    problem: Problem,
+    hypothesis: Hypothesis,
+    start: Mapping[str, float],
+    differences: FiniteDifferences,
+    smoothers: Sequence[Smoother],
+) -> Fit:
+    """The fit to the samples that starts from the coarse-to-fine fit; from `start` where there is none or it fails.
+
+    Arguments as in `coarse_to_fine_fit`, but there may be no smoothers.
+    """
+    coarse = coarse_to_fine_fit(problem, hypothesis, start, differences, smoothers) if smoothers else None
+    start = start if coarse is None or coarse.status == FAILED else coarse.mapping
+    return fit_hypothesis(problem, hypothesis, start, differences=differences)
 
 
 def coordinate_scan(
-    problem: Problem, found: Fit, smoother: Smoother, finer: Smoother | None, sizes_alone: bool = False
+    problem: Problem, fit: Fit, smoother: Smoother, finer: Smoother | None, amplitudes_only: bool = False
 ) -> dict[str, float] | None:
-    """Values that are better in the finer view, by one after the other of the parameters that `smoother` leaves open; None if none are.
+    """Better values by key, from scans of the parameters that a fit leaves undetermined, one after the other; None if none are.
+
+    At each value of a scan the other parameters take up what they can linearly; chi2 is that of the finer smoother.
 
     Parameters
     ----------
     problem : Problem
-    found : Fit
-        In `smoother`.
-    smoother, finer : View
-        None for the samples themselves.
-    sizes_alone : bool
-        Whether to look through sizes of effects alone, and to leave all else where it is.
+    fit : Fit
+        To the residuals of `smoother`.
+    smoother, finer : Smoother
+        `finer`: None for the samples themselves.
+    amplitudes_only : bool
+        Whether to scan amplitudes of effects alone.
     """
-    seen = (lambda values: values) if finer is None else finer
-    low, high = bounds_of(found.parameters)
-    matrix, at = seen(found.jacobian), found.mapping
-    least, moved = _left(matrix, seen(found.residual), low - found.values, high - found.values), False
-    for i, places in _open(found, smoother, matrix):
-        if sizes_alone and found.parameters[i].key not in _sized(found):
+    smooth = (lambda values: values) if finer is None else finer
+    low, high = bounds_of(fit.parameters)
+    matrix, values = smooth(fit.jacobian), fit.mapping
+    _, best_chi2 = bounded_step(matrix, smooth(fit.residual), low - fit.values, high - fit.values)
+    moved, amplitudes = False, _amplitudes(fit)
+    for i, scan in _undetermined(fit, smoother, matrix, problem.settings.smoothing):
+        p, others = fit.parameters[i], np.delete(matrix, i, axis=1)
+        if amplitudes_only and p.key not in amplitudes:
             continue
-        p, others = found.parameters[i], np.delete(matrix, i, axis=1)
-        here = np.array([at[one.key] for one in found.parameters])
+        here = np.array([values[q.key] for q in fit.parameters])
         room = np.delete(low - here, i), np.delete(high - here, i)
-        for place in places:
-            trial = {**at, p.key: float(np.clip(place, p.low, p.high))}
+        best = values
+        for value in scan:
+            trial = {**values, p.key: float(np.clip(value, p.low, p.high))}
             try:
-                left = _left(others, seen(problem.residual(trial, found.hypothesis)), *room)
+                residual = problem.residual(trial, fit.hypothesis)
             except (InputError, SimulationError):
                 continue
-            if left < least:
-                least, best, moved = left, trial, True
-        at = best if moved else at
-    return at if moved else None
+            _, chi2 = bounded_step(others, smooth(residual), *room)
+            if chi2 < best_chi2:
+                best_chi2, best, moved = chi2, trial, True
+        values = best
+    return values if moved else None
 
 
-def _left(matrix: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    return bounded_step(matrix, residual, low, high)[1]
+def _amplitudes(fit: Fit) -> dict[str, Candidate]:
+    """The amplitudes of effects among the parameters, by key, and whose they are."""
+    return {f"{candidate.label}.{name}": candidate for candidate in fit.hypothesis for name in candidate.amplitudes}
 
 
-def _sized(found: Fit) -> dict[str, Candidate]:
-    """The sizes of effects among the parameters, by key, and whose they are."""
-    return {f"{candidate.label}.{name}": candidate for candidate in found.hypothesis for name in candidate.amplitudes}
+def _undetermined(
+    fit: Fit, smoother: Smoother, finer_jacobian: np.ndarray, settings: SmoothingSettings
+) -> list[tuple[int, np.ndarray]]:
+    """Which parameters are to be scanned, and at what values.
 
-
-def _open(found: Fit, smoother: Smoother, finer: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """Which parameters are to be looked through, and where: nuisances and shapes that `smoother` leaves open though they matter in the
-    finer one, and changes of what is known, of which small ones say little."""
-    if not found.parameters:
+    Those are nuisances and shapes that the smoother leaves uncertain though they matter to the finer one, and perturbations of
+    known quantities, of which small ones say little of large ones.
+    """
+    if not fit.parameters:
         return []
-    width = np.array([p.high - p.low for p in found.parameters])
+    width = np.array([p.high - p.low for p in fit.parameters])
     bounded = np.isfinite(width) & (width > 0.0)
     prior = np.where(bounded, np.sqrt(12.0) / np.where(bounded, width, 1.0), 0.0)
     scale = np.where(bounded, width, 1.0) / np.sqrt(12.0)
-    matrix = np.vstack([smoother(found.jacobian) / smoother.overlap, np.diag(prior)]) * scale
-    _, sizes, turned = np.linalg.svd(matrix, full_matrices=False)
-    errors = np.linalg.norm(turned.T / np.maximum(sizes, 1e-12 * sizes[0]), axis=1) * scale
-    changes = np.linalg.norm(finer, axis=0) * np.where(bounded, width, 0.0)
-    sized, chosen = _sized(found), []
-    for i, p in enumerate(found.parameters):
+    matrix = np.vstack([smoother(fit.jacobian) / smoother.overlap, np.diag(prior)]) * scale
+    _, singular_values, right = np.linalg.svd(matrix, full_matrices=False)
+    errors = np.linalg.norm(right.T / np.maximum(singular_values, 1e-12 * singular_values[0]), axis=1) * scale
+    influence = np.linalg.norm(finer_jacobian, axis=0) * np.where(bounded, width, 0.0)
+    factor, amplitudes, scans = settings.perturbation_scan_factor, _amplitudes(fit), []
+    ratios = np.geomspace(1.0 / factor, factor, settings.perturbation_scan_points)
+    for i, p in enumerate(fit.parameters):
         if not bounded[i] or p.run is not None:
             continue
-        if p.key in sized:
-            if sized[p.key].is_perturbation:
-                places = np.unique(np.clip(p.low + (p.nominal - p.low) * _RATIOS, p.low, p.high))
-                chosen.append((i, places[~np.isclose(places, p.nominal, rtol=0.0, atol=1e-6 * width[i])]))
-        elif errors[i] > _OPEN * width[i] and changes[i] > _MATTERS * np.sqrt(finer.shape[0]):
-            chosen.append((i, np.linspace(p.low, p.high, _PLACES)))
-    return chosen
+        if p.key in amplitudes:
+            if amplitudes[p.key].is_perturbation:
+                values = np.unique(np.clip(p.low + (p.nominal - p.low) * ratios, p.low, p.high))
+                scans.append((i, values[~np.isclose(values, p.nominal, rtol=0.0, atol=1e-6 * width[i])]))
+            continue
+        matters = influence[i] > settings.min_influence * np.sqrt(finer_jacobian.shape[0])
+        if matters and errors[i] > settings.undetermined_error * width[i]:
+            scans.append((i, np.linspace(p.low, p.high, settings.scan_points)))
+    return scans

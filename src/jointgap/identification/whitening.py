@@ -1,20 +1,22 @@
-"""Noise of one channel of one run, and residuals measured by it."""
+"""Noise of one channel of one run, residuals whitened by it, and back."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter, lfiltic
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What a series' residual is measured by.
+    """Noise of one series, by which its residual is measured.
 
     Attributes
     ----------
     sd : (n,) array
         Marginal standard deviation of the measurement [unit].
     autocorrelation : tuple of float
-        At lags of 1, 2, ... samples as far as the noise remembers (an autoregressive process of that order); empty for white.
+        At lags of 1, 2, ... samples, as far as the order of the autoregressive process; empty for white noise.
     numerics : (n,) array
         Standard deviation of what equally good numerics predict otherwise [unit].
     source : str
@@ -35,8 +37,8 @@ class Noise:
 def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
     """Residuals as independent numbers of variance 1 if nothing but noise is in them.
 
-    Each sample is compared with what the samples before it, back to the last gap, let expect of it: exact for an
-    autoregressive process.
+    From each sample its prediction from the samples before it, back to the last gap, is subtracted: exact for an autoregressive
+    process.
 
     Parameters
     ----------
@@ -52,12 +54,15 @@ def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
     flat = residual.ndim == 1
     scaled = (residual[:, None] if flat else residual) / noise.spread[:, None]
     if noise.autocorrelation:
-        scaled = _innovations(scaled, prediction(noise.autocorrelation))
+        scaled = _innovations(scaled, autoregression(noise.autocorrelation))
     return scaled[:, 0] if flat else scaled
 
 
-def prediction(autocorrelation) -> list[tuple[np.ndarray, float]]:
-    """Weights of the last 0, 1, ..., p samples that predict the next, and the standard deviation that remains (Levinson)."""
+def autoregression(autocorrelation: Sequence[float]) -> list[tuple[np.ndarray, float]]:
+    """Weights of the last 0, 1, ..., p samples that predict the next, and the standard deviation that remains (Levinson).
+
+    Each (weights, sd) is of shapes (order,) and (), in standard deviations of the process; `autocorrelation` is at lags 1 ... p.
+    """
     rho = np.concatenate(([1.0], autocorrelation))
     weights, variance = np.empty(0), 1.0
     orders = [(weights, 1.0)]
@@ -72,15 +77,46 @@ def prediction(autocorrelation) -> list[tuple[np.ndarray, float]]:
 
 
 def _innovations(scaled: np.ndarray, orders: list[tuple[np.ndarray, float]]) -> np.ndarray:
-    known = np.isfinite(scaled[:, 0])
-    index = np.arange(known.size)
-    since_gap = index - np.maximum.accumulate(np.where(known, -1, index))  # samples known in a row, this one included
-    found = np.full(scaled.shape, np.nan)
+    present = np.isfinite(scaled[:, 0])
+    index = np.arange(present.size)
+    since_gap = index - np.maximum.accumulate(np.where(present, -1, index))  # samples in a row, this one included
+    innovations = np.full(scaled.shape, np.nan)
     for order, (weights, sd) in enumerate(orders):
         last = order == len(orders) - 1
-        chosen = index[known & ((since_gap > order) if last else (since_gap == order + 1))]
+        chosen = index[present & ((since_gap > order) if last else (since_gap == order + 1))]
         value = scaled[chosen]
         for lag, weight in enumerate(weights, 1):
             value = value - weight * scaled[chosen - lag]
-        found[chosen] = value / sd
-    return found
+        innovations[chosen] = value / sd
+    return innovations
+
+
+def unwhiten(white: np.ndarray, noise: Noise) -> np.ndarray:
+    """The inverse of `whiten`, in units of the noise's spread.
+
+    Parameters
+    ----------
+    white : (n,) array
+        Whitened residuals [1]; NaN where there is no datum.
+    noise : Noise
+
+    Returns
+    -------
+    (n,) array
+        Residual over `Noise.spread` [1]; NaN where there is no datum.
+    """
+    if not noise.autocorrelation:
+        return white
+    orders = autoregression(noise.autocorrelation)
+    weights, sd = orders[-1]
+    scaled = np.full(white.size, np.nan)
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], np.isfinite(white), [False]))))
+    for begin, end in edges.reshape(-1, 2):
+        ahead = min(begin + weights.size, end)
+        for i in range(begin, ahead):  # the first ones have fewer samples before them
+            earlier, innovation = orders[i - begin]
+            scaled[i] = innovation * white[i] + earlier @ scaled[begin:i][::-1]
+        if ahead < end:
+            past = lfiltic([sd], np.concatenate(([1.0], -weights)), scaled[begin:ahead][::-1])
+            scaled[ahead:end] = lfilter([sd], np.concatenate(([1.0], -weights)), white[ahead:end], zi=past)[0]
+    return scaled
