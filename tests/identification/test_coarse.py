@@ -85,7 +85,8 @@ def test_without_views_a_poor_fit_is_tried_from_every_drawn_start(monkeypatch):
         starts.append(dict(options.get("start") or args[2]))
         return fit_hypothesis(*args, **options)
 
-    monkeypatch.setattr(baseline, "fit_hypothesis", counted)
+    for module in (baseline, smoothing):
+        monkeypatch.setattr(module, "fit_hypothesis", counted)
     baseline.multistart_fit(problem, FiniteDifferences(problem))
     assert len(starts) == problem.settings.baseline.max_starts
     assert len({start["slider_mass"] for start in starts}) == len(starts)
