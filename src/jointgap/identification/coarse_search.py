@@ -162,7 +162,7 @@ def _onward(
     base: Baseline, one: Fit, smoother: Smoother, finer: Smoother | None, sufficient_chi2: float = np.inf
 ) -> Fit:
     """The fit in the finer view that starts from one in `smoother`, where changes of what is known are looked through."""
-    moved = coordinate_scan(base.problem, one, smoother, finer, sizes_alone=True)
+    moved = coordinate_scan(base.problem, one, smoother, finer, amplitudes_only=True)
     if moved is not None:
         found = fit_hypothesis(
             base.problem, one.hypothesis, moved, None, base.differences, sufficient_chi2=sufficient_chi2, smoother=finer
