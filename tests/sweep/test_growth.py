@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.errors import InputError
-from jointgap.sweep.growth import Growth, growth
+from jointgap.sweep.growth import Growth, measure_growth
 from tests.dynamics.cases import mechanism, options
 
 
@@ -36,7 +36,7 @@ def test_an_exponent_that_cannot_be_told_is_not_told():
 
 def test_a_change_is_forgotten_with_friction_and_grows_without():
     wanted = options(revolutions=3, samples_per_revolution=180)
-    rubbing, sliding = (growth(mechanism(friction=mu), wanted, directions=3) for mu in (0.2, 0.0))
+    rubbing, sliding = (measure_growth(mechanism(friction=mu), wanted, directions=3) for mu in (0.2, 0.0))
     np.testing.assert_allclose(rubbing.factors[:, 0], 1.0, rtol=1e-12)
     assert rubbing.median[-180:].max() < 1
     assert "throughout" in rubbing.verdict
@@ -47,10 +47,10 @@ def test_a_change_is_forgotten_with_friction_and_grows_without():
 
 def test_a_small_change_grows_in_proportion_to_its_size():
     wanted = options(samples_per_revolution=360)
-    one, ten = (growth(mechanism(), wanted, change, directions=2) for change in (1e-11, 1e-10))
+    one, ten = (measure_growth(mechanism(), wanted, change, directions=2) for change in (1e-11, 1e-10))
     np.testing.assert_allclose(one.factors[:, :90], ten.factors[:, :90], rtol=0.02)
 
 
 def test_where_all_joints_are_ideal_there_is_nothing_to_change():
     with pytest.raises(InputError, match="all joints are ideal"):
-        growth(mechanism(loose=()), options())
+        measure_growth(mechanism(loose=()), options())

@@ -8,11 +8,16 @@ import pytest
 
 from jointgap.dynamics import simulate
 from jointgap.errors import InputError
-from jointgap.sweep.contacts import contacts, time_shares
-from jointgap.sweep.orbits import clearance_vectors, eccentricity_band, journal_centre
-from jointgap.sweep.periodicity import periodicity
-from jointgap.sweep.poincare import poincare_section
-from jointgap.sweep.revolutions import cycles
+from jointgap.sweep.cycle_statistics import (
+    clearance_vectors,
+    contacts,
+    cycles,
+    eccentricity_band,
+    journal_centre,
+    periodicity,
+    poincare_section,
+    time_shares,
+)
 from tests.dynamics.cases import ALL, SPEED, mechanism, options
 
 

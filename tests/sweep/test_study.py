@@ -13,10 +13,9 @@ from jointgap.cli import cli
 from jointgap.config import Scenario, Study
 from jointgap.errors import InputError
 from jointgap.sweep.study_catalogue import FIGURES
-from jointgap.sweep.study_figures import draw, ideal_orders
-from jointgap.sweep.study_measures import noise, orders, samples_per_revolution
+from jointgap.sweep.study_figures import draw_study, ideal_orders
 from jointgap.sweep.study_page import summary
-from jointgap.sweep.study_points import joined, points
+from jointgap.sweep.study_points import high_order_rms, join_points, orders, samples_per_revolution, simulate_points
 from jointgap.tables.study_tables import MEASURES, ORDERS
 from tests.dynamics.cases import CRANK, MOTOR, ROD, SPEED, effect, mechanism, options
 
@@ -31,7 +30,7 @@ def scenario() -> Scenario:
 
 @pytest.fixture(scope="module")
 def found(scenario):
-    return points(scenario)
+    return simulate_points(scenario)
 
 
 def test_orders_are_the_amplitudes_at_multiples_of_the_crank_speed():
@@ -45,9 +44,9 @@ def test_orders_are_the_amplitudes_at_multiples_of_the_crank_speed():
 def test_noise_is_the_rms_of_what_lies_above_the_tenth_order_on_an_order_or_between():
     turned = np.arange(3 * 400) * (2 * math.pi / 400)
     quiet = 7.0 + 5.0 * np.cos(turned) + 2.0 * np.sin(10 * turned)
-    assert noise(quiet, 3) < 1e-13
+    assert high_order_rms(quiet, 3) < 1e-13
     loud = quiet + 3.0 * np.cos(31 / 3 * turned) + 4.0 * np.sin(50 * turned)
-    assert noise(loud, 3) == pytest.approx(math.sqrt((3.0**2 + 4.0**2) / 2))
+    assert high_order_rms(loud, 3) == pytest.approx(math.sqrt((3.0**2 + 4.0**2) / 2))
 
 
 def test_orders_of_the_ideal_mechanism_are_those_of_its_series():
@@ -108,19 +107,19 @@ def test_samples_resolve_the_ringing_of_the_contact():
 
 
 def test_the_map_is_the_same_from_parts_and_a_missing_part_is_told(scenario, found):
-    parts = [points(scenario, number, workers=1) for number in (1, 0)]
-    whole = joined(parts, scenario.study)
-    np.testing.assert_array_equal(whole["peak_force"], joined([found], scenario.study)["peak_force"])
+    parts = [simulate_points(scenario, number, workers=1) for number in (1, 0)]
+    whole = join_points(parts, scenario.study)
+    np.testing.assert_array_equal(whole["peak_force"], join_points([found], scenario.study)["peak_force"])
     with pytest.raises(InputError, match="4 of the 8 wanted ones are missing"):
-        joined(parts[:1], scenario.study)
+        join_points(parts[:1], scenario.study)
     with pytest.raises(InputError, match="numbered 0 to 1"):
-        points(scenario, 2)
+        simulate_points(scenario, 2)
 
 
 def test_a_point_whose_starts_all_fail_is_empty_and_says_why(scenario, monkeypatch):
     monkeypatch.setattr(sys.modules["jointgap.dynamics.simulation"], "STEPS_PER_REVOLUTION", 10)
     one = scenario.study.model_copy(update={"clearance": (1e-4,), "speed": (SPEED,), "friction": (0.1,)})
-    failed = points(scenario.model_copy(update={"study": one}))
+    failed = simulate_points(scenario.model_copy(update={"study": one}))
     assert failed["peak_force"].isna().all() and list(failed["failed"]) == [2]
     assert "needs more than" in failed["reason"][0]
 
@@ -136,7 +135,7 @@ def test_a_point_whose_starts_all_fail_is_empty_and_says_why(scenario, monkeypat
 )
 def test_a_study_that_makes_no_sense_is_refused(changed, says):
     with pytest.raises(InputError, match=says):
-        points(Scenario(**({"mechanism": mechanism()} | changed)))
+        simulate_points(Scenario(**({"mechanism": mechanism()} | changed)))
 
 
 def test_a_value_listed_twice_is_refused():
@@ -145,7 +144,7 @@ def test_a_value_listed_twice_is_refused():
 
 
 def test_the_figures_show_every_point(scenario, found):
-    drawings = draw(found, scenario)
+    drawings = draw_study(found, scenario)
     assert set(drawings) == set(FIGURES)
     forces = drawings["study_peak_force"].data
     shown = forces[forces["series"] == "peak force in the joints"]
@@ -161,12 +160,12 @@ def test_orders_are_shown_at_a_speed_that_has_some_and_none_where_all_failed(sce
     middle = found["speed"].max()  # the middle one of two
     failed = found.copy()
     failed.loc[found["speed"] == middle, numbers] = math.nan
-    lines = draw(failed, scenario)["study_orders"].data
+    lines = draw_study(failed, scenario)["study_orders"].data
     kept = found[found["speed"] != middle]
     firsts = lines[(lines["x"] == 1) & (lines["series"] != "no clearance")]["y"]
     assert sorted(firsts) == pytest.approx(sorted(kept["order_1"]))
     failed[numbers] = math.nan
-    assert set(draw(failed, scenario)["study_orders"].data["series"]) == {"no clearance"}
+    assert set(draw_study(failed, scenario)["study_orders"].data["series"]) == {"no clearance"}
 
 
 def test_the_summary_names_ranges_and_where_only_statistics_hold(scenario, found):

@@ -41,8 +41,7 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
       jointgap ensemble --options mine.yaml --folder results/mine
     """
     from jointgap.config import parse_options
-    from jointgap.sweep.variation import ensemble_runs
-    from jointgap.sweep.write_ensemble import write_ensemble
+    from jointgap.sweep.ensemble import ensemble_runs, write_ensemble
 
     scenario = parse_options(options)
     written = write_ensemble(ensemble_runs(scenario.mechanism, scenario.simulate, scenario.ensemble), folder, workers)
@@ -67,15 +66,15 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.errors import InputError
-    from jointgap.sweep.growth import growth as grown
+    from jointgap.sweep.growth import measure_growth
 
     scenario, size = parse_options(options), _quantity("--change", change, "m")
     tables.check_writable(growth)
     if not size > 0:
         raise InputError(f"--change {change!r}: must be a positive length, e.g. '1e-11 m'")
-    found = grown(scenario.mechanism, scenario.simulate, size, workers=workers)
-    tables.write(tables.GROWTH, found.frame(), growth)
-    click.echo(found.verdict)
+    result = measure_growth(scenario.mechanism, scenario.simulate, size, workers=workers)
+    tables.write(tables.GROWTH, result.frame(), growth)
+    click.echo(result.verdict)
 
 
 @cli.command()
@@ -101,7 +100,7 @@ def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: st
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.results import read_trajectory
-    from jointgap.sweep.revolutions import cycles
+    from jointgap.sweep.cycle_statistics import cycles
 
     scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")
     places = [folder / f"{name}.parquet" for name in ("section", "revolutions", "impacts", "eccentricity")]

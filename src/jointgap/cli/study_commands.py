@@ -40,19 +40,19 @@ def study(options: str, folder: Path, parts: tuple[Path, ...], workers: int | No
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.figures import style
-    from jointgap.sweep.study_figures import draw
+    from jointgap.sweep.study_figures import draw_study
     from jointgap.sweep.study_page import summary
-    from jointgap.sweep.study_points import joined, points
+    from jointgap.sweep.study_points import join_points, simulate_points
 
     scenario = parse_options(options)
     place, text = folder / "points.parquet", folder / "summary.md"
     tables.check_writable(place, text)
-    frames = [tables.read(tables.STUDY, part) for part in parts] or [points(scenario, workers=workers)]
-    found = joined(frames, scenario.study)
-    tables.write(tables.STUDY, found, place)
-    words = summary(found, scenario)
+    frames = [tables.read(tables.STUDY, part) for part in parts] or [simulate_points(scenario, workers=workers)]
+    points = join_points(frames, scenario.study)
+    tables.write(tables.STUDY, points, place)
+    words = summary(points, scenario)
     tables.write_text(text, words)
-    for name, drawing in draw(found, scenario).items():
+    for name, drawing in draw_study(points, scenario).items():
         style.save(drawing, folder / name)
     click.echo(words)
 
@@ -68,8 +68,8 @@ def study_points(options: str, number: int, points: Path, workers: int | None) -
     """Simulate one speed of the study, for `jointgap study --points`."""
     from jointgap import tables
     from jointgap.config import parse_options
-    from jointgap.sweep.study_points import points as simulated
+    from jointgap.sweep.study_points import simulate_points
 
     scenario = parse_options(options)
     tables.check_writable(points)
-    tables.write(tables.STUDY, simulated(scenario, number, workers), points)
+    tables.write(tables.STUDY, simulate_points(scenario, number, workers), points)

@@ -9,19 +9,22 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.parallel_runs import Run, march_runs
+from jointgap.dynamics.simulation import March
 from jointgap.dynamics.solver.initial_state import perturbed_start
 from jointgap.errors import InputError
 
 CHANGE = 1e-11
-"""Size of the change [m]: what two good codes differ by."""
+"""Size of the change of the start [m]: what two good codes differ by."""
 
 DIRECTIONS = 5
+"""Random directions of the change: enough for a median, and for the fastest to be among them."""
+
 USEFUL = 1e-3
 """Share of the smallest clearance up to which two motions count as the same."""
 
-_FINER = 1000.0  # times that the local error of a step is to be smaller than the change
-_NOISE = 50.0  # local errors of a step that the error of a position comes to, before chaos
-_SHORTEST = 0.1  # revolutions that an exponent needs at least
+_TOLERANCE_RATIO = 1000.0  # of the change to the local error of a step, so that the change alone is seen to grow
+_ERROR_FLOOR = 50.0  # local errors of a step that the error of a position sums up to, before chaos
+_SHORTEST_FIT = 0.1  # revolutions that an exponent needs at least
 _SATURATED = 0.01  # share of the smallest clearance from which on growth ends because motions cannot differ by more
 
 
@@ -59,23 +62,23 @@ class Growth:
 
     @property
     def comparable_until(self) -> float:
-        """Crank angle [rad] turned until the first of the changes has grown beyond `useful`; infinite where none does."""
+        """Crank angle [rad] turned until the first of the changes exceeds `useful`; infinite where none does."""
         beyond = np.flatnonzero(self.factors.max(axis=0) * self.change > self.useful)
         return float(self.crank_angle[beyond[0]] - self.crank_angle[0]) if len(beyond) else math.inf
 
     @property
     def exponent(self) -> float:
-        """Natural logarithm of the median growth per revolution; NaN where it can't be told.
+        """Natural logarithm of the median growth per revolution; NaN where it cannot be fitted.
 
         Slope of the line fitted to all samples at which the distance is above the error of the integration and
         has not yet grown so large that it can grow no more; NaN where these span less than a tenth of a revolution.
         """
         distance, turned = self.median * self.change, (self.crank_angle - self.crank_angle[0]) / (2 * math.pi)
         beyond = np.flatnonzero(distance > self.saturated)
-        chosen = (distance > _NOISE * self.tolerance) & (
+        chosen = (distance > _ERROR_FLOOR * self.tolerance) & (
             np.arange(turned.size) < (beyond[0] if len(beyond) else turned.size)
         )
-        if not chosen.any() or np.ptp(turned[chosen]) < _SHORTEST:
+        if not chosen.any() or np.ptp(turned[chosen]) < _SHORTEST_FIT:
             return math.nan
         return float(np.polyfit(turned[chosen], np.log(self.median[chosen]), 1)[0])
 
@@ -84,12 +87,12 @@ class Growth:
         """One sentence for the user."""
         largest = self.factors.max()
         turned = math.degrees(self.crank_angle[-1] - self.crank_angle[0])
-        grown = f"a change of {self.change:g} m at the start grows up to {largest:.2g} times within {turned:.0f} deg"
+        growth = f"a change of {self.change:g} m at the start grows up to {largest:.2g} times within {turned:.0f} deg"
         if math.isinf(self.comparable_until):
-            return f"{grown}: samples can be compared throughout"
+            return f"{growth}: samples can be compared throughout"
         until = math.degrees(self.comparable_until)
         return (
-            f"{grown}: samples can be compared up to {until:.0f} deg, where it passes {self.useful:.2g} m; "
+            f"{growth}: samples can be compared up to {until:.0f} deg, where it passes {self.useful:.2g} m; "
             "beyond, only statistics can be compared"
         )
 
@@ -100,7 +103,7 @@ class Growth:
         return pd.DataFrame(dict(zip((column.name for column in tables.GROWTH.columns), columns, strict=True)))
 
 
-def growth(
+def measure_growth(
     mechanism: Mechanism,
     options: Simulate,
     change: float = CHANGE,
@@ -114,8 +117,8 @@ def growth(
 
     Parameters
     ----------
-    mechanism, options
-        As in `jointgap.dynamics.simulation`.
+    mechanism : Mechanism
+    options : Simulate
     change : float
         Length of the change of all clearance vectors together [m].
     directions : int
@@ -132,21 +135,21 @@ def growth(
     SimulationError
         From the simulation.
     """
-    made = mechanism.applied()
-    if not made.loose:
+    applied = mechanism.applied()
+    if not applied.loose:
         raise InputError(
             "growth of a small change: all joints are ideal, so the start cannot be changed; make one loose"
         )
-    directed = perturbed_start(np.random.default_rng(seed).normal(size=(directions, 6)), made.loose)
-    directed /= np.linalg.norm(directed, axis=1, keepdims=True)
-    finer = options.model_copy(update={"tolerance": min(options.tolerance, change / _FINER)})
-    starts = np.vstack([np.zeros(6), change * directed])
-    outcomes = list(march_runs((Run(made, finer, start) for start in starts), workers))
+    random_directions = perturbed_start(np.random.default_rng(seed).normal(size=(directions, 6)), applied.loose)
+    random_directions /= np.linalg.norm(random_directions, axis=1, keepdims=True)
+    finer = options.model_copy(update={"tolerance": min(options.tolerance, change / _TOLERANCE_RATIO)})
+    starts = np.vstack([np.zeros(6), change * random_directions])
+    outcomes = list(march_runs((Run(applied, finer, start) for start in starts), workers))
     for outcome in outcomes:
         if outcome.error is not None:
             raise outcome.error
-    clearance = min(made.clearance(joint) for joint in made.loose)
-    vectors = np.array([clearance_vectors(outcome.march) for outcome in outcomes])
+    clearance = min(applied.clearance(joint) for joint in applied.loose)
+    vectors = np.array([sampled_clearances(outcome.march) for outcome in outcomes])
     distance = np.linalg.norm(vectors[1:] - vectors[0], axis=2)
     return Growth(
         outcomes[0].crank_angle,
@@ -158,6 +161,6 @@ def growth(
     )
 
 
-def clearance_vectors(march) -> np.ndarray:
-    """Clearance vectors of all joints at the samples of a march, (n, 6) [m]."""
+def sampled_clearances(march: March) -> np.ndarray:
+    """Clearance vectors of all joints at the samples of an integration, (n, 6) [m]."""
     return np.hstack([march.states[:, :4], march.further[:, :2]])

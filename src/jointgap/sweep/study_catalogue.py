@@ -1,14 +1,10 @@
-"""The study: what clearance, speed and friction do to a mechanism.
-
-`points` simulates the map, `summary` says it in words, `figures` draws it. Importing this package imports none
-of them.
-"""
+"""What the study shows: its measures and figures. Workflow rules import this module, so it imports nothing heavy."""
 
 from typing import NamedTuple
 
 
 class Shown(NamedTuple):
-    """How a measure is shown: title, quantity and unit on figures, factor from SI, whether colours go by the logarithm."""
+    """How a measure is shown: title, quantity and unit on figures, factor from SI, whether colours are logarithmic."""
 
     title: str
     quantity: str

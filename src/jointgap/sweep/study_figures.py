@@ -15,11 +15,11 @@ from jointgap.tables.study_tables import ORDERS
 CLEARANCE = Quantity("radial clearance", "mm", "$r_c$")
 SPEED = Quantity("crank speed", "rpm")
 
-_MOST_WRITTEN = 8  # cells in a row whose numbers can be read
+_MOST_CELLS = 8  # in a row, so that their numbers can be read
 _COLOURS = ("first", "simulation", "second surrogate", "paper", "network", "spline", "limit")
 
 
-def draw(points: pd.DataFrame, scenario: Scenario) -> dict[str, Drawing]:
+def draw_study(points: pd.DataFrame, scenario: Scenario) -> dict[str, Drawing]:
     """All figures of the study by name.
 
     Parameters
@@ -29,11 +29,11 @@ def draw(points: pd.DataFrame, scenario: Scenario) -> dict[str, Drawing]:
     scenario : Scenario
     """
     with style.matplotlib_style():
-        maps = {f"study_{measure}": study_map(points, measure) for measure in SHOWN}
-        return maps | {"study_orders": order_lines(points, scenario)}
+        maps = {f"study_{measure}": _study_map(points, measure) for measure in SHOWN}
+        return maps | {"study_orders": _order_lines(points, scenario)}
 
 
-def study_map(points: pd.DataFrame, measure: str) -> Drawing:
+def _study_map(points: pd.DataFrame, measure: str) -> Drawing:
     """One measure over clearance and speed, a panel for each friction; points that only statistics describe are underlined."""
     shown = SHOWN[measure]
     quantity, factor = Quantity(shown.quantity, shown.unit), shown.factor
@@ -43,8 +43,8 @@ def study_map(points: pd.DataFrame, measure: str) -> Drawing:
     clearances, speeds = (np.sort(points[key].unique()) for key in ("clearance", "speed"))
     sheet = Sheet(1.0 + rows * (0.9 + 0.27 * len(speeds)), rows, columns)
     values = factor * points[measure].to_numpy(dtype=float)
-    known = values[~np.isnan(values)]
-    low, high = (known.min(), known.max()) if known.size else (0.0, 1.0)
+    finite = values[~np.isnan(values)]
+    low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
     norm = (
         LogNorm(low, high)
         if shown.logarithmic and 0 < low < high
@@ -91,7 +91,7 @@ def _label(panel: Panel, clearances: np.ndarray, speeds: np.ndarray) -> None:
 
 def _write(panel: Panel, grid: np.ndarray, marked: np.ndarray, norm: Normalize) -> None:
     """Numbers in the cells where there is room; a line below those of marked points."""
-    small = grid.shape[1] <= _MOST_WRITTEN
+    small = grid.shape[1] <= _MOST_CELLS
     for (row, column), value in np.ndenumerate(grid):
         if np.isnan(value):
             continue
@@ -112,7 +112,7 @@ def _short(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
-def order_lines(points: pd.DataFrame, scenario: Scenario) -> Drawing:
+def _order_lines(points: pd.DataFrame, scenario: Scenario) -> Drawing:
     """Amplitudes of the slider's acceleration by order at the middle speed that has any, a panel for each friction."""
     frictions = np.sort(points["friction"].unique())
     measured = points[points["order_1"].notna()]
@@ -145,7 +145,7 @@ def order_lines(points: pd.DataFrame, scenario: Scenario) -> Drawing:
 
 
 def ideal_orders(scenario: Scenario, speed: float) -> np.ndarray:
-    """Amplitudes of the slider's acceleration without clearance, orders 1 to `ORDERS` [m/s^2]."""
+    """Amplitudes of the slider's acceleration of a `scenario` without clearance at `speed` [rad/s], (ORDERS,) [m/s^2]."""
     mechanism = scenario.mechanism.applied()
     angle = np.arange(720) * (2.0 * np.pi / 720)
     height = mechanism.slider.offset - mechanism.crank.length * np.sin(angle)

@@ -1,23 +1,30 @@
-"""The points of the map: several starts each, measured over settled revolutions."""
+"""The points of the study's map: several starts each, measured over settled revolutions."""
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pandas as pd
 
 from jointgap import tables
-from jointgap.config import Scenario, Study
+from jointgap.config import Mechanism, Scenario, Simulate, Study
+from jointgap.dynamics.model.compile_parameters import joint_parameters
 from jointgap.dynamics.parallel_runs import Outcome, Run, march_runs
+from jointgap.dynamics.simulation import event_frame
 from jointgap.errors import InputError
-from jointgap.sweep.growth import USEFUL, clearance_vectors
-from jointgap.sweep.study_measures import measure, sampled_angles
-from jointgap.sweep.variation import altered, perturbed_starts
-from jointgap.tables.study_tables import MEASURES, ORDERS
+from jointgap.mechanism import transmission_angle
+from jointgap.sweep.cycle_statistics import contacts, time_shares
+from jointgap.sweep.ensemble import perturbed_starts, with_values
+from jointgap.sweep.growth import USEFUL, sampled_clearances
+from jointgap.tables.study_tables import MEASURES, NOISE_ORDER, ORDERS
+
+_PER_PERIOD = 12  # samples in a period of the contact's ringing
+_FEWEST, _MOST = 720, 20_000  # samples per revolution: for the spectrum, and that memory holds
 
 
-def points(scenario: Scenario, only_speed: int | None = None, workers: int | None = None) -> pd.DataFrame:
-    """Simulate the map.
+def simulate_points(scenario: Scenario, only_speed: int | None = None, workers: int | None = None) -> pd.DataFrame:
+    """Simulate the points of the map.
 
     Parameters
     ----------
@@ -54,24 +61,31 @@ def points(scenario: Scenario, only_speed: int | None = None, workers: int | Non
     return pd.DataFrame(rows, columns=[column.name for column in tables.STUDY.columns])
 
 
-def joined(parts: Iterable[pd.DataFrame], study: Study) -> pd.DataFrame:
+def join_points(parts: Iterable[pd.DataFrame], study: Study) -> pd.DataFrame:
     """The map from frames of single speeds.
+
+    Parameters
+    ----------
+    parts : iterable of DataFrame
+        Tables `jointgap.tables.STUDY`.
+    study : Study
+        Says which points there have to be.
 
     Raises
     ------
     InputError
         A point is missing, or there is one that the study does not ask for.
     """
-    whole = pd.concat(list(parts), ignore_index=True)
+    points = pd.concat(list(parts), ignore_index=True)
     keys = ["speed", "friction", "clearance"]
     wanted = set(itertools.product(study.speed, study.friction, study.clearance))
-    found = list(whole[keys].itertuples(index=False, name=None))
-    if sorted(found) != sorted(wanted):
+    given = list(points[keys].itertuples(index=False, name=None))
+    if sorted(given) != sorted(wanted):
         raise InputError(
-            f"study: the given parts hold {len(found)} points, {len(wanted - set(found))} of the {len(wanted)} wanted ones "
+            f"study: the given parts hold {len(given)} points, {len(wanted - set(given))} of the {len(wanted)} wanted ones "
             "are missing; simulate the parts again with these options"
         )
-    return whole.sort_values(keys, ignore_index=True)
+    return points.sort_values(keys, ignore_index=True)
 
 
 def _speed(study: Study, number: int) -> float:
@@ -85,7 +99,7 @@ def _runs(scenario: Scenario, values: list[tuple[float, float, float]]) -> Itera
     base = Scenario(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     for speed, friction, clearance in values:
         changes = {"speed": speed, "friction": friction, "clearance": clearance}
-        point = altered(base, changes | {"simulate.tolerance": study.tolerance * clearance}, "study")
+        point = with_values(base, changes | {"simulate.tolerance": study.tolerance * clearance}, "study")
         starts = perturbed_starts(point.mechanism, study.members, 1.0, study.seed)
         starts[1:] *= study.perturbation * clearance / np.linalg.norm(starts[1:], axis=1, keepdims=True)
         angles = sampled_angles(point.mechanism, point.simulate, study)
@@ -102,16 +116,108 @@ def _row(values: tuple[float, float, float], outcomes: list[Outcome], study: Stu
     row |= {"sensitive": False, "growth": np.nan}
     if not done:
         return row
-    found = [measure(outcome, study) for outcome in done]
+    measured = [measure(outcome, study) for outcome in done]
     for name in MEASURES:
-        numbers = [one[name] for one in found]
+        numbers = [measures[name] for measures in measured]
         row |= {name: np.median(numbers), f"{name}_low": min(numbers), f"{name}_high": max(numbers)}
-    amplitudes = np.median([one["orders"] for one in found], axis=0)
+    amplitudes = np.median([measures["orders"] for measures in measured], axis=0)
     row |= {f"order_{k}": amplitudes[k] for k in range(1, ORDERS + 1)}
     if len(done) > 1:
         per_turn = (len(done[0].crank_angle) - 2) // study.settled_revolutions
-        last = np.array([clearance_vectors(outcome.march)[-per_turn:] for outcome in done])
-        apart = np.sqrt(np.mean(np.sum((last[1:] - last[0]) ** 2, axis=2), axis=1))
-        distance = float(np.median(apart))
+        last = np.array([sampled_clearances(outcome.march)[-per_turn:] for outcome in done])
+        separation = np.sqrt(np.mean(np.sum((last[1:] - last[0]) ** 2, axis=2), axis=1))
+        distance = float(np.median(separation))
         row |= {"growth": distance / (study.perturbation * clearance), "sensitive": distance > USEFUL * clearance}
     return row
+
+
+def samples_per_revolution(mechanism: Mechanism, speed: float) -> int:
+    """Samples that resolve the ringing of the contacts under the slider's inertia force, at `speed` [rad/s].
+
+    Linearised about the penetration under that load; the masses of slider and rod of `mechanism` move against each other.
+    """
+    load = mechanism.slider.mass * mechanism.crank.length * speed**2
+    mass = 1.0 / (1.0 / mechanism.slider.mass + 1.0 / mechanism.rod.mass)
+    frequency = 0.0
+    for name in mechanism.loose:
+        joint = joint_parameters(mechanism, name)
+        n = joint.exponent
+        depth = (load / joint.stiffness) ** (1.0 / n)
+        frequency = max(frequency, math.sqrt(n * load / depth / mass) / (2.0 * math.pi))
+    wanted = _PER_PERIOD * frequency / (speed / (2.0 * math.pi))
+    return int(min(max(wanted, _FEWEST), _MOST))
+
+
+def sampled_angles(mechanism: Mechanism, options: Simulate, study: Study) -> np.ndarray:
+    """The start, then samples of the settled revolutions, both of their ends included (n,) [rad].
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    options : Simulate
+        Speed and start angle.
+    study : Study
+        Which revolutions count.
+    """
+    per_turn = samples_per_revolution(mechanism, options.speed)
+    settled = np.arange(study.settled_revolutions * per_turn + 1) * (2.0 * math.pi / per_turn)
+    begin = options.start_angle + 2.0 * math.pi * study.transient_revolutions
+    return np.append(options.start_angle, begin + settled)
+
+
+def measure(outcome: Outcome, study: Study) -> dict[str, float | np.ndarray]:
+    """The numbers `jointgap.tables.study_tables.MEASURES` of one run [SI], and amplitudes by order, ``orders``.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of a run that did not fail.
+    study : Study
+        Which revolutions count.
+    """
+    mechanism, march = outcome.run.mechanism, outcome.march
+    signals = {name: values[1:] for name, values in march.observed(outcome.parameters).items()}
+    angle, times = outcome.crank_angle[1:], march.times[1:]
+    ideal = transmission_angle(mechanism.crank.length, mechanism.rod.length, angle, 0.0, mechanism.slider.offset)
+    error = ideal - (math.pi / 2 + signals["rod_angle"])
+    forces = [signals[f"{joint}_normal_force"].max() for joint in mechanism.loose]
+    shares, events = [], event_frame(march.events)
+    for joint in mechanism.loose:
+        joint_contacts = contacts(events, joint)
+        shares.append(1.0 - time_shares(joint_contacts, times[0], times[-1])["flight"])
+        within = joint_contacts[(joint_contacts["begin"] >= times[0]) & (joint_contacts["end"] <= times[-1])]
+        forces += list(within["peak_force"])
+    acceleration = signals["slider_acceleration"]
+    spectrum = orders(acceleration[:-1], study.settled_revolutions)
+    rms = math.sqrt(np.mean(acceleration[:-1] ** 2))
+    return {
+        "peak_force": max(forces),
+        "angle_error_rms": math.sqrt(np.mean(error[:-1] ** 2)),
+        "contact_share": float(np.mean(shares)),
+        "acceleration_rms": rms,
+        "noise_share": high_order_rms(acceleration[:-1], study.settled_revolutions) / rms,
+        "jerk_rms": math.sqrt(np.mean((np.diff(acceleration) / np.diff(times)) ** 2)),
+        "orders": spectrum,
+    }
+
+
+def orders(values: np.ndarray, revolutions: int) -> np.ndarray:
+    """Amplitudes of a quantity at orders 0 to `ORDERS` of the crank's speed, shape (ORDERS + 1,).
+
+    Parameters
+    ----------
+    values : (n,) array
+        Samples of whole revolutions, uniform, the last one's end left out.
+    revolutions : int
+        How many.
+    """
+    amplitudes = 2.0 * np.abs(np.fft.rfft(values)) / len(values)
+    amplitudes[0] /= 2.0
+    return amplitudes[: ORDERS * revolutions + 1 : revolutions]
+
+
+def high_order_rms(values: np.ndarray, revolutions: int) -> float:
+    """RMS of what a quantity holds above order `NOISE_ORDER`; `values` and `revolutions` as for `orders`."""
+    spectrum = np.fft.rfft(values)
+    spectrum[: NOISE_ORDER * revolutions + 1] = 0.0
+    return math.sqrt(np.mean(np.fft.irfft(spectrum, len(values)) ** 2))

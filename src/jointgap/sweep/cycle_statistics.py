@@ -1,0 +1,359 @@
+"""Statistics of one motion over its revolutions: contacts, orbits of the journals, Poincaré section, periodicity."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from jointgap import tables
+from jointgap.config import Mechanism, Simulate
+from jointgap.errors import InputError
+from jointgap.joints import JOINT, JOINT_NUMBERS
+
+QUANTILES = {"low": 0.05, "median": 0.5, "high": 0.95}
+"""Columns of a distribution beside its mean and its largest value."""
+
+REPEATS = 1e-3
+"""Share of the smallest clearance within which a motion is said to repeat: the depth of a contact, and no more."""
+
+_AT_SEPARATION = ("impulse", "peak_force", "maxima")
+
+
+@dataclass(frozen=True)
+class Periodicity:
+    """Whether a motion repeats after a number of revolutions.
+
+    Attributes
+    ----------
+    distances : (m,) array
+        By number n of revolutions, from 1: largest distance of the clearance vectors over the last n revolutions from
+        those over the n before [m].
+    clearance : float
+        Smallest clearance [m].
+    """
+
+    distances: np.ndarray
+    clearance: float
+
+    @property
+    def period(self) -> int | None:
+        """Smallest number of revolutions after which the motion repeats; None where it does not."""
+        repeats = np.flatnonzero(self.distances <= REPEATS * self.clearance)
+        return int(repeats[0]) + 1 if len(repeats) else None
+
+    @property
+    def verdict(self) -> str:
+        """One sentence for the user."""
+        nearest = self.period or int(np.argmin(self.distances)) + 1
+        distance = self.distances[nearest - 1]
+        words = f"{distance:.2g} m, {distance / self.clearance:.2g} of the clearance"
+        if self.period is None:
+            most = _revolutions(len(self.distances))
+            return f"no period within {most}: after {nearest} it comes back nearest, to {words}"
+        return f"period {self.period}: it repeats after {_revolutions(self.period)} to {words}"
+
+
+def _revolutions(number: int) -> str:
+    return f"{number} revolution{'s' * (number > 1)}"
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """Statistics of one motion.
+
+    Attributes
+    ----------
+    section, revolutions, impacts, eccentricity : DataFrame
+        Tables `jointgap.tables.POINCARE_SECTION`, `JOINT_REVOLUTIONS`, `IMPACT_DISTRIBUTION`, `ECCENTRICITY`.
+    periodicity : Periodicity
+    first : int
+        First revolution that counts as settled.
+    """
+
+    section: pd.DataFrame
+    revolutions: pd.DataFrame
+    impacts: pd.DataFrame
+    eccentricity: pd.DataFrame
+    periodicity: Periodicity
+    first: int
+
+    @property
+    def summary(self) -> str:
+        """A few lines for the user."""
+        lines = [f"from revolution {self.first} on: {self.periodicity.verdict}"]
+        settled = self.revolutions[self.revolutions["revolution"] >= self.first]
+        for joint, rows in settled.groupby("joint", sort=False):
+            flight, impact, contact = (100.0 * rows[f"share_{mode}"].mean() for mode in ("flight", "impact", "contact"))
+            lines.append(
+                f"{joint}: flight {flight:.1f} %, impact {impact:.1f} %, contact {contact:.1f} % of the time; "
+                f"{rows['contacts'].mean():.1f} contacts begin a revolution; peak force {rows['peak_force'].max():.4g} N"
+            )
+        return "\n".join(lines)
+
+
+def cycles(
+    samples: pd.DataFrame,
+    events: pd.DataFrame,
+    mechanism: Mechanism,
+    options: Simulate,
+    first: int = 2,
+    angle: float = 0.0,
+) -> Cycles:
+    """All statistics of one motion.
+
+    Parameters
+    ----------
+    samples, events : DataFrame
+        Tables `jointgap.tables.TRAJECTORY` and `jointgap.tables.EVENTS`.
+    mechanism : Mechanism
+    options : Simulate
+        Both as they were simulated with.
+    first : int
+        First revolution that counts as settled (1 = the first).
+    angle : float
+        Crank angle of the Poincaré section [rad].
+
+    Raises
+    ------
+    InputError
+        No joint is loose, or less than two revolutions count.
+    """
+    applied, per_revolution = mechanism.applied(), options.samples_per_revolution
+    if not applied.loose:
+        raise InputError("statistics of clearances: all joints are ideal; make one loose")
+    begin = (first - 1) * per_revolution
+    settled = samples.iloc[begin:]
+    vectors = np.hstack([clearance_vectors(settled, joint) for joint in applied.loose])
+    begin_time = samples["time"].iloc[min(begin, len(samples) - 1)]
+    return Cycles(
+        section=poincare_section(samples, applied.loose, per_revolution, angle, first),
+        revolutions=_joint_revolutions(samples, events, applied.loose, per_revolution),
+        impacts=_impact_distribution(events, applied.loose, begin_time, max(options.revolutions - first + 1, 1)),
+        eccentricity=eccentricity_band(samples, applied.loose, per_revolution, first),
+        periodicity=periodicity(vectors, per_revolution, min(applied.clearance(joint) for joint in applied.loose)),
+        first=first,
+    )
+
+
+def contacts(events: pd.DataFrame, joint: str) -> pd.DataFrame:
+    """The contacts of one joint, in order.
+
+    Parameters
+    ----------
+    events : DataFrame
+        Table `jointgap.tables.EVENTS` of one run.
+    joint : str
+        crank_pin, piston_pin or crank_pivot.
+
+    Returns
+    -------
+    DataFrame
+        begin, end [s], crank_angle at the beginning [rad], approach_speed [m/s], impulse [N s], peak_force [N], maxima of
+        the penetration. A contact that lasts to the end of the run has no end and none of the last three (NaN).
+    """
+    own = events[events["joint"] == joint]
+    begins, ends = (own[own["event"] == kind].reset_index(drop=True) for kind in ("impact", "separation"))
+    frame = begins[["time", "crank_angle", "approach_speed"]].rename(columns={"time": "begin"})
+    frame.insert(1, "end", ends["time"].reindex(frame.index))
+    return frame.assign(**{name: ends[name].reindex(frame.index) for name in _AT_SEPARATION})
+
+
+def time_shares(contact_frame: pd.DataFrame, begin: float, end: float) -> dict[str, float]:
+    """Shares of the time in which a joint is in flight, in an impact, in contact; 1 in all.
+
+    An impact is a contact whose penetration has one maximum at most.
+
+    Parameters
+    ----------
+    contact_frame : DataFrame
+        From `contacts`.
+    begin, end : float
+        Of the time that counts [s].
+    """
+    start, stop = contact_frame["begin"].to_numpy(), contact_frame["end"].fillna(np.inf).to_numpy()
+    length = np.clip(np.minimum(stop, end) - np.maximum(start, begin), 0.0, None) / (end - begin)
+    impacts = contact_frame["maxima"].to_numpy() <= 1  # NaN, a contact that has not ended, is none
+    impact, contact = float(length[impacts].sum()), float(length[~impacts].sum())
+    return {"flight": 1.0 - impact - contact, "impact": impact, "contact": contact}
+
+
+def _joint_revolutions(
+    samples: pd.DataFrame, events: pd.DataFrame, joints: Iterable[str], per_revolution: int
+) -> pd.DataFrame:
+    """What each joint does in each revolution: the table `jointgap.tables.JOINT_REVOLUTIONS`."""
+    rows, times = [], samples["time"].to_numpy()
+    for joint in joints:
+        frame, force = contacts(events, joint), samples[f"{joint}_normal_force"].to_numpy()
+        for number, first in enumerate(range(0, len(samples) - 1, per_revolution), 1):
+            begin, end = times[first], times[first + per_revolution]
+            began = frame[(frame["begin"] >= begin) & (frame["begin"] < end)]
+            ended = began[began["end"] <= end]
+            sampled_peak = force[first : first + per_revolution + 1].max()
+            rows.append(
+                {
+                    "revolution": number,
+                    "joint": joint,
+                    **{f"share_{mode}": share for mode, share in time_shares(frame, begin, end).items()},
+                    "contacts": len(began),
+                    "largest_approach_speed": began["approach_speed"].max(),
+                    "largest_impulse": ended["impulse"].max(),
+                    "peak_force": np.nanmax([sampled_peak, ended["peak_force"].max()]),
+                }
+            )
+    return pd.DataFrame(rows, columns=[column.name for column in tables.JOINT_REVOLUTIONS.columns])
+
+
+def _impact_distribution(events: pd.DataFrame, joints: Iterable[str], begin: float, revolutions: int) -> pd.DataFrame:
+    """How approach speeds, impulses and peak forces of contacts from `begin` [s] on, over so many revolutions, are distributed.
+
+    The table `jointgap.tables.IMPACT_DISTRIBUTION`.
+    """
+    rows = []
+    for joint in joints:
+        frame = contacts(events, joint)
+        frame = frame[frame["begin"] >= begin]
+        for name in ("approach_speed", "impulse", "peak_force"):
+            values = frame[name].dropna().to_numpy()
+            row = {"joint": joint, "quantity": name, "per_revolution": len(values) / revolutions}
+            if len(values):
+                row |= {"mean": values.mean(), "largest": values.max()}
+                row |= {key: np.quantile(values, share) for key, share in QUANTILES.items()}
+            rows.append(row)
+    return pd.DataFrame(rows, columns=[column.name for column in tables.IMPACT_DISTRIBUTION.columns])
+
+
+def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) -> np.ndarray:
+    """Clearance vector of a joint at the samples of a trajectory, (n, 2) [m], or its rate [m/s].
+
+    Zero where the centres coincide; there the rate, whose direction the table does not hold, is NaN unless it is zero.
+
+    Parameters
+    ----------
+    samples : DataFrame
+        Table `jointgap.tables.TRAJECTORY`.
+    joint : str
+    rates : bool
+        Whether the rate is asked for.
+    """
+    number = JOINT_NUMBERS[joint]
+    r, gamma = samples[f"r{number}"].to_numpy(), samples[f"gamma{number}"].to_numpy()
+    along = np.stack([np.cos(gamma), np.sin(gamma)], axis=1)
+    if not rates:
+        return np.where(r[:, None] == 0.0, 0.0, r[:, None] * along)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    speed, turning = samples[f"r{number}_dot"].to_numpy(), samples[f"gamma{number}_dot"].to_numpy()
+    at_rest = (r == 0.0) & (speed == 0.0)
+    return np.where(at_rest[:, None], 0.0, speed[:, None] * along + (r * turning)[:, None] * across)
+
+
+def journal_centre(samples: pd.DataFrame, mechanism: Mechanism, joint: str) -> np.ndarray:
+    """Centre of the journal seen from the centre of its bearing, along the fixed x and y, (n, 2) [m].
+
+    The clearance vector, turned round where the body at its end carries the bearing.
+
+    Parameters
+    ----------
+    samples : DataFrame
+        Table `jointgap.tables.TRAJECTORY`.
+    mechanism : Mechanism
+        Says which body carries the journal.
+    joint : str
+    """
+    carrier = mechanism.joint(joint).journal
+    return (1.0 if carrier == JOINT[joint].body else -1.0) * clearance_vectors(samples, joint)
+
+
+def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_revolution: int, first: int) -> pd.DataFrame:
+    """Distance of the centres over revolutions, by crank angle: the table `jointgap.tables.ECCENTRICITY`.
+
+    Parameters
+    ----------
+    samples : DataFrame
+        Table `jointgap.tables.TRAJECTORY`.
+    joints : iterable of str
+        The loose joints.
+    per_revolution : int
+        Samples per revolution.
+    first : int
+        First revolution that counts (1 = the first).
+    """
+    frames = []
+    angle = samples["crank_angle"].to_numpy()[:per_revolution]
+    for joint in joints:
+        r = samples[f"r{JOINT_NUMBERS[joint]}"].to_numpy()[:-1].reshape(-1, per_revolution)[first - 1 :]
+        low, high = np.quantile(r, [QUANTILES["low"], QUANTILES["high"]], axis=0)
+        columns = {"crank_angle": angle, "mean": r.mean(axis=0), "low": low, "high": high}
+        frames.append(pd.DataFrame({"joint": joint} | columns))
+    return pd.concat(frames, ignore_index=True)
+
+
+def poincare_section(
+    samples: pd.DataFrame, joints: Iterable[str], per_revolution: int, angle: float = 0.0, first: int = 1
+) -> pd.DataFrame:
+    """Clearance vectors and their rates at one crank angle of every revolution: `jointgap.tables.POINCARE_SECTION`.
+
+    Parameters
+    ----------
+    samples : DataFrame
+        Table `jointgap.tables.TRAJECTORY`.
+    joints : iterable of str
+        The loose joints.
+    per_revolution : int
+        Samples per revolution.
+    angle : float
+        Crank angle of the section [rad], anywhere in a revolution; the sample nearest to it is taken.
+    first : int
+        First revolution that counts (1 = the first).
+
+    Raises
+    ------
+    InputError
+        No revolution is left.
+    """
+    offset = (angle - samples["crank_angle"].iloc[0]) % (2.0 * np.pi)
+    row = round(offset / (2.0 * np.pi) * per_revolution) % per_revolution
+    chosen = samples.iloc[row + (first - 1) * per_revolution : -1 : per_revolution]
+    if chosen.empty:
+        revolutions = (len(samples) - 1) // per_revolution
+        raise InputError(
+            f"the section from revolution {first} on is empty, for there are {revolutions} revolutions; "
+            "simulate more, or begin earlier"
+        )
+    frames = []
+    for joint in joints:
+        place, rate = (clearance_vectors(chosen, joint, rates) for rates in (False, True))
+        columns = dict(zip(("x", "y", "x_dot", "y_dot"), np.hstack([place, rate]).T, strict=True))
+        numbers = {"revolution": first + np.arange(len(chosen)), "crank_angle": chosen["crank_angle"].to_numpy()}
+        frames.append(pd.DataFrame({"joint": joint} | numbers | columns))
+    return pd.concat(frames, ignore_index=True)[[column.name for column in tables.POINCARE_SECTION.columns]]
+
+
+def periodicity(vectors: ArrayLike, per_revolution: int, clearance: float) -> Periodicity:
+    """Compare the last n revolutions with the n before, for every n that there is room for.
+
+    Parameters
+    ----------
+    vectors : (n, d) array_like
+        Clearance vectors of all loose joints at samples uniform in crank angle [m].
+    per_revolution : int
+        Samples per revolution; n - 1 is a multiple of it.
+    clearance : float
+        Smallest clearance [m].
+
+    Raises
+    ------
+    InputError
+        Less than two revolutions.
+    """
+    vectors = np.asarray(vectors)
+    revolutions = (len(vectors) - 1) // per_revolution
+    if revolutions < 2:
+        raise InputError(f"a period cannot be told from {revolutions} revolution; simulate two or more that count")
+    distances = []
+    for n in range(1, revolutions // 2 + 1):
+        length = n * per_revolution
+        difference = vectors[-length - 1 :] - vectors[-2 * length - 1 : -length]
+        distances.append(np.linalg.norm(difference, axis=1).max())
+    return Periodicity(np.array(distances), clearance)

@@ -1,0 +1,389 @@
+"""Ensembles: every combination of varied values, each from several starts, written to Parquet while they are simulated.
+
+Memory does not grow with the number of runs.
+"""
+
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from jointgap import tables
+from jointgap.config import Mechanism, Scenario, Simulate, validate
+from jointgap.config.scenario import Runs
+from jointgap.dynamics.parallel_runs import Outcome, Run, crank_speeds, march_runs, rod_and_slider
+from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, MODES, mode_numbers
+from jointgap.dynamics.solver.initial_state import perturbed_start
+from jointgap.errors import InputError, did_you_mean
+from jointgap.joints import JOINTS
+from jointgap.quantities import to_si
+
+VARIED_BY_WORD = {"speed": "rad/s", "clearance": "m", "friction": "1", "restitution": "1"}
+"""What can be varied by a word, with its unit: the crank's speed, and the data of every loose joint."""
+
+ROWS = 50_000
+"""Rows that are gathered before they are written as one row group."""
+
+SAMPLES, EVENTS, RUNS = "samples.parquet", "events.parquet", "runs.parquet"
+"""Files of an ensemble in its folder."""
+
+_REPEATED = ("run", "time", "crank_angle", "crank_speed", "rod_deflection", "rod_deflection_dot")
+_VECTORS = ("r2_x", "r2_y", "r3_x", "r3_y")
+_PIVOT = ("r1_x", "r1_y")
+_CATEGORIES = {"joint": JOINTS, "event": tuple(EVENT_NAMES), **{f"{joint}_mode": MODES for joint in JOINTS}}
+
+_TYPES = {"bool": (bool, np.bool_), "int": (int, np.integer), "float": (float, np.floating), "text": (str,)}
+"""Types of varied values by the kind of their column; a bool is an int too, so it comes first."""
+
+_STORED = {"bool": bool, "int": int, "float": float, "text": str}
+
+
+def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterator[Run]:
+    """Every combination of the varied values, each from several starts, which are the same for all combinations.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    options : Simulate
+        Both as they are where nothing is varied.
+    runs : Runs
+        What is varied; a run carries its values by these names.
+
+    Raises
+    ------
+    InputError
+        No such key to vary, or an impossible value.
+    """
+    base = Scenario(mechanism=mechanism.applied(), simulate=options)
+    combinations = [
+        (with_values(base, dict(zip(runs.vary, values, strict=True)), "ensemble.vary"), values)
+        for values in itertools.product(*runs.vary.values())
+    ]
+    for scenario, values in combinations:
+        varied = {key: _stored_value(scenario, key, value) for key, value in zip(runs.vary, values, strict=True)}
+        starts = perturbed_starts(scenario.mechanism, runs.members, runs.perturbation, runs.seed)
+        for start in starts:
+            yield Run(scenario.mechanism, scenario.simulate, start, values=varied)
+
+
+def perturbed_starts(mechanism: Mechanism, members: int, size: float, seed: int) -> np.ndarray:
+    """Starting clearance vectors, (members, 6) [m]: zero first, then normally distributed in the loose joints.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    members : int
+    size : float
+        Standard deviation of a component [m].
+    seed : int
+    """
+    starts = np.random.default_rng(seed).normal(0.0, size, (members, 6))
+    starts[0] = 0.0
+    return perturbed_start(starts, mechanism.loose)
+
+
+def with_values(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:
+    """The scenario with other values.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With mechanism and simulate.
+    changes : dict
+        Values by word (`VARIED_BY_WORD`) or by path.
+    source : str
+        What to call them in errors.
+
+    Raises
+    ------
+    InputError
+        No such key, or an impossible value; the message names both.
+    """
+    data = {"mechanism": scenario.mechanism.model_dump(), "simulate": scenario.simulate.model_dump()}
+    for key, value in changes.items():
+        for path in _paths(data, key):
+            holder, last = _holder(data, path, key)
+            holder[last] = _value_in_place(holder, key, value)
+    words = ", ".join(f"{key} = {value}" for key, value in changes.items())
+    changed = validate(Scenario, data, f"{source}, {words}")
+    unread = [key for key in changes if key in ("speed", "simulate.speed")]
+    if unread and changed.simulate.drive.kind == "measured":
+        raise InputError(
+            f"ensemble.vary.{unread[0]}: a measured drive does not read simulate.speed; vary something else"
+        )
+    return changed
+
+
+def _paths(data: dict, key: str) -> list[tuple[str, ...]]:
+    """Where the value of `key` belongs."""
+    if key == "speed":
+        return [("simulate", "speed")]
+    if key in VARIED_BY_WORD:
+        joints = [name for name, joint in data["mechanism"]["joints"].items() if joint != "ideal" and joint["loose"]]
+        if not joints:
+            raise InputError(f"ensemble.vary.{key}: the mechanism has no loose joint to vary it in; make one loose")
+        inside = ("bearing_radius",) if key == "clearance" else ("contact", key)
+        return [("mechanism", "joints", joint, *inside) for joint in joints]
+    path = tuple(key.split("."))
+    if path[:2] == ("mechanism", "contacts"):
+        raise InputError(
+            f"ensemble.vary.{key}: contacts are copied into the joints; vary mechanism.joints.<joint>.contact.{path[-1]}"
+        )
+    if len(path) < 2:
+        raise InputError(
+            f"ensemble.vary.{key}: no such word; {did_you_mean(key, VARIED_BY_WORD)} Else give a path of keys"
+        )
+    return [path]
+
+
+def _holder(data: Any, path: tuple[str, ...], key: str) -> tuple[Any, Any]:
+    """The mapping that holds the end of `path`, and the key there.
+
+    Effects go by their name, or by name@site if listed twice.
+    """
+    for depth, step in enumerate(path):
+        entries = data if isinstance(data, dict) else {}
+        if isinstance(data, list | tuple):
+            names = [effect["name"] for effect in data]
+            entries = {
+                name if names.count(name) == 1 else f"{name}@{effect['site']}": effect
+                for name, effect in zip(names, data, strict=True)
+            }
+        if step not in entries:
+            place = ".".join(path[:depth]) or "the scenario"
+            folded = (
+                "; effects which only change data are folded in, so vary the key itself, such as mechanism.slider.mass"
+                if path[:depth] == ("mechanism", "effects")
+                else ""
+            )
+            raise InputError(
+                f"ensemble.vary.{key}: {place} has no '{step}'; {did_you_mean(step, map(str, entries))}{folded}"
+            )
+        if depth == len(path) - 1:
+            if isinstance(data, list | tuple):
+                raise InputError(
+                    f"ensemble.vary.{key}: names a whole effect; go on to a number, such as {key}.parameters.<name>"
+                )
+            return entries, step
+        data = entries[step]
+    raise AssertionError("a path has at least one step")
+
+
+def _value_in_place(holder: dict, key: str, value: Any) -> Any:
+    """The value as the scenario holds it: of a clearance the bearing's radius."""
+    if key != "clearance":
+        return value
+    try:
+        return holder["journal_radius"] + to_si(value, "m")
+    except ValueError as error:
+        raise InputError(f"ensemble.vary.clearance = {value!r}: {error}") from error
+
+
+def _stored_value(scenario: Scenario, key: str, value: Any) -> float | int | str | bool | None:
+    """What the table of runs says of a varied value: in SI, as the scenario understood it."""
+    data = {"mechanism": scenario.mechanism.model_dump(), "simulate": scenario.simulate.model_dump()}
+    holder, last = _holder(data, _paths(data, key)[0], key)
+    stored = holder[last]
+    if key == "clearance":
+        stored = float(f"{stored - holder['journal_radius']:.12g}")
+    return stored if isinstance(stored, float | int | str | bool | None) else str(value)
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was written of an ensemble.
+
+    Attributes
+    ----------
+    runs, steps, events : int
+        Their numbers.
+    reasons : dict of int to str
+        Why runs failed, by number.
+    """
+
+    runs: int
+    steps: int
+    events: int
+    reasons: Mapping[int, str]
+
+    @property
+    def failed(self) -> int:
+        """How many runs failed."""
+        return len(self.reasons)
+
+
+def write_ensemble(runs: Iterable[Run], folder: Path | str, workers: int | None = None) -> Written:
+    """Simulate runs and write their samples, events and what became of them to three Parquet files in `folder`.
+
+    The files are `SAMPLES`, `EVENTS` and `RUNS`, tables as in `jointgap.tables.ensemble_tables`, rows in order of the runs
+    whatever the number of workers. They appear when all is written. A run that fails is in the table of runs with its
+    reason, and has no samples.
+
+    Parameters
+    ----------
+    runs : iterable of Run
+        All with the same names of `values`.
+    folder : path
+    workers : int, optional
+        See `jointgap.dynamics.parallel_runs.march_runs`.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    places = [Path(folder) / name for name in (SAMPLES, EVENTS, RUNS)]
+    tables.check_writable(*places)
+    rows: list[dict] = []
+
+    def save_samples(samples_path: str) -> None:
+        def save_events(events_path: str) -> None:
+            _stream(runs, samples_path, events_path, workers, rows)
+            _write_runs(rows, places[2])  # inside, so that no samples appear without their runs
+
+        tables.write_whole(places[1], save_events)
+
+    tables.write_whole(places[0], save_samples)
+    reasons = {row["run"]: row["reason"] for row in rows if row["reason"]}
+    return Written(len(rows), sum(row["steps"] for row in rows), sum(row["events"] for row in rows), reasons)
+
+
+def _stream(runs: Iterable[Run], samples_path: str, events_path: str, workers: int | None, rows: list[dict]) -> None:
+    with _Rows(tables.ENSEMBLE_SAMPLES, samples_path) as samples, _Rows(tables.ENSEMBLE_EVENTS, events_path) as events:
+        for number, outcome in enumerate(march_runs(runs, workers)):
+            rows.append(_run_row(number, outcome))
+            if outcome.march is not None:
+                samples.add(_sample_columns(number, outcome))
+                events.add(_event_columns(number, outcome))
+
+
+def _run_row(number: int, outcome: Outcome) -> dict:
+    start = np.zeros(6)
+    if outcome.run.perturbation is not None:
+        given = np.asarray(outcome.run.perturbation, dtype=float).ravel()[:6]
+        start[: given.size] = given
+    names = [f"start_{name}" for name in (*_VECTORS, *_PIVOT)]
+    march = outcome.march
+    return {
+        "run": number,
+        "values": outcome.run.values,
+        **dict(zip(names, start, strict=True)),
+        "samples": len(march.times) if march else 0,
+        "events": len(march.events) if march else 0,
+        "steps": march.steps if march else 0,
+        "reason": str(outcome.error) if outcome.error else None,
+    }
+
+
+def _sample_columns(number: int, outcome: Outcome) -> dict[str, np.ndarray]:
+    """Columns of the table of samples for one run that did not fail; modes as places in `MODES`."""
+    p, march, n = outcome.parameters, outcome.march, len(outcome.crank_angle)
+    further = march.further
+    rod_angle, position = rod_and_slider(p, outcome.crank_angle, march.states, further)
+    modes = mode_numbers(p, march.times, march.modes, march.events)
+    return {
+        "run": np.full(n, number),
+        "time": march.times,
+        "crank_angle": outcome.crank_angle,
+        "crank_speed": crank_speeds(p, march.times, further),
+        **{name: march.states[:, i] for i, name in enumerate(_VECTORS)},
+        **{name: further[:, i] for i, name in enumerate(_PIVOT)},
+        **{f"{name}_dot": march.states[:, 4 + i] for i, name in enumerate(_VECTORS)},
+        **{f"{name}_dot": further[:, 4 + i] for i, name in enumerate(_PIVOT)},
+        "rod_deflection": further[:, 3],
+        "rod_deflection_dot": further[:, 7],
+        **{f"{joint}_bristle": further[:, 8 + i] for i, joint in enumerate(JOINTS)},
+        "rod_angle": rod_angle,
+        "slider_position": position,
+        **{f"{joint}_mode": modes[:, i] for i, joint in enumerate(JOINTS)},
+    }
+
+
+def _event_columns(number: int, outcome: Outcome) -> dict[str, np.ndarray]:
+    """Columns of the table of events for one run; joints and events as places in `JOINTS` and `EVENT_NAMES`."""
+    columns = dict(zip(EVENT, outcome.march.events.T, strict=True))
+    columns["joint"] = columns["joint"].astype(np.int8)
+    columns["event"] = columns.pop("begins").astype(np.int8)
+    return {"run": np.full(len(columns["event"]), number), **columns}
+
+
+class _Rows:
+    """A Parquet file that takes rows and writes them in large groups."""
+
+    def __init__(self, table: tables.Table, path: str):
+        self.table, self.schema = table, table.schema()
+        repeated = [c.name for c in table.columns if c.name in _REPEATED or c.kind != "float" or "bristle" in c.name]
+        split = {c.name: "BYTE_STREAM_SPLIT" for c in table.columns if c.name not in repeated}
+        self.writer = pq.ParquetWriter(
+            path,
+            self.schema,
+            compression="zstd",
+            compression_level=1,
+            use_dictionary=repeated,
+            column_encoding=split,
+            write_statistics=["run"],
+        )
+        self.waiting: list[dict[str, np.ndarray]] = []
+        self.rows = 0
+
+    def add(self, columns: dict[str, np.ndarray]) -> None:
+        """Take the rows of one run."""
+        self.waiting.append(columns)
+        self.rows += len(columns["run"])
+        if self.rows >= ROWS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what waits."""
+        if self.rows:
+            self.writer.write_table(
+                pa.Table.from_arrays([self._array(c) for c in self.table.columns], schema=self.schema)
+            )
+        self.waiting, self.rows = [], 0
+
+    def _array(self, column: tables.Column) -> pa.Array:
+        values = np.concatenate([columns[column.name] for columns in self.waiting])
+        if column.kind == "category":
+            return pa.DictionaryArray.from_arrays(pa.array(values), pa.array(_CATEGORIES[column.name]))
+        return pa.array(values, from_pandas=column.nullable)
+
+    def __enter__(self) -> "_Rows":
+        return self
+
+    def __exit__(self, kind: type | None, *_: object) -> None:
+        if kind is None:
+            self.flush()
+        self.writer.close()
+
+
+def _write_runs(rows: list[dict], path: Path) -> None:
+    values = {name: [row["values"].get(name) for row in rows] for name in (rows[0]["values"] if rows else {})}
+    varied = [_varied(name, own) for name, own in values.items()]
+    table = tables.ensemble_runs(varied)
+    frame = pd.DataFrame(rows, columns=[column.name for column in table.columns])
+    for column in varied:
+        absent, stored = np.nan if column.kind == "float" else None, _STORED[column.kind]
+        own = [absent if value is None else stored(value) for value in values[column.name]]
+        frame[column.name] = pd.Series(own, dtype=float if column.kind == "float" else object)
+    tables.write(table, frame, path)
+
+
+def _varied(name: str, values: list) -> tables.Column:
+    """The column of a varied value, of a kind that holds the values of all runs; numbers among words become words."""
+    kinds = {_kind(value) for value in values if value is not None}
+    if kinds <= {"int", "float"}:
+        # Only floats tell of no value in a frame.
+        kind = "int" if kinds == {"int"} and None not in values else "float"
+    else:
+        kind = kinds.pop() if len(kinds) == 1 else "text"
+    return tables.Column(name, VARIED_BY_WORD.get(name, ""), f"{name}, varied", kind, nullable=None in values)
+
+
+def _kind(value: object) -> str:
+    return next((kind for kind, types in _TYPES.items() if isinstance(value, types)), "text")
