@@ -26,7 +26,7 @@ ENTRY_MODULES = {
 
 @cache
 def imports_of(module: str) -> frozenset[str]:
-    """Modules of the package that `module` (dotted, without ``jointgap.``) imports, inside functions too."""
+    """Modules of the package that `module` (dotted, without ``jointgap.``) imports, inside functions and by name too."""
     found = set()
     for node in ast.walk(ast.parse(source_of(module).read_bytes())):
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "jointgap":
@@ -34,8 +34,8 @@ def imports_of(module: str) -> frozenset[str]:
             named = {".".join(filter(None, (base, alias.name))) for alias in node.names}
             found |= {name for name in (base, *named) if name and _exists(name)}
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith("jointgap."):
-            name = node.value.removeprefix("jointgap.")
-            found |= {name} if name.isascii() and _exists(name) else set()
+            for name in expanded(node.value.removeprefix("jointgap.")) if node.value.isascii() else ():
+                found |= {name} if _exists(name) else set()
     return frozenset(found | ({module.rpartition(".")[0]} - {""}))
 
 

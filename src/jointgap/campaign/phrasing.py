@@ -8,62 +8,30 @@ from jointgap.config.channels import CHANNELS
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import parameters_of
 from jointgap.report.plain_words import joined, number, with_error, with_unit
+from jointgap.slider_crank.sensor_faults import FAULTS
 
-_WORDS = {
-    "gravity": "the weight of the bodies",
-    "slider_coulomb_friction": "Coulomb friction of the slider",
-    "slider_viscous_friction": "viscous friction of the slider",
-    "slider_quadratic_drag": "quadratic drag of the slider",
-    "slider_load_friction": "friction of the slider in proportion to the load of its guide",
-    "slider_constant_force": "a constant force on the slider",
-    "slider_spring": "a spring on the slider",
-    "gas_pressure": "the pressure of a closed gas volume on the slider",
-    "harmonic_force": "a force on the slider that swings at a frequency of its own",
-    "pin_friction": "friction in the {site}",
-    "crank_coulomb_friction": "Coulomb friction of the crank",
-    "crank_viscous_friction": "viscous friction of the crank",
-    "crank_unbalance": "an unbalance of the crank",
-    "added_slider_mass": "a slider mass other than nominal",
-    "speed_fluctuation": "a drive whose speed fluctuates",
-    "slider_offset": "an offset of the slide",
-    "link_length_error": "other lengths of crank and rod",
-    "crank_pivot_clearance": "clearance in the crank pivot",
-    "crank_pin_clearance": "clearance in the crank pin",
-    "piston_pin_clearance": "clearance in the piston pin",
-    "rod_flexibility": "bending of the rod",
-    "lubricated_joint": "a film of lubricant in the {site}",
-    "encoder_offset": "an offset of the encoder",
-    "sensor_bias": "a bias of the sensor of {site}",
-    "sensor_gain": "a wrong gain of the sensor of {site}",
-    "sensor_lag": "a lag of the sensor of {site}",
-    "discovered_slider_force": "a force on the slider that follows a formula found by regression",
-    "discovered_crank_torque": "a torque on the crank that follows a formula found by regression",
-}
 _OF_CHANNEL = "as the channel"
-_FAULTS = {
-    "encoder_offset": {"offset_rad": "rad"},
-    "sensor_bias": {"bias": _OF_CHANNEL},
-    "sensor_gain": {"gain_error": "1"},
-    "sensor_lag": {"lag_s": "s"},
-}
-"""Faults of sensors, with the units of their parameters."""
 
 
 def effect_in_words(effect: Mapping[str, Any]) -> str:
     """``Coulomb friction of the slider`` of an effect of a verdict; its name where nothing is known of it."""
-    words = _WORDS.get(effect["name"], effect["name"].replace("_", " "))
-    return words.format(site=effect["site"].replace("_", " "))
+    return _words(effect["name"]).format(site=effect["site"].replace("_", " "))
+
+
+def _words(name: str) -> str:
+    known = EFFECTS[name].WORDS if name in EFFECTS else FAULTS[name].words if name in FAULTS else ""
+    return known or name.replace("_", " ")
 
 
 def label_in_words(label: str) -> str:
     """The same of a label, ``sensor_bias:crank_torque``."""
     name, _, site = label.partition(":")
-    return effect_in_words({"name": name, "site": site}) if site or "{site}" not in _WORDS.get(name, "") else name
+    return effect_in_words({"name": name, "site": site}) if site or "{site}" not in _words(name) else name
 
 
 def is_fault(effect: Mapping[str, Any]) -> bool:
     """Whether an effect of a verdict is a fault of a sensor: it acts on what is read, not on the motion."""
-    return effect["name"] in _FAULTS
+    return effect["name"] in FAULTS
 
 
 def explanation_in_words(effects: Sequence[Mapping[str, Any]]) -> str:
@@ -81,7 +49,9 @@ def _values(effect: Mapping[str, Any]) -> str:
 
 @cache
 def _units(name: str) -> dict[str, str]:
-    return {p.name: p.unit for p in parameters_of(EFFECTS[name])} if name in EFFECTS else _FAULTS.get(name, {})
+    if name in FAULTS:
+        return {FAULTS[name].parameter: FAULTS[name].unit or _OF_CHANNEL}
+    return {p.name: p.unit for p in parameters_of(EFFECTS[name])} if name in EFFECTS else {}
 
 
 def unit_of(name: str, site: str, parameter: str) -> str:

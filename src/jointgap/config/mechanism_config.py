@@ -6,24 +6,13 @@ from typing import Any
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from jointgap.config.applied_effects import apply_effects, changes_data
 from jointgap.config.config_errors import complaints
 from jointgap.config.joint_config import Contact, Joint, Joints
-from jointgap.effects import AnyEffect, Effect
+from jointgap.effects import AnyEffect
 from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import FROM_FRAME
 from jointgap.quantities import Angle, Length, NonNegativeLength, PositiveInertia, PositiveLength, PositiveMass
 from jointgap.section import Section
-
-LEAST_FILM_SHARE = 0.5
-"""Largest share of the clearance at which asperities may touch; beyond it there is no bearing to speak of."""
-
-BENDING_COUPLING = 8 / (math.pi**2 - 8)
-"""The mode sin(pi s / l) of a uniform beam of mass m takes the moment of inertia m b^2 times this from a rod that turns about
-its mass centre at the distance b from midspan: 2 k^2 / (1 - 2 k^2) with the mode's mean k = 2 / pi."""
-
-LEAST_INERTIA_SHARE = 0.5
-"""Share of rod.inertia that bending has to leave: a rod whose mass centre is farther off is no uniform beam."""
 
 
 class Link(Section):
@@ -103,43 +92,12 @@ class Mechanism(Section):
         for name, place in places:
             if places.count((name, place)) > 1:
                 raise ValueError(f"effects: {name} at {place} is listed more than once; add its parameters up in one")
-        if any(changes_data(self, effect) for effect in self.effects):
+        if any(effect.changes_data(self) for effect in self.effects):
             self.applied()  # complains itself, and checks the rest
             return self
         for effect in self.effects:
-            self._check_pin(effect)
-        if self.effect("rod_flexibility"):
-            self._check_rod()
+            effect.check(self)
         return self
-
-    def _check_rod(self) -> None:
-        """Whether the rod is near enough to the uniform beam as which it bends."""
-        rod = self.rod
-        lost = BENDING_COUPLING * rod.mass * (rod.mass_centre - rod.length / 2) ** 2
-        if lost > (1 - LEAST_INERTIA_SHARE) * rod.inertia:
-            farthest = math.sqrt((1 - LEAST_INERTIA_SHARE) * rod.inertia / (BENDING_COUPLING * rod.mass))
-            raise ValueError(
-                f"effects: rod_flexibility is the law of a uniform beam, of which rod.mass_centre {rod.mass_centre:g} m is too far from "
-                f"the middle: bending leaves {rod.inertia - lost:.3g} of rod.inertia {rod.inertia:g} kg m^2, less than "
-                f"{LEAST_INERTIA_SHARE:g} of it; put the mass centre within {farthest:.3g} m of {rod.length / 2:g} m, or leave the effect out"
-            )
-
-    def _check_pin(self, effect: Effect) -> None:
-        """Whether the pin at which `effect` acts has what it needs."""
-        where = f"effects: {effect.name} at {effect.place}"
-        if effect.name == "pin_friction" and self.joint(effect.site) is None:
-            raise ValueError(
-                f"{where} needs the joint's journal_radius; write the joint as a mapping, with 'loose: false' to stay ideal"
-            )
-        if effect.name != "lubricated_joint":
-            return
-        if effect.site not in self.loose:
-            raise ValueError(f"{where} needs a loose joint, for a film needs a clearance; make it loose")
-        thinnest, clearance = effect.parameters.least_film_m, self.clearance(effect.site)
-        if thinnest > LEAST_FILM_SHARE * clearance:
-            raise ValueError(
-                f"{where}: least_film_m {thinnest:g} m is more than {LEAST_FILM_SHARE:g} of the clearance {clearance:g} m; lower it"
-            )
 
     def joint(self, name: str) -> Joint | None:
         """The data of the joint `name`; None where it is the bare word ideal."""
@@ -178,13 +136,17 @@ class Mechanism(Section):
         InputError
             The changed data are impossible; the message names the effects.
         """
-        data = apply_effects(self)
+        data = self.model_dump()
+        folded = [effect for effect in self.effects if effect.changes_data(self)]
+        data["effects"] = [effect.model_dump() for effect in self.effects if effect not in folded]
+        for effect in folded:
+            effect.apply(data)
         try:
             return Mechanism.model_validate(data)
         except ValidationError as error:
-            names = ", ".join(effect.name for effect in self.effects if changes_data(self, effect))
-            told = "; ".join(complaints(error, Mechanism))
-            raise InputError(f"with the effects {names}: {told}" if names else told) from error
+            names = ", ".join(effect.name for effect in folded)
+            problems = "; ".join(complaints(error, Mechanism))
+            raise InputError(f"with the effects {names}: {problems}" if names else problems) from error
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
         """The mechanism with other link lengths [m]; mass centres keep their share, masses and inertias stay."""

@@ -6,7 +6,7 @@ from decimal import Decimal, InvalidOperation
 from typing import Any, NamedTuple
 
 from jointgap.config.mechanism_config import Mechanism
-from jointgap.effects.joint_and_rod_effects import LEAST_CLEARANCE
+from jointgap.effects.joint_clearance import LEAST_CLEARANCE
 from jointgap.errors import did_you_mean
 from jointgap.joints import PINS
 from jointgap.quantities import refuse_comma, to_si

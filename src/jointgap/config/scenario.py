@@ -149,13 +149,14 @@ def check_drive(mechanism: Mechanism, options: Simulate) -> None:
     Raises
     ------
     InputError
-        A prescribed fluctuation of a speed that is not prescribed, or otherwise.
+        One that goes with another kind of drive alone, such as a fluctuation of a speed that is not prescribed.
     """
-    if mechanism.effect("speed_fluctuation") and options.drive.kind != "constant":
-        raise InputError(
-            f"mechanism.effects: speed_fluctuation goes with simulate.drive.kind constant alone, not with "
-            f"{options.drive.kind}, whose speed is not prescribed so; leave out one of them"
-        )
+    for effect in mechanism.effects:
+        if effect.DRIVE not in ("", options.drive.kind):
+            raise InputError(
+                f"mechanism.effects: {effect.name} goes with simulate.drive.kind {effect.DRIVE} alone, not with "
+                f"{options.drive.kind}, whose speed is not prescribed so; leave out one of them"
+            )
 
 
 class Surrogate(Section):

@@ -1,67 +1,31 @@
-"""The catalogue of physical effects: laws, parameters with units and bounds, references."""
+"""The catalogue of physical effects: one page each, found by itself; docs/extending.md adds one step by step."""
 
+import pkgutil
+from functools import reduce
+from importlib import import_module
+from operator import or_
 from typing import Annotated
 
 from pydantic import Field
 
-from jointgap.effects.crank_effects import CrankCoulombFriction, CrankUnbalance, CrankViscousFriction, SpeedFluctuation
-from jointgap.effects.discovered import DiscoveredCrankTorque, DiscoveredSliderForce
-from jointgap.effects.effect import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED, Effect
-from jointgap.effects.joint_and_rod_effects import (
-    CrankPinClearance,
-    CrankPivotClearance,
-    Gravity,
-    LinkLengthError,
-    LubricatedJoint,
-    PinFriction,
-    PistonPinClearance,
-    RodFlexibility,
-)
-from jointgap.effects.slider_effects import (
-    AddedSliderMass,
-    GasPressure,
-    HarmonicForce,
-    SliderConstantForce,
-    SliderCoulombFriction,
-    SliderLoadFriction,
-    SliderOffset,
-    SliderQuadraticDrag,
-    SliderSpring,
-    SliderViscousFriction,
-)
+from jointgap.effects.base import CRANK_SIGN_SPEED, GROUPS, SLIDER_SIGN_SPEED, Effect
 
-AnyEffect = Annotated[
-    Gravity
-    | SliderCoulombFriction
-    | SliderViscousFriction
-    | SliderQuadraticDrag
-    | SliderLoadFriction
-    | SliderConstantForce
-    | SliderSpring
-    | GasPressure
-    | HarmonicForce
-    | PinFriction
-    | CrankCoulombFriction
-    | CrankViscousFriction
-    | CrankUnbalance
-    | AddedSliderMass
-    | SpeedFluctuation
-    | SliderOffset
-    | LinkLengthError
-    | CrankPivotClearance
-    | CrankPinClearance
-    | PistonPinClearance
-    | RodFlexibility
-    | LubricatedJoint
-    | DiscoveredSliderForce
-    | DiscoveredCrankTorque,
-    Field(discriminator="name"),
-]
-"""One effect of a mechanism file, told from the others by its name."""
+PAGES = "jointgap.effects.*"
+"""The modules of which the catalogue is made, for those who follow imports."""
 
-EFFECTS: dict[str, type[Effect]] = {
-    effect.model_fields["name"].annotation.__args__[0]: effect for effect in AnyEffect.__args__[0].__args__
-}
+
+def _pages(base: type[Effect]) -> list[type[Effect]]:
+    """`base` and all that is derived from it, as far as these are pages."""
+    return [page for child in base.__subclasses__() for page in _pages(child)] + [base] * ("NAME" in vars(base))
+
+
+for _module in pkgutil.iter_modules(__path__):
+    import_module(f"{__name__}.{_module.name}")
+
+EFFECTS: dict[str, type[Effect]] = {page.NAME: page for page in sorted(_pages(Effect), key=lambda page: page.ORDER)}
 """Every effect by its name, in the order of the catalogue."""
 
-__all__ = ["CRANK_SIGN_SPEED", "EFFECTS", "SLIDER_SIGN_SPEED", "AnyEffect", "Effect"]
+AnyEffect = Annotated[reduce(or_, EFFECTS.values()), Field(discriminator="name")]
+"""One effect of a mechanism file, identified by its name."""
+
+__all__ = ["CRANK_SIGN_SPEED", "EFFECTS", "GROUPS", "SLIDER_SIGN_SPEED", "AnyEffect", "Effect"]

@@ -4,7 +4,7 @@ from typing import NamedTuple, get_args
 
 from pydantic_core import PydanticUndefined
 
-from jointgap.effects.effect import Effect
+from jointgap.effects.base import Effect
 
 _SIGNS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 

@@ -7,9 +7,8 @@ variable of a formula: a force in proportion to it is the effect ``added_slider_
 
 import numpy as np
 
-from jointgap.effects import SLIDER_SIGN_SPEED
+from jointgap.effects.base import SLIDER_SIGN_SPEED, MotionScale
 from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.slider_crank.candidates import Scale
 from jointgap.slider_crank.model import SliderCrankModel
 
 
@@ -27,7 +26,7 @@ def library(model: SliderCrankModel) -> tuple[Candidate, ...]:
         Called ``effect[term]``, such as ``discovered_slider_force[v^3]``; the one coordinate is the term's ``coefficient``.
     """
     mean_speed = float(np.mean([plan.samples.speed for plan in model.plans.values()]))
-    scale = Scale.of(model.campaign.mechanism, mean_speed)
+    scale = MotionScale.of(model.campaign.mechanism, mean_speed)
     stroke, speed, turning = scale.stroke, scale.speed, scale.turning
     y = f"(x - {scale.middle!r})"
     sign = f"tanh(v/{SLIDER_SIGN_SPEED!r})"

@@ -8,8 +8,9 @@ import numpy as np
 
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS
+from jointgap.effects.base import FitContext, MotionScale
 from jointgap.identification.protocol import Candidate, Effects, Parameter, Series
-from jointgap.slider_crank.candidates import Scale, physical_candidates
+from jointgap.slider_crank.candidates import physical_candidates
 from jointgap.slider_crank.chaotic_channels import (
     chaotic_channels,
     chaotic_run,
@@ -115,12 +116,15 @@ class SliderCrankModel:
             for name in read
             if name != "crank_angle"
         }
-        scale = Scale.of(self.campaign.mechanism, turning)
-        nuisances = {p.name: p for p in self.nuisances if p.run is None}
-        constant = self.campaign.drive == "constant_speed"
-        physical = physical_candidates(
-            self.campaign.mechanism, scale, nuisances, constant, 1.37 * turning / TURN, tuple(self.plans)
+        context = FitContext(
+            self.campaign.mechanism,
+            MotionScale.of(self.campaign.mechanism, turning),
+            {p.name: p for p in self.nuisances if p.run is None},
+            self.campaign.drive == "constant_speed",
+            1.37 * turning / TURN,
+            tuple(self.plans),
         )
+        physical = physical_candidates(context)
         return (*physical, *sensor_candidates(spreads, "crank_angle" in self.campaign.channels, turning))
 
     def simulate(

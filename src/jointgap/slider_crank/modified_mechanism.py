@@ -1,6 +1,5 @@
 """A mechanism with other values of its nuisances and with effects, as a simulation and a mechanism file see it."""
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,11 +9,7 @@ from jointgap.errors import InputError
 from jointgap.identification.protocol import Candidate
 from jointgap.joints import PINS
 
-LEAST_COMPLIANCE = 2.8e-9
-"""1 / (2 pi nu)^2 [s^2] of a rod that bends at 3 kHz: one that is stiffer follows its load as a spring does."""
-
-_FOUND = "discovered_"
-_OPPOSITE = re.compile(r"\b(theta|w)\b", re.ASCII)  # variables of a formula that have the other sign behind
+_DISCOVERED = "discovered_"
 
 
 def friction_speed(mechanism: Mechanism) -> float | None:
@@ -83,12 +78,11 @@ def with_effects(mechanism: Mechanism, effects: Sequence[tuple[Candidate, Mappin
     for candidate, values in effects:
         if candidate.sensor:
             continue
-        if candidate.name.startswith(_FOUND):
+        if candidate.name.startswith(_DISCOVERED):
             formulas.setdefault(candidate.name.partition("[")[0], []).append((candidate, values))
-        elif candidate.name == "pin_friction" or any(
+        elif EFFECTS[candidate.name].ACTS_AT_ZERO or any(
             value for key, value in values.items() if key in _names(candidate)
         ):
-            # without size an effect is absent, but friction in one of two pins stands for this pin's even where it is nominal
             added.append(_effect(candidate.name, candidate.site, candidate.parameters(values)))
     added += [_formula(name, terms) for name, terms in formulas.items()]
     return mechanism.model_copy(update={"effects": (*mechanism.effects, *added)})
@@ -117,15 +111,16 @@ def _formula(name: str, terms: Sequence[tuple[Candidate, Mapping[str, float]]]) 
     return _effect(name, "", {"formula": " + ".join(parts), "coefficients": coefficients})
 
 
-def softened(effects: Sequence[tuple[Candidate, Mapping[str, float]]]) -> tuple[list, float]:
-    """Effects in which a rod stiffer than can be simulated is at the limit, and what share of that limit's effect it has."""
-    share, found = 1.0, []
+def simulated_effects(effects: Sequence[tuple[Candidate, Mapping[str, float]]]) -> tuple[list, list, float]:
+    """Effects as they can be simulated, those that can be as they are, and what share of the others' effect acts."""
+    limited, exact, share = [], [], 1.0
     for candidate, values in effects:
-        if candidate.name == "rod_flexibility" and 0.0 < values["compliance_s2"] < LEAST_COMPLIANCE:
-            share = values["compliance_s2"] / LEAST_COMPLIANCE
-            values = {**values, "compliance_s2": LEAST_COMPLIANCE}
-        found.append((candidate, values))
-    return found, share
+        page = EFFECTS.get(candidate.name)
+        nearest, part = page.simulated(values) if page and not candidate.sensor else (values, 1.0)
+        limited.append((candidate, nearest))
+        exact += [(candidate, values)] if part == 1.0 else []
+        share *= part
+    return limited, exact, share
 
 
 def augmented_mechanism(
@@ -161,19 +156,8 @@ def _own(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def mirrored(mechanism: Mechanism) -> Mechanism:
-    """A mechanism whose effects are applied as seen from behind, where a clockwise crank turns counter-clockwise."""
-    turned = {"crank_unbalance": "angle_rad", "speed_fluctuation": "phase_rad"}
-    effects = []
-    for effect in mechanism.effects:
-        if key := turned.get(effect.name):
-            own = effect.parameters.model_copy(update={key: -getattr(effect.parameters, key)})
-            effect = effect.model_copy(update={"parameters": own})
-        elif effect.name.startswith(_FOUND):
-            formula = _OPPOSITE.sub(r"(-\1)", effect.parameters.formula)
-            formula = f"-({formula})" if effect.name == "discovered_crank_torque" else formula
-            effect = effect.model_copy(update={"parameters": effect.parameters.model_copy(update={"formula": formula})})
-        effects.append(effect)
+    """A mechanism as seen from behind, where a clockwise crank turns counter-clockwise: its mirror image in the line y = 0."""
     slider = mechanism.slider.model_copy(update={"offset": -mechanism.slider.offset})
-    return mechanism.model_copy(
-        update={"slider": slider, "gravity_direction": -mechanism.gravity_direction, "effects": tuple(effects)}
-    )
+    effects = tuple(effect.mirrored() for effect in mechanism.effects)
+    update = {"slider": slider, "gravity_direction": -mechanism.gravity_direction, "effects": effects}
+    return mechanism.model_copy(update=update)

@@ -82,18 +82,3 @@ def of_run(
 
 def _parameter(name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None) -> Parameter:
     return Parameter(name, nominal, low, high, _STEP * (high - low), unit, run)
-
-
-def replaced_by(effect: str, site: str, nuisances: Mapping[str, Parameter]) -> dict[str, str]:
-    """Nuisances that are the parameter of an effect, and the effect's size that stands for each."""
-    own = {
-        "added_slider_mass": {"slider_mass": "mass_kg"},
-        "link_length_error": {"crank_length": "crank_m", "rod_length": "rod_m"},
-        "pin_friction": {f"joint_friction_{site}": "change", "joint_friction": "change"},
-    }.get(effect, {effect: "change_m"})  # crank_pin_clearance and piston_pin_clearance are called alike
-    return {name: size for name, size in own.items() if name in nuisances}
-
-
-def other_pins(mechanism: Mechanism, pin: str) -> tuple[str, ...]:
-    """The loose pins besides `pin`."""
-    return tuple(other for other in PINS if other != pin and other in mechanism.loose)

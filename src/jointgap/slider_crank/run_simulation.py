@@ -11,7 +11,7 @@ from jointgap.identification.protocol import Effects
 from jointgap.slider_crank import driven_run as drives
 from jointgap.slider_crank import sensors
 from jointgap.slider_crank.channel_kinematics import observed, tolerance_for
-from jointgap.slider_crank.modified_mechanism import mirrored, softened, with_effects, with_nuisances
+from jointgap.slider_crank.modified_mechanism import mirrored, simulated_effects, with_effects, with_nuisances
 from jointgap.slider_crank.other_numerics import otherwise
 from jointgap.slider_crank.sample_grid import TURN, SampleGrid
 from jointgap.slider_crank.sensor_faults import Faults
@@ -71,12 +71,11 @@ def channels_read(
     InputError, SimulationError
         These values cannot be simulated.
     """
-    effects, share = softened(effects)
+    effects, without, share = simulated_effects(effects)
     read = _read_once(campaign, plan, values, effects, numerics, perturbation)
     if share < 1.0:
-        without = [one for one in effects if one[0].name != "rod_flexibility"]
-        rigid = _read_once(campaign, plan, values, without, numerics, perturbation)
-        read = {channel: rigid[channel] + share * (read[channel] - rigid[channel]) for channel in read}
+        rest = _read_once(campaign, plan, values, without, numerics, perturbation)
+        read = {channel: rest[channel] + share * (read[channel] - rest[channel]) for channel in read}
     return read
 
 
@@ -111,7 +110,7 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, 
         return {"crank_angle": driven.angles + faults.offset}
     corners = [one.bandwidth for one in sensor.values() if one.bandwidth]
     angles, grid = driven.angles, np.empty(0)
-    if corners or any(faults.lag(channel) for channel in sensor):
+    if corners or any(map(faults.need_grid, sensor)):
         grid = _grid(plan, driven, corners)
         angles = np.append(angles, driven.at(grid))
     seen = observed(driven.numbers, angles, tolerance, perturbation)
@@ -127,15 +126,15 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, 
             values = -values
         if one.reads_gravity:
             values = values + sensors.gravity_read(channel, campaign.mechanism.gravity_direction)
-        values = faults.gain(channel) * values
-        read, fine, lag = values[:count], values[count:], faults.lag(channel)
+        values = faults.before_filter(channel, values)
+        read, fine = values[:count], values[count:]
         if one.bandwidth:
             fine = sensors.low_pass(fine, grid[1] - grid[0], one.bandwidth, one.filter == "causal")
             read = sensors.at_times(elapsed, grid, fine)
-        if lag:
-            late = sensors.lagged(fine, grid[1] - grid[0], lag) - fine
+        if faults.need_grid(channel):
+            late = faults.over_time(channel, fine, grid[1] - grid[0]) - fine
             read = read + sensors.at_times(elapsed, grid, late)
-        found[channel] = read + faults.bias(channel)
+        found[channel] = faults.after_filter(channel, read)
     return found
 
 

@@ -1,13 +1,117 @@
-"""Faults of sensors as effects that could be missing."""
+"""Faults of sensors as effects that could be missing: one record each in `FAULTS`."""
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.slider_crank.candidates import size
+from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude
+from jointgap.identification.protocol import Candidate
+from jointgap.slider_crank.sensors import lagged
 
-_SHARE = 0.02
+
+class Reading(NamedTuple):
+    """What the sensor of a channel reads: standard deviation in its SI `unit`, while the crank turns at `turning` [rad/s]."""
+
+    spread: float
+    unit: str
+    turning: float
+
+
+@dataclass(frozen=True)
+class SensorFault:
+    """One way in which a sensor can err, by one parameter.
+
+    Attributes
+    ----------
+    name, words : str
+        As a verdict states it, and what it calls it; words may hold ``{site}``.
+    parameter, unit : str
+        SI; empty for the unit of the channel.
+    bounds : function
+        From a `Reading` to step, low and high of the parameter in a fit.
+    trial : function
+        From a rig of the blind trials and a channel to the parameter to begin with, and the largest.
+    steady : bool
+        Whether a reading that does not change shows it too.
+    either_sign : bool
+        Whether the parameter may be negative in a blind trial.
+    before_filter, after_filter : function, optional
+        From readings (n,) before or after the sensor's low-pass, and the parameter, to those with the fault.
+    over_time : function, optional
+        The same of filtered readings on a grid, with its interval [s] in between.
+    """
+
+    name: str
+    parameter: str
+    unit: str
+    words: str
+    bounds: Callable[[Reading], tuple[float, float, float]]
+    trial: Callable[[Any, str], tuple[float, float]]
+    steady: bool = False
+    either_sign: bool = True
+    before_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
+    after_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
+    over_time: Callable[[np.ndarray, float, float], np.ndarray] | None = None
+
+    def candidate(self, site: str, reading: Reading) -> Candidate:
+        """The fault at a `site`, a channel or the encoder, whose `reading` sets the steps of a fit."""
+        step, low, high = self.bounds(reading)
+        coordinate = amplitude(self.parameter, step, self.unit or reading.unit, low, high)
+        has_site = self.name != ENCODER_OFFSET
+        return Candidate(self.name, site, (coordinate,), (self.parameter,), sensor=True, has_site=has_site)
+
+
+ENCODER_OFFSET = "encoder_offset"
+"""The fault of the one sensor that reads the crank angle, on which the motion is laid: it has no channel to choose."""
+
+_INF = math.inf
+
+FAULTS = {
+    fault.name: fault
+    for fault in (
+        SensorFault(
+            ENCODER_OFFSET,
+            "offset_rad",
+            "rad",
+            "an offset of the encoder",
+            bounds=lambda reading: (2e-3, -math.pi, math.pi),
+            trial=lambda rig, channel: (0.005, 0.5),
+        ),
+        SensorFault(
+            "sensor_bias",
+            "bias",
+            "",
+            "a bias of the sensor of {site}",
+            bounds=lambda reading: (DETECTABLE_SHARE * (reading.spread or 1.0), -_INF, _INF),
+            trial=lambda rig, channel: (0.1 * rig.spread[channel], _INF),
+            steady=True,
+            after_filter=lambda values, bias: values + bias,
+        ),
+        SensorFault(
+            "sensor_gain",
+            "gain_error",
+            "1",
+            "a wrong gain of the sensor of {site}",
+            bounds=lambda reading: (DETECTABLE_SHARE, -0.9, 9.0),
+            trial=lambda rig, channel: (0.05, 1.0),
+            before_filter=lambda values, error: (1.0 + error) * values,
+        ),
+        SensorFault(
+            "sensor_lag",
+            "lag_s",
+            "s",
+            "a lag of the sensor of {site}",
+            bounds=lambda reading: (DETECTABLE_SHARE / reading.turning, 0.0, 1.0 / reading.turning),
+            trial=lambda rig, channel: (0.02 / rig.speed, 0.02),
+            either_sign=False,
+            over_time=lambda values, interval, lag: lagged(values, interval, lag) if lag else values,
+        ),
+    )
+}
+"""Every fault by its name, in the order in which a fit tries them."""
 
 
 def sensor_candidates(spreads: Mapping[str, tuple[float, str]], encoder: bool, turning: float) -> list[Candidate]:
@@ -22,58 +126,62 @@ def sensor_candidates(spreads: Mapping[str, tuple[float, str]], encoder: bool, t
     turning : float
         Crank's speed [rad/s].
     """
-    found = []
-    if encoder:
-        found.append(
-            Candidate(
-                "encoder_offset",
-                "sensor",
-                (size("offset_rad", 2e-3, "rad", -np.pi, np.pi),),
-                ("offset_rad",),
-                sensor=True,
-            )
-        )
-    for channel, (spread, unit) in spreads.items():
-        if spread == 0.0:  # of a steady reading a bias is all that can be told
-            found.append(_fault("sensor_bias", channel, size("bias", _SHARE, unit)))
-            continue
-        found.append(_fault("sensor_bias", channel, size("bias", _SHARE * spread, unit)))
-        found.append(_fault("sensor_gain", channel, size("gain_error", _SHARE, "1", -0.9, 9.0)))
-        found.append(_fault("sensor_lag", channel, size("lag_s", _SHARE / turning, "s", 0.0, 1.0 / turning)))
-    return found
-
-
-def _fault(name: str, channel: str, coordinate: Parameter) -> Candidate:
-    return Candidate(name, channel, (coordinate,), (coordinate.name,), sensor=True, has_site=True)
+    at_encoder = [FAULTS[ENCODER_OFFSET].candidate("sensor", Reading(0.0, "rad", turning))] if encoder else []
+    return at_encoder + [
+        fault.candidate(channel, Reading(spread, unit, turning))
+        for channel, (spread, unit) in spreads.items()
+        for fault in FAULTS.values()
+        if fault.name != ENCODER_OFFSET and (fault.steady or spread > 0.0)
+    ]
 
 
 class Faults:
-    """The faults of sensors among effects: what they are by channel.
+    """The faults of sensors among effects, by channel.
 
     Parameters
     ----------
     effects : iterable of (Candidate, mapping)
     mirrored : bool
         Whether the crank turns clockwise, so that angles are seen from behind.
+
+    Attributes
+    ----------
+    offset : float
+        What the encoder reads too much [rad].
     """
 
-    def __init__(self, effects: Iterable[tuple[Candidate, Mapping[str, float]]], mirrored: bool = False):
+    def __init__(self, effects: Iterable[tuple[Candidate, Values]], mirrored: bool = False):
         self.offset = 0.0
-        self._found: dict[tuple[str, str], float] = {}
+        self._faults: list[tuple[SensorFault, str, float]] = []
         for candidate, values in effects:
-            if candidate.name == "encoder_offset":
+            if candidate.name == ENCODER_OFFSET:
                 self.offset = -values["offset_rad"] if mirrored else values["offset_rad"]
             elif candidate.sensor:
-                self._found[candidate.name, candidate.site] = values[candidate.amplitudes[0]]
+                self._faults.append((FAULTS[candidate.name], candidate.site, values[candidate.amplitudes[0]]))
 
-    def bias(self, channel: str) -> float:
-        """What is added to a reading [unit]."""
-        return self._found.get(("sensor_bias", channel), 0.0)
+    def _of(self, channel: str, when: str) -> list[tuple[Callable, float]]:
+        """Functions that act on a channel at one place of its way, with their parameters."""
+        own = [(getattr(fault, when), value) for fault, site, value in self._faults if site == channel]
+        return [(act, value) for act, value in own if act is not None]
 
-    def gain(self, channel: str) -> float:
-        """What a reading is multiplied by."""
-        return 1.0 + self._found.get(("sensor_gain", channel), 0.0)
+    def need_grid(self, channel: str) -> bool:
+        """Whether readings of a channel have to be known in between."""
+        return any(value for _, value in self._of(channel, "over_time"))
 
-    def lag(self, channel: str) -> float:
-        """Time constant [s] of a reading; 0 for none."""
-        return self._found.get(("sensor_lag", channel), 0.0)
+    def before_filter(self, channel: str, values: np.ndarray) -> np.ndarray:
+        """Readings (n,) of a `channel` with the faults before its low-pass, from `values` [unit] without."""
+        for act, value in self._of(channel, "before_filter"):
+            values = act(values, value)
+        return values
+
+    def over_time(self, channel: str, values: np.ndarray, interval: float) -> np.ndarray:
+        """Filtered readings (n,) of a `channel` with faults that last, from `values` every `interval` [s] without."""
+        for act, value in self._of(channel, "over_time"):
+            values = act(values, interval, value)
+        return values
+
+    def after_filter(self, channel: str, values: np.ndarray) -> np.ndarray:
+        """Readings (n,) of a `channel` with the faults after its low-pass, from `values` [unit] without."""
+        for act, value in self._of(channel, "after_filter"):
+            values = act(values, value)
+        return values

@@ -4,11 +4,14 @@ One number is the size, zero where the effect is absent; what else an effect has
 drawn once and stays.
 """
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+
+from jointgap.effects import EFFECTS, Effect
+from jointgap.effects.base import LARGEST_SIZE, TrialContext, TrialSize, random_sign
+from jointgap.slider_crank.sensor_faults import ENCODER_OFFSET, FAULTS, SensorFault
 
 Parameters = dict[str, float]
 
@@ -76,153 +79,41 @@ class Hidden:
         if self.formula:
             kind, text = self.formula
             return [{"name": kind, "parameters": {"formula": text, "coefficients": {"s": size}}}]
-        choice = {"site": self.site} if self.name in ("pin_friction", "lubricated_joint") else {}
+        choice = {"site": self.site} if EFFECTS[self.name].sites() else {}
         return [{"name": self.name, **choice, "parameters": self.parameters(size)}]
 
 
-_MOST = 200.0
-"""How many times the first size an effect may have that nothing else bounds."""
+Make = Callable[[Rig, np.random.Generator], Hidden | None]
 
 
-def one(name: str, site: str, key: str, first: float, most: float | None = None, **further: float) -> Hidden:
-    """An effect whose size is its parameter `key`."""
-    return Hidden(name, site, lambda size: {key: size, **further}, first, most or _MOST * first)
-
-
-def _signed(rng) -> float:
-    return float(rng.choice([-1.0, 1.0]))
-
-
-def _lengths(rig: Rig, rng) -> Hidden:
-    which, sign = rng.choice(["crank_m", "rod_m"]), _signed(rng)
-    return Hidden("link_length_error", "crank, rod", lambda size: {str(which): sign * size}, 1e-4, 0.02)
-
-
-def _clearance(joint: str) -> Callable:
-    def make(rig: Rig, rng) -> Hidden | None:
-        data = rig.mechanism["joints"][joint]
-        nominal = data["bearing_radius"] - data["journal_radius"] if joint in rig.loose else 0.0
-        law = lambda size: {"clearance_m": nominal + size}  # noqa: E731
-        return Hidden(f"{joint}_clearance", joint, law, 1e-5 if nominal else 5e-5, 1.5e-3, 2e-6)
+def _effect(page: type[Effect], site: str) -> Make:
+    def make(rig: Rig, rng: np.random.Generator) -> Hidden | None:
+        size = page.trial(TrialContext(rig, rng, site))
+        return None if size is None else Hidden(page.NAME, site or page.SITE, *size)
 
     return make
 
 
-def _pin_friction(joint: str) -> Callable:
-    def make(rig: Rig, rng) -> Hidden:
-        nominal = rig.mechanism["contacts"]["steel"]["friction"] if joint in rig.loose else 0.0
-        return Hidden("pin_friction", joint, lambda size: {"coefficient": nominal + size}, 0.05, 0.6 - nominal)
+def _fault(fault: SensorFault) -> Make:
+    def make(rig: Rig, rng: np.random.Generator) -> Hidden:
+        encoder = fault.name == ENCODER_OFFSET
+        channel = "crank_angle" if encoder else str(rng.choice(rig.channels))
+        sign = random_sign(rng) if fault.either_sign else max(random_sign(rng), 1.0)
+        size = TrialSize.of(fault.parameter, *fault.trial(rig, channel), sign)
+        return Hidden(fault.name, "sensor" if encoder else channel, *size, sensor=channel)
 
     return make
 
 
-def _film(joint: str) -> Callable:
-    def make(rig: Rig, rng) -> Hidden | None:
-        if joint not in rig.loose:
-            return None
-        length = 2 * rig.mechanism["joints"][joint]["journal_radius"]
-        law = lambda size: {"viscosity_Pa_s": size, "length_m": length}  # noqa: E731
-        return Hidden("lubricated_joint", joint, law, 0.1, 1.0, 0.03)
-
-    return make
-
-
-def _wave(rig: Rig, rng) -> Hidden:
-    shape = {"order": int(rng.choice([1, 2, 3, 4])), "phase_rad": float(rng.uniform(-math.pi, math.pi))}
-    return Hidden("speed_fluctuation", "drive", lambda size: {"ratio": size, **shape}, 0.005, 0.3)
-
-
-def _harmonic(rig: Rig, rng) -> Hidden:
-    turns = rig.speed / (2 * math.pi)
-    shape = {
-        "frequency_Hz": float(turns * rng.uniform(1.3, 6.0)),
-        "phase_rad": float(rng.uniform(-math.pi, math.pi)),
-    }
-    return one("harmonic_force", "slider", "force_N", 0.05 * rig.force, **shape)
-
-
-_STIFFEST = 2000.0
-"""Largest natural frequency of a rod [Hz]; a stiffer one shows in no channel."""
-
-
-def _bending(rig: Rig, rng) -> Hidden:
-    damping = float(rng.uniform(0.005, 0.05))
-    law = lambda size: {"frequency_Hz": 1 / (2 * math.pi * math.sqrt(size)), "damping_ratio": damping}  # noqa: E731
-    softest = 5 * rig.speed / (2 * math.pi)
-    first, most, least = (1 / (2 * math.pi * frequency) ** 2 for frequency in (200.0, softest, _STIFFEST))
-    return Hidden("rod_flexibility", "rod", law, first, most, least)
-
-
-def _fault(name: str, key: str, first: Callable[[Rig, str], float], most: float, lowest: float = -1.0) -> Callable:
-    def make(rig: Rig, rng) -> Hidden:
-        channel = str(rng.choice(rig.channels))
-        sign = max(_signed(rng), lowest)
-        law = lambda size: {key: sign * size}  # noqa: E731
-        return Hidden(name, channel, law, first(rig, channel), most, sensor=channel)
-
-    return make
-
-
-def _encoder(rig: Rig, rng) -> Hidden:
-    sign = _signed(rng)
-    return Hidden(
-        "encoder_offset", "sensor", lambda size: {"offset_rad": sign * size}, 0.005, 0.5, sensor="crank_angle"
-    )
-
-
-LISTED: dict[str, Callable[[Rig, np.random.Generator], Hidden | None]] = {
-    "gravity": lambda rig, rng: one("gravity", "all", "acceleration_m_s2", 5.0, 15.0),
-    "slider_coulomb_friction": lambda rig, rng: one("slider_coulomb_friction", "slider", "force_N", 0.05 * rig.force),
-    "slider_viscous_friction": lambda rig, rng: one(
-        "slider_viscous_friction", "slider", "damping_N_s_m", 0.05 * rig.force / rig.velocity
-    ),
-    "slider_quadratic_drag": lambda rig, rng: one(
-        "slider_quadratic_drag", "slider", "drag_N_s2_m2", 0.05 * rig.force / rig.velocity**2
-    ),
-    "slider_load_friction": lambda rig, rng: one("slider_load_friction", "guide", "coefficient", 0.1, 1.0),
-    "slider_constant_force": lambda rig, rng: (
-        lambda sign: Hidden(
-            "slider_constant_force", "slider", lambda size: {"force_N": sign * size}, 0.05 * rig.force, 10 * rig.force
-        )
-    )(_signed(rng)),
-    "slider_spring": lambda rig, rng: one(
-        "slider_spring", "slider", "stiffness_N_m", 0.05 * rig.force / rig.stroke[1],
-        rest_position_m=float(rig.stroke[0] + rng.uniform(-0.7, 0.7) * rig.stroke[1]),
-    ),
-    "gas_pressure": lambda rig, rng: one(
-        "gas_pressure", "slider", "force_N", 0.1 * rig.force,
-        dead_length_m=float(rig.stroke[1] * rng.uniform(0.2, 0.8)), exponent=float(rng.uniform(1.0, 1.4)),
-    ),
-    "harmonic_force": _harmonic,
-    "pin_friction:crank_pin": _pin_friction("crank_pin"),
-    "pin_friction:piston_pin": _pin_friction("piston_pin"),
-    "crank_coulomb_friction": lambda rig, rng: one(
-        "crank_coulomb_friction", "crank_pivot", "torque_N_m", 0.05 * rig.force * rig.stroke[1]
-    ),
-    "crank_viscous_friction": lambda rig, rng: one(
-        "crank_viscous_friction", "crank_pivot", "damping_N_m_s", 0.05 * rig.force * rig.stroke[1] / rig.speed
-    ),
-    "crank_unbalance": lambda rig, rng: one(
-        "crank_unbalance", "crank", "unbalance_kg_m", 0.1 * rig.force / rig.speed**2, 1.0,
-        angle_rad=float(rng.uniform(-math.pi, math.pi)),
-    ),
-    "added_slider_mass": lambda rig, rng: one("added_slider_mass", "slider", "mass_kg", 0.03, 3.0),
-    "speed_fluctuation": _wave,
-    "slider_offset": lambda rig, rng: (
-        lambda sign: Hidden("slider_offset", "guide", lambda size: {"offset_m": sign * size}, 1e-3, 0.1)
-    )(_signed(rng)),
-    "link_length_error": _lengths,
-    "crank_pivot_clearance": _clearance("crank_pivot"),
-    "crank_pin_clearance": _clearance("crank_pin"),
-    "piston_pin_clearance": _clearance("piston_pin"),
-    "rod_flexibility": _bending,
-    "lubricated_joint:crank_pin": _film("crank_pin"),
-    "lubricated_joint:piston_pin": _film("piston_pin"),
-    "encoder_offset": _encoder,
-    "sensor_bias": _fault("sensor_bias", "bias", lambda rig, channel: 0.1 * rig.spread[channel], math.inf),
-    "sensor_gain": _fault("sensor_gain", "gain_error", lambda rig, channel: 0.05, 1.0),
-    "sensor_lag": _fault("sensor_lag", "lag_s", lambda rig, channel: 0.02 / rig.speed, 0.02, lowest=1.0),
-}  # fmt: skip
+LISTED: dict[str, Make] = {
+    **{
+        f"{page.NAME}:{site}" if site else page.NAME: _effect(page, site)
+        for page in EFFECTS.values()
+        if page.trial.__func__ is not Effect.trial.__func__
+        for site in page.sites() or ("",)
+    },
+    **{fault.name: _fault(fault) for fault in FAULTS.values()},
+}
 """Effects of the list by name, with the site where there is a choice: functions of the rig, None where they cannot act."""
 
 
@@ -234,7 +125,13 @@ def _law(
     def make(rig: Rig, rng) -> Hidden:
         formula = text(rig, rng)
         return Hidden(
-            name, site, lambda size: {"s": size}, first(rig), _MOST * first(rig), listed=False, formula=(kind, formula)
+            name,
+            site,
+            lambda size: {"s": size},
+            first(rig),
+            LARGEST_SIZE * first(rig),
+            listed=False,
+            formula=(kind, formula),
         )
 
     return make

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from jointgap.dynamics.model.formula_evaluator import evaluate
+from jointgap.effects import EFFECTS
 from jointgap.formula import Program, compile_formula
 from jointgap.trials.campaign_writer import write_campaign
 from jointgap.trials.exudyn_model import FRICTION_ZONE, STEPS, simulate
@@ -37,11 +38,6 @@ _MOST_RIGS = 4
 
 ANGLE_PIECES = 72
 """Pieces of the crank angle for which the truth says how far the base is off: of 5 deg each."""
-
-_BEYOND_NOMINAL = {
-    "added_slider_mass": {"mass_kg": ("slider", "mass")},
-    "link_length_error": {"crank_m": ("crank", "length"), "rod_m": ("rod", "length")},
-}
 
 
 @dataclass(frozen=True)
@@ -182,7 +178,8 @@ def parameters_beyond_nominal(rig: VirtualRig, effect: Hidden, size: float) -> d
         In the unit of the effect's first parameter.
     """
     values = dict(effect.parameters(size))
-    for key, (body, attribute) in _BEYOND_NOMINAL.get(effect.name, {}).items():
+    added = EFFECTS[effect.name].ADDS_TO if effect.name in EFFECTS else {}
+    for key, (body, attribute) in added.items():
         values[key] = values.get(key, 0.0) + rig.true[body][attribute] - rig.nominal[body][attribute]
     return values
 

@@ -11,6 +11,7 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.config.load import validate
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.parameters import Parameters
+from jointgap.slider_crank.sensor_faults import FAULTS
 from jointgap.trials.independent_integrator import integrate
 from jointgap.trials.injected_effects import Hidden
 
@@ -178,7 +179,10 @@ def faulty_reading(name: str, values: Mapping[str, float], true: np.ndarray, tim
     middle, half = 0.5 * (true.max() + true.min()), 0.5 * np.ptp(true)
     if name == "saturation":
         return np.clip(true, -np.inf, middle + half * (1 - 2 * values["saturation"]))
-    return true + values["cubic_sensor"] * (true - middle) ** 3 / half**2
+    if name == "cubic_sensor":
+        return true + values["cubic_sensor"] * (true - middle) ** 3 / half**2
+    fault = FAULTS[name]  # a fault of the list for which there is no formula of the trials' own
+    return (fault.before_filter or fault.after_filter)(true, values[fault.parameter])
 
 
 def _lagged(content: Mapping, run: CrankRun, numerics: Numerics, channel: str, lag: float) -> np.ndarray:

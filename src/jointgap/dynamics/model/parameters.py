@@ -12,7 +12,8 @@ from jointgap.formula import Program
 
 """The joints in the order in which compiled code counts them."""
 
-CONSTANT, FLUCTUATING, MEASURED, MOTOR = range(4)
+DRIVE_KINDS = ("constant", "fluctuating", "measured", "motor")
+CONSTANT, FLUCTUATING, MEASURED, MOTOR = range(len(DRIVE_KINDS))
 """Kinds of drive."""
 
 LONGEST_PROGRAM, MOST_KNOTS = 1024, 16384
