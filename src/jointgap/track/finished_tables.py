@@ -1,6 +1,7 @@
-"""What was given to publish, and the questions that every stage asks of it."""
+"""What a scenario's stages left to publish (tables, costs), and the questions that every stage asks of it."""
 
-from collections.abc import Mapping
+import csv
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,16 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Scenario
 from jointgap.config.scenario import SECTIONS
+from jointgap.errors import InputError
 from jointgap.tables import Table
 from jointgap.track.run_record import Dataset, flatten
 
-Tables = Mapping[str, Path]
+TablePaths = Mapping[str, Path]
+"""Parquet files by ``table`` or ``table/output``."""
 
 
 @dataclass(frozen=True)
-class Given:
+class FinishedTables:
     """One scenario's options, tables and costs.
 
     Attributes
@@ -73,3 +76,47 @@ class Given:
             if values:
                 total[name] = join(values)
         return total
+
+
+def read_costs(benchmarks: Sequence[Path]) -> dict[str, dict[str, float]]:
+    """Seconds and peak memory by what was measured.
+
+    Parameters
+    ----------
+    benchmarks : sequence of Path
+        Snakemake's benchmark files, e.g. ``results/paper/benchmarks/surrogate/r2.tsv``.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        ``seconds`` and ``peak_memory_mb`` by the file's place under ``benchmarks``, without suffix, e.g.
+        ``surrogate/r2``; a measurement that failed is left out. Repeats are averaged.
+
+    Raises
+    ------
+    InputError
+        A file that is not a benchmark file.
+    """
+    return {_job(path): _read_cost(path) for path in benchmarks}
+
+
+def _job(path: Path) -> str:
+    parts = path.with_suffix("").parts
+    start = max((place + 1 for place, part in enumerate(parts) if part == "benchmarks"), default=len(parts) - 1)
+    return "/".join(parts[start:])
+
+
+def _read_cost(path: Path) -> dict[str, float]:
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file, delimiter="\t"))
+        columns = {"seconds": "s", "peak_memory_mb": "max_rss"}
+        measured = {name: [_measured(row[column]) for row in rows] for name, column in columns.items()}
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(f"{path}: is not a benchmark file of Snakemake ({error!r}); run its stage again") from error
+    known = {name: [value for value in values if value is not None] for name, values in measured.items()}
+    return {name: sum(values) / len(values) for name, values in known.items() if values}
+
+
+def _measured(text: str) -> float | None:
+    return None if text in ("NA", "-") else float(text)  # memory is not measured for jobs shorter than its interval

@@ -9,7 +9,7 @@ import pandas as pd
 
 from jointgap.tables.optimise_tables import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
 from jointgap.tables.surrogate_tables import CLEARANCE_FIT, FIT
-from jointgap.track.finished_tables import Given
+from jointgap.track.finished_tables import FinishedTables
 from jointgap.track.run_record import Curve, Record
 
 MEASURES = ("rms", "mean_absolute", "peak", "sum_of_squares")
@@ -18,25 +18,25 @@ _ANGLES = ("smallest_transmission_angle", "largest_departure")
 _WAYS = ("stroke", "outer_dead_centre", "inner_dead_centre")
 
 
-def records(given: Given) -> list[Record]:
+def optimise_records(finished: FinishedTables) -> list[Record]:
     """The scenario's run, then its nested ones."""
-    if not given.has(OPTIMA):
+    if not finished.has(OPTIMA):
         return []
-    optima = given.read(OPTIMA)
-    found = optima[[_found_there(row) for row in optima.to_dict("records")]]
-    if found.empty:
+    optima = finished.read(OPTIMA)
+    searched = optima[[_found_there(row) for row in optima.to_dict("records")]]
+    if searched.empty:
         return []
-    configuration = given.configuration("optimise")
+    configuration = finished.configuration("optimise")
     shared = {"params": configuration["params"], "files": configuration["files"]}
-    nested = [_point(given, row) for row in found.to_dict("records")]
-    main = nested[_main(given, found)]
-    names = [name for table in _TABLES for name in given.names(table)]
+    nested = [_point(finished, row) for row in searched.to_dict("records")]
+    main = nested[_main(finished, searched)]
+    names = [name for table in _TABLES for name in finished.names(table)]
     whole = Record(
         "optimise",
         metrics=main.metrics,
         curves=main.curves,
-        datasets=given.datasets(["trajectory", *given.names(FIT), *given.names(CLEARANCE_FIT)], names),
-        costs=given.cost("optimise"),
+        datasets=finished.datasets(["trajectory", *finished.names(FIT), *finished.names(CLEARANCE_FIT)], names),
+        costs=finished.cost("optimise"),
         notes=main.notes,
         **shared,
     )
@@ -51,14 +51,14 @@ def _found_there(row: dict) -> bool:
     return row["point"] == f"{row['source']}_{row['box']}_{row['method']}"
 
 
-def _main(given: Given, found: pd.DataFrame) -> int:
+def _main(finished: FinishedTables, searched: pd.DataFrame) -> int:
     """The paper's way: networks, the main box, the genetic algorithm. Else the first."""
-    box = next(iter(given.options.optimise.boxes))
-    wanted = found["source"].str.startswith("network") & (found["box"] == box) & (found["method"] == "genetic")
+    box = next(iter(finished.options.optimise.boxes))
+    wanted = searched["source"].str.startswith("network") & (searched["box"] == box) & (searched["method"] == "genetic")
     return int(np.argmax(wanted.to_numpy()))
 
 
-def _point(given: Given, row: dict) -> Record:
+def _point(finished: FinishedTables, row: dict) -> Record:
     metrics = {
         "crank_length_mm": 1e3 * row["crank_length"],
         "rod_length_mm": 1e3 * row["rod_length"],
@@ -67,17 +67,17 @@ def _point(given: Given, row: dict) -> Record:
         **{name: row[name] for name in _COUNTS if pd.notna(row[name])},
         **{f"frozen/{measure}_reduction_percent": 100 * row[f"{measure}_reduction"] for measure in MEASURES},
         **_sizes(row),
-        **_resimulated(given, row["point"]),
-        **_worth(given, row["point"]),
+        **_resimulated(finished, row["point"]),
+        **_worth(finished, row["point"]),
     }
     notes = {name: row[name] or "" for name in ("point", "source", "box", "method", "active_bounds", "status")}
-    curve = _curve(given, row)
+    curve = _curve(finished, row)
     return Record(
         "optimise",
         row["point"],
         metrics=metrics,
         curves={} if curve is None else {"sum_of_squares_rad2": curve},
-        params=given.configuration("optimise")["params"],
+        params=finished.configuration("optimise")["params"],
         notes=notes,
     )
 
@@ -88,11 +88,11 @@ def _sizes(row: dict) -> dict[str, float]:
     return angles | {"frozen/sum_of_squares_rad2": row["sum_of_squares"]}
 
 
-def _resimulated(given: Given, point: str) -> dict[str, float]:
+def _resimulated(finished: FinishedTables, point: str) -> dict[str, float]:
     """True reductions with their spread, and errors, over both stretches."""
-    if not given.has(RESIMULATED):
+    if not finished.has(RESIMULATED):
         return {}
-    rows = given.read(RESIMULATED)
+    rows = finished.read(RESIMULATED)
     metrics = {}
     for row in rows[rows["point"] == point].to_dict("records"):
         name = f"resimulated_{row['stretch']}/{row['measure']}"
@@ -109,11 +109,11 @@ def _resimulated(given: Given, point: str) -> dict[str, float]:
     return metrics
 
 
-def _worth(given: Given, point: str) -> dict[str, float]:
+def _worth(finished: FinishedTables, point: str) -> dict[str, float]:
     """What the lengths mean for the machine."""
-    if not given.has(WORTH):
+    if not finished.has(WORTH):
         return {}
-    rows = given.read(WORTH)
+    rows = finished.read(WORTH)
     metrics = {}
     for row in rows[rows["point"] == point].to_dict("records"):
         metrics |= {f"{row['cycle']}_cycle/{name}_deg": np.rad2deg(row[name]) for name in _ANGLES}
@@ -121,12 +121,12 @@ def _worth(given: Given, point: str) -> dict[str, float]:
     return metrics
 
 
-def _curve(given: Given, row: dict) -> Curve | None:
+def _curve(finished: FinishedTables, row: dict) -> Curve | None:
     """The objective on the way: the best of each generation, or along the path of the best start."""
     table, step = {"genetic": (POPULATION, "generation"), "local": (PATHS, "iteration")}[row["method"]]
-    if not given.has(table):
+    if not finished.has(table):
         return None
-    rows = given.read(table)
+    rows = finished.read(table)
     rows = rows[(rows["source"] == row["source"]) & (rows["box"] == row["box"])]
     if row["method"] == "local":
         ends = rows.sort_values("iteration").groupby("start")["sum_of_squares"].last()

@@ -5,13 +5,13 @@ what changed is written anew and its old run deleted, what was cut short is dele
 """
 
 import getpass
+import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from jointgap import __version__
 from jointgap.config import Scenario
-from jointgap.track.commit import commit
 from jointgap.track.mlflow_store import Store, StoredRun, address_for, locked
 from jointgap.track.run_record import Record
 from jointgap.track.scenario_runs import records
@@ -161,3 +161,28 @@ def _user() -> str:
         return getpass.getuser()
     except (KeyError, OSError):  # a container may run under a number that has no name
         return "unknown"
+
+
+def commit(folder: Path = Path(__file__).parent) -> str:
+    """The commit that `folder` is checked out at, with ``-changed`` where tracked files differ; ``unknown`` outside git.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder under version control; by default the package's.
+    """
+    head = _git(folder, "rev-parse", "HEAD")
+    tracked = _git(folder, "ls-files", "--error-unmatch", ".")  # a package in .venv of another project is not tracked
+    if head is None or tracked is None:
+        return "unknown"
+    return head.strip() + ("-changed" if _git(folder, "diff-index", "--name-only", "HEAD") else "")
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    # a checkout that belongs to another user is only read, so it may be trusted
+    command = ["git", "-C", str(folder), "-c", "safe.directory=*", *words]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout if done.returncode == 0 else None

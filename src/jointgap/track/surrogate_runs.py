@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 
 from jointgap import tables
-from jointgap.track import network_files as weights
-from jointgap.track.finished_tables import Given
+from jointgap.surrogate.network import Network
+from jointgap.track.finished_tables import FinishedTables
+from jointgap.track.network_files import clearance_to_files, to_files
 from jointgap.track.run_record import Curve, Record
 
 NETWORK = "network"
@@ -33,22 +34,22 @@ _LOGARITHMS = ("training_mse", "held_out_mse", "paper_mse", "spline_held_out_mse
 """Given as log10 too: the interface shows small numbers as 0.00."""
 
 
-def records(given: Given) -> list[Record]:
+def surrogate_records(finished: FinishedTables) -> list[Record]:
     """The scenario's run, then its nested ones."""
-    if not given.has(tables.FIT_ERRORS):
+    if not finished.has(tables.FIT_ERRORS):
         return []
-    errors = given.read(tables.FIT_ERRORS)
-    seed = given.options.surrogate.seeds[0]
+    errors = finished.read(tables.FIT_ERRORS)
+    seed = finished.options.surrogate.seeds[0]
     errors = errors[errors["seed"].isna() | (errors["seed"] == seed)]
-    curves = {output: _curve(given, output, seed) for output in errors["output"].unique()}
+    curves = {output: _curve(finished, output, seed) for output in errors["output"].unique()}
     nested = [
-        _fit(given, model, output, rows, curves[output])
+        _fit(finished, model, output, rows, curves[output])
         for (model, output), rows in errors.groupby(["model", "output"], sort=False)
     ]
-    return [_whole(given, errors, curves), *nested]
+    return [_whole(finished, errors, curves), *nested]
 
 
-def _whole(given: Given, errors: pd.DataFrame, curves: dict[str, Curve | None]) -> Record:
+def _whole(finished: FinishedTables, errors: pd.DataFrame, curves: dict[str, Curve | None]) -> Record:
     """How many outputs reach the paper's errors, and all curves: the run that scenarios are compared by."""
     metrics = {}
     whole = errors[errors["region"] == "all"]
@@ -62,60 +63,60 @@ def _whole(given: Given, errors: pd.DataFrame, curves: dict[str, Curve | None]) 
         "surrogate",
         metrics=metrics,
         curves={f"log10_mse/{output}": _log10(curve) for output, curve in curves.items() if curve is not None},
-        datasets=given.datasets(["trajectory"], given.names(tables.FIT_ERRORS)),
-        costs=given.cost("surrogate"),
-        **given.configuration("surrogate"),
+        datasets=finished.datasets(["trajectory"], finished.names(tables.FIT_ERRORS)),
+        costs=finished.cost("surrogate"),
+        **finished.configuration("surrogate"),
     )
 
 
-def _fit(given: Given, model: str, output: str, rows: pd.DataFrame, curve: Curve | None) -> Record:
+def _fit(finished: FinishedTables, model: str, output: str, rows: pd.DataFrame, curve: Curve | None) -> Record:
     """One output of one model; the paper's network with its curve and its weights."""
     metrics = {}
     for row in rows.to_dict("records"):
         suffix = _REGIONS[row["region"]]
         metrics |= {f"{name}{suffix}": row[name] for name in _BY_REGION} | {name: row[name] for name in _WHOLE}
     metrics |= {f"log10_{name}": np.log10(metrics[name]) for name in _LOGARITHMS if metrics.get(name, 0.0) > 0}
-    configuration = given.configuration("surrogate")
+    configuration = finished.configuration("surrogate")
     results = [f"fit_errors/{output}", f"fit_errors/{model}"]
     curves = {}
     if model == NETWORK:
         results += [f"fit/{output}", f"fit_history/{output}"]
-        metrics |= _over_seeds(given, output)
+        metrics |= _over_seeds(finished, output)
         if curve is not None:
             curves = {"mse": curve, "log10_mse": _log10(curve)}
     else:
-        results += given.names(tables.CLEARANCE_FIT)
-    files = {f"network/{name}": content for name, content in _weights(given, model, output).items()}
+        results += finished.names(tables.CLEARANCE_FIT)
+    files = {f"network/{name}": content for name, content in _weights(finished, model, output).items()}
     return Record(
         "surrogate",
         output if model == NETWORK else f"{model} {output}",
         metrics=metrics,
         curves=curves,
-        datasets=given.datasets(["trajectory"], results),
-        costs=given.cost(f"surrogate/{output if model == NETWORK else model}"),
+        datasets=finished.datasets(["trajectory"], results),
+        costs=finished.cost(f"surrogate/{output if model == NETWORK else model}"),
         params=configuration["params"],
         files=configuration["files"] | files,
         notes={"model": model, "stop": rows["stop"].iloc[0]},
     )
 
 
-def _weights(given: Given, model: str, output: str) -> dict[str, bytes]:
-    """The files of the network that gives the output; none if its table was not given."""
-    if model == NETWORK and f"fit/{output}" in given.tables:
-        fit = tables.read(tables.FIT, given.tables[f"fit/{output}"])
-        return weights.to_files(weights.from_table(fit[fit["seed"] == given.options.surrogate.seeds[0]]), output)
-    if model == CLEARANCE and given.has(tables.CLEARANCE_FIT):
-        return weights.clearance_to_files(given.read(tables.CLEARANCE_FIT), tables.number_of(output))
+def _weights(finished: FinishedTables, model: str, output: str) -> dict[str, bytes]:
+    """The files of the network that gives the output; none if its table was not finished."""
+    if model == NETWORK and f"fit/{output}" in finished.tables:
+        fit = tables.read(tables.FIT, finished.tables[f"fit/{output}"])
+        return to_files(Network.from_frame(fit, finished.options.surrogate.seeds[0]), output)
+    if model == CLEARANCE and finished.has(tables.CLEARANCE_FIT):
+        return clearance_to_files(finished.read(tables.CLEARANCE_FIT), tables.number_of(output))
     return {}
 
 
-def _history(given: Given, output: str) -> pd.DataFrame | None:
+def _history(finished: FinishedTables, output: str) -> pd.DataFrame | None:
     name = f"fit_history/{output}"
-    return tables.read(tables.FIT_HISTORY, given.tables[name]) if name in given.tables else None
+    return tables.read(tables.FIT_HISTORY, finished.tables[name]) if name in finished.tables else None
 
 
-def _curve(given: Given, output: str, seed: int) -> Curve | None:
-    history = _history(given, output)
+def _curve(finished: FinishedTables, output: str, seed: int) -> Curve | None:
+    history = _history(finished, output)
     if history is None:
         return None
     rows = history[history["seed"] == seed]
@@ -127,12 +128,12 @@ def _log10(curve: Curve) -> Curve:
         return Curve(curve.steps, np.log10(curve.values))
 
 
-def _over_seeds(given: Given, output: str) -> dict[str, float]:
+def _over_seeds(finished: FinishedTables, output: str) -> dict[str, float]:
     """Training error of all seeds after as many iterations as each of them was allowed."""
-    history = _history(given, output)
+    history = _history(finished, output)
     if history is None:
         return {}
-    options = given.options.surrogate
+    options = finished.options.surrogate
     allowed = min(options.iterations, options.seed_iterations) if len(options.seeds) > 1 else options.iterations
     last = history[history["iteration"] <= allowed].groupby("seed")["mse"].last()
     return {
