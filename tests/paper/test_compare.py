@@ -9,8 +9,7 @@ from jointgap.config import read_yaml, resolve
 from jointgap.joints import PINS
 from jointgap.paper.claims import _contact, _deviations, _distinct, _networks, _optimisers, _real_gain, _superposed
 from jointgap.paper.comparison_page import page
-from jointgap.paper.comparison_row import FAILS, HOLDS, UNKNOWN, Row, claim
-from jointgap.paper.printed import OPTIMA, TRAINING_MSE
+from jointgap.paper.printed import FAILS, HOLDS, OPTIMA, TRAINING_MSE, UNKNOWN, Row, claim
 from jointgap.paper.printed_numbers import _optimum
 from jointgap.report.page import to_html, to_markdown
 from jointgap.tables import OUTPUTS

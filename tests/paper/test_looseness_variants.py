@@ -7,10 +7,14 @@ from jointgap import tables
 from jointgap.config import read_yaml, resolve
 from jointgap.paper import scenario_overview as overview
 from jointgap.paper.comparison_page import page
-from jointgap.paper.comparison_row import FAILS, HOLDS, UNKNOWN, claim
-from jointgap.paper.joint_count import joints_claim
-from jointgap.paper.looseness_variants import Member, family, member, more_is_better
-from jointgap.paper.printed import departures
+from jointgap.paper.looseness_variants import (
+    VariantOptimum,
+    joints_claim,
+    looseness_variants,
+    more_is_better,
+    variant_optimum,
+)
+from jointgap.paper.printed import FAILS, HOLDS, UNKNOWN, claim, departures
 from jointgap.paper.printed_numbers import numbers
 from jointgap.report.page import to_html, to_markdown
 
@@ -20,24 +24,24 @@ def scenarios():
     return resolve(read_yaml("config/config.yaml"))
 
 
-def a_member(name, count, low, high):
+def a_variant(name, count, low, high):
     loose = ("crank_pivot", "crank_pin", "piston_pin")[:count]
-    return Member(name, loose, (low + high) / 2, low, high, 0.1, 1e-3, 5e-4)
+    return VariantOptimum(name, loose, (low + high) / 2, low, high, 0.1, 1e-3, 5e-4)
 
 
-def test_scenarios_that_differ_in_their_loose_joints_alone_are_a_family(scenarios):
+def test_scenarios_that_differ_in_their_loose_joints_alone_are_a_looseness_variants(scenarios):
     together = {"paper", "loose_crank_pivot", "loose_crank_pin", "loose_piston_pin", "three_loose"}
     for name in together:
-        assert set(family(name, scenarios)) == together
+        assert set(looseness_variants(name, scenarios)) == together
     for name in ("frictionless", "offset_slider", "lugre", "motor"):
-        assert family(name, scenarios) == (name,)
+        assert looseness_variants(name, scenarios) == (name,)
 
 
 def test_training_networks_for_longer_does_not_part_a_family_and_another_speed_does(scenarios):
     paper = scenarios["paper"]
     longer = paper.model_copy(update={"surrogate": paper.surrogate.model_copy(update={"iterations": 7})})
     faster = paper.model_copy(update={"simulate": paper.simulate.model_copy(update={"speed": 70.0})})
-    assert family("paper", {"paper": paper, "longer": longer, "faster": faster}) == ("paper", "longer")
+    assert looseness_variants("paper", {"paper": paper, "longer": longer, "faster": faster}) == ("paper", "longer")
 
 
 @pytest.mark.parametrize(
@@ -47,22 +51,22 @@ def test_training_networks_for_longer_does_not_part_a_family_and_another_speed_d
         (
             (0.01, 0.02),
             FAILS,
-            "The count does not decide: b with 2 loose joints gains most and c with 3 loose joints least.",
+            "b with 2 loose joints gains most and c with 3 loose joints least, so the number of loose joints is not what matters.",
         ),
-        ((0.19, 0.30), UNKNOWN, "cannot be told"),
+        ((0.19, 0.30), UNKNOWN, "cannot be decided"),
     ],
 )
 def test_more_joints_are_better_only_if_every_scenario_with_more_gains_more_spreads_included(three, verdict, says):
-    members = [a_member("c", 3, *three), a_member("a", 1, 0.05, 0.1), a_member("b", 2, 0.19, 0.2)]
-    row = joints_claim(members)
+    variants = [a_variant("c", 3, *three), a_variant("a", 1, 0.05, 0.1), a_variant("b", 2, 0.19, 0.2)]
+    row = joints_claim(variants)
     assert row.verdict == verdict and says in row.sentence
     assert row.sentence.index("with 1 loose joint ") < row.sentence.index("with 2 loose joints ")
     assert row.ours == pytest.approx(100 * (sum(three) / 2 - 0.075))
 
 
 def test_one_count_of_loose_joints_tells_nothing():
-    assert more_is_better([a_member("a", 2, 0.1, 0.2), a_member("b", 2, 0.3, 0.4)]) is None
-    assert joints_claim([a_member("a", 2, 0.1, 0.2)]).verdict == UNKNOWN
+    assert more_is_better([a_variant("a", 2, 0.1, 0.2), a_variant("b", 2, 0.3, 0.4)]) is None
+    assert joints_claim([a_variant("a", 2, 0.1, 0.2)]).verdict == UNKNOWN
 
 
 def resimulated(box="paper"):
@@ -78,7 +82,7 @@ def resimulated(box="paper"):
 
 
 def test_a_member_is_judged_at_the_lengths_found_on_its_own_simulation(scenarios):
-    one = member("three_loose", scenarios["three_loose"], resimulated())
+    one = variant_optimum("three_loose", scenarios["three_loose"], resimulated())
     assert (one.reduction, one.low, one.high, one.error) == (0.3, 0.29, pytest.approx(0.31), 1e-3)
     assert one.loose == ("crank_pivot", "crank_pin", "piston_pin")
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 from jointgap.campaign.campaign_files import campaigns
-from jointgap.paper.looseness_variants import family
+from jointgap.paper.looseness_variants import looseness_variants
 from jointgap.config import options_for, resolve
 from jointgap.errors import InputError
 from jointgap.joints import JOINT_NUMBERS
@@ -44,7 +44,7 @@ def with_options(flag, names, stage):
 
 def beside(wildcards):
     """The scenarios that differ from this one in nothing but which joints are loose."""
-    return [name for name in family(wildcards.scenario, SCENARIOS) if name != wildcards.scenario]
+    return [name for name in looseness_variants(wildcards.scenario, SCENARIOS) if name != wildcards.scenario]
 
 
 def written_by(stage):

@@ -184,7 +184,7 @@ def compare(options: str, results: Path, beside: tuple[tuple[str, str], ...]) ->
     from jointgap import tables
     from jointgap.paper.comparison import NEEDED, compare
     from jointgap.paper.comparison_page import page
-    from jointgap.paper.looseness_variants import member
+    from jointgap.paper.looseness_variants import variant_optimum
     from jointgap.report.page import to_html, to_markdown
 
     scenario, folder = opened(options, results)
@@ -192,11 +192,11 @@ def compare(options: str, results: Path, beside: tuple[tuple[str, str], ...]) ->
     tables.check_writable(*texts, results / "comparison.parquet")
     frames = folder.frames(NEEDED)
     others = {name: opened(more, results.parent / name) for name, more in beside}
-    members = [
-        member(name, one, place.read(tables.RESIMULATED))
+    variants = [
+        variant_optimum(name, one, place.read(tables.RESIMULATED))
         for name, (one, place) in {results.name: (scenario, folder), **others}.items()
     ]
-    found = compare(frames, scenario, members)
+    found = compare(frames, scenario, variants)
     for path, write in texts.items():
         tables.write_text(path, write(page(found, scenario)))
     folder.write(tables.COMPARISON, found)

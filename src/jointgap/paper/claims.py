@@ -7,10 +7,8 @@ import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.joints import JOINT_NUMBERS
-from jointgap.paper.comparison_row import Row, claim
-from jointgap.paper.joint_count import joints_claim
-from jointgap.paper.looseness_variants import Member
-from jointgap.paper.printed import OPTIMA, PISTON_DEVIATION_M, ROD_DEVIATION_M, UNSTABLE_UNTIL_DEG
+from jointgap.paper.looseness_variants import VariantOptimum, joints_claim
+from jointgap.paper.printed import OPTIMA, PISTON_DEVIATION_M, ROD_DEVIATION_M, UNSTABLE_UNTIL_DEG, Row, claim
 
 ABOUT = 1.2  # how far a number that the paper calls "about", or shows in a figure, may go beyond it
 ALIKE = 0.05  # two sizes that differ by less are alike
@@ -20,7 +18,7 @@ ONE_POINT = 1e-6  # [m] within which two end points are one
 MM, UM = 1e3, 1e6
 
 
-def claims(frames: Mapping[str, pd.DataFrame], scenario: Scenario, members: Sequence[Member]) -> Iterator[Row]:
+def claims(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[VariantOptimum]) -> Iterator[Row]:
     """A row for each claim that has a subject in this mechanism; arguments as for `jointgap.compare.compare`."""
     loose = scenario.mechanism.applied().loose
     first = frames["trajectory"].iloc[: scenario.simulate.samples_per_revolution + 1].reset_index(drop=True)
@@ -34,7 +32,7 @@ def claims(frames: Mapping[str, pd.DataFrame], scenario: Scenario, members: Sequ
     if frames["fit_errors"]["paper_mse"].notna().any():
         yield _networks(frames["fit_errors"], scenario)
     yield from _optimisers(frames, scenario)
-    yield joints_claim(members)
+    yield joints_claim(variants)
     yield from _real_gain(frames["optimise_resimulated"], frames["optimise_worth"], scenario)
 
 

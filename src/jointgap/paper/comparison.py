@@ -6,8 +6,8 @@ import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.paper.claims import claims
-from jointgap.paper.comparison_row import Row
-from jointgap.paper.looseness_variants import Member
+from jointgap.paper.looseness_variants import VariantOptimum
+from jointgap.paper.printed import Row
 from jointgap.paper.printed_numbers import numbers
 
 NEEDED = (
@@ -21,7 +21,7 @@ NEEDED = (
 )
 
 
-def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, members: Sequence[Member]) -> pd.DataFrame:
+def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[VariantOptimum]) -> pd.DataFrame:
     """Every number and claim of the paper beside ours.
 
     Parameters
@@ -29,7 +29,7 @@ def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, members: Seq
     frames : mapping of str to DataFrame
         The tables `NEEDED`, by name.
     scenario : Scenario
-    members : sequence of Member
+    variants : sequence of VariantOptimum
         This scenario and those that differ from it in nothing but which joints are loose.
 
     Returns
@@ -37,5 +37,5 @@ def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, members: Seq
     DataFrame
         Columns of the table comparison; numbers first.
     """
-    rows: list[Row] = [*numbers(frames, scenario), *claims(frames, scenario, members)]
+    rows: list[Row] = [*numbers(frames, scenario), *claims(frames, scenario, variants)]
     return pd.DataFrame([row.record() for row in rows])

@@ -5,8 +5,7 @@ import math
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.paper.comparison_row import AGREES, LENGTH_AGREES
-from jointgap.paper.printed import departures
+from jointgap.paper.printed import AGREES, LENGTH_AGREES, departures
 from jointgap.report.page import Block, Cell, Heading, Page, Paragraph, TableBlock
 
 _SECTIONS = {

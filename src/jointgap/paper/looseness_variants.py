@@ -1,17 +1,20 @@
-"""Scenarios that differ in nothing but which joints are loose, and what the count of loose joints does to the optimum."""
+"""Scenarios that differ in nothing but which joints are loose: are more loose joints better, as the paper claims?"""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.paper.printed import Row, claim
+from jointgap.report.plain_words import in_words
 
-NEEDED = ("optimise_resimulated",)
+_CLAIM = "better results with an increasing number of joints with clearance"
 
 
 @dataclass(frozen=True)
-class Member:
+class VariantOptimum:
     """The optimum of one scenario, simulated again, by RMS.
 
     Attributes
@@ -47,8 +50,8 @@ def _apart_from_looseness(scenario: Scenario) -> dict:
     return {"mechanism": mechanism, "simulate": scenario.simulate, "optimise": scenario.optimise}
 
 
-def family(name: str, scenarios: Mapping[str, Scenario]) -> tuple[str, ...]:
-    """Names of the scenarios, `name` among them, that differ from it in nothing but which joints are loose.
+def looseness_variants(name: str, scenarios: Mapping[str, Scenario]) -> tuple[str, ...]:
+    """Names of those of the `scenarios`, `name` among them, that differ from it in nothing but which joints are loose.
 
     How networks are trained may differ; scenarios in which all joints are ideal have no optimum and are left out.
     """
@@ -60,15 +63,15 @@ def family(name: str, scenarios: Mapping[str, Scenario]) -> tuple[str, ...]:
     )
 
 
-def member(name: str, scenario: Scenario, resimulated: pd.DataFrame) -> Member:
-    """What the lengths found on the simulation's own motion are worth in one scenario.
+def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) -> VariantOptimum:
+    """What the lengths found on the simulation's own motion gain in the `scenario` called `name`, by its table `resimulated`.
 
     Lengths found on networks would hang on how long these were trained, which may differ between scenarios.
     """
     point = f"simulation_{next(iter(scenario.optimise.boxes))}_genetic"
     rows = resimulated[(resimulated["point"] == point) & (resimulated["measure"] == "rms")].set_index("stretch")
     window = rows.loc["window"]
-    return Member(
+    return VariantOptimum(
         scenario=name,
         loose=scenario.mechanism.applied().loose,
         reduction=float(window["reduction"]),
@@ -80,21 +83,21 @@ def member(name: str, scenario: Scenario, resimulated: pd.DataFrame) -> Member:
     )
 
 
-def by_count(members: Iterable[Member]) -> dict[int, list[Member]]:
-    """Members by how many joints are loose, counts rising."""
-    found: dict[int, list[Member]] = {}
-    for one in sorted(members, key=lambda one: len(one.loose)):
-        found.setdefault(len(one.loose), []).append(one)
-    return found
+def _by_count(variants: Iterable[VariantOptimum]) -> dict[int, list[VariantOptimum]]:
+    """Variants by how many joints are loose, counts rising."""
+    groups: dict[int, list[VariantOptimum]] = {}
+    for variant in sorted(variants, key=lambda variant: len(variant.loose)):
+        groups.setdefault(len(variant.loose), []).append(variant)
+    return groups
 
 
-def more_is_better(members: Iterable[Member]) -> bool | None:
+def more_is_better(variants: Iterable[VariantOptimum]) -> bool | None:
     """Whether the reduction grows with the count of loose joints.
 
     True where all scenarios with one joint more lie above all with one fewer, spreads included; False where, spreads
     included, some scenario with more joints lies below one with fewer; None where spreads overlap or there is one count alone.
     """
-    counts = list(by_count(members).values())
+    counts = list(_by_count(variants).values())
     if len(counts) < 2:
         return None
     pairs = [
@@ -103,3 +106,52 @@ def more_is_better(members: Iterable[Member]) -> bool | None:
     if any(many.high < few.low for few, many in pairs):
         return False
     return True if all(many.low > few.high for few, many in pairs) else None
+
+
+def joints_claim(variants: Sequence[VariantOptimum]) -> Row:
+    """The paper's last claim, judged by the reductions of scenarios that differ in their loose joints alone."""
+    counts = _by_count(variants)
+    if len(counts) < 2:
+        needs = "Needs scenarios in the same run that differ from this one in nothing but which joints are loose."
+        return claim(_CLAIM, None, None, "", None, needs)
+    fewest, most = (
+        float(np.mean([variant.reduction for variant in counts[count]])) for count in (min(counts), max(counts))
+    )
+    difference = 100 * (most - fewest)
+    return claim(_CLAIM, None, difference, "percentage points", more_is_better(variants), _sentence(variants))
+
+
+def _sentence(variants: Sequence[VariantOptimum]) -> str:
+    """The reductions by count of loose joints, and what they say."""
+    parts = []
+    for count, group in _by_count(variants).items():
+        numbers = ", ".join(
+            f"{v.reduction:.2%} ({in_words(' + '.join(v.loose))}; 5-95 %: {v.low:.2%} to {v.high:.2%}; "
+            f"error {np.degrees(v.original_error):.4f} to {np.degrees(v.error):.4f} deg)"
+            for v in group
+        )
+        parts.append(f"with {count} loose {'joint' if count == 1 else 'joints'} {numbers}")
+    return (
+        "RMS reduction over the window at the lengths found on each simulation's own motion, simulated again: "
+        f"{'; '.join(parts)}. {conclusion(variants)}"
+    )
+
+
+def conclusion(variants: Sequence[VariantOptimum]) -> str:
+    """The verdict in plain words."""
+    verdict = more_is_better(variants)
+    if verdict:
+        return "Every scenario with more loose joints gains more than every one with fewer, spreads included."
+    if verdict is None:
+        return "The spreads overlap, so this cannot be decided."
+    ranked = sorted(variants, key=lambda variant: variant.reduction)
+    return (
+        f"{_with_count(ranked[-1])} gains most and {_with_count(ranked[0])} least, so the number of loose joints is not what "
+        "matters. What matters is how much of the error is proportional to the sine of the crank angle, the only part that "
+        "another length ratio can remove."
+    )
+
+
+def _with_count(variant: VariantOptimum) -> str:
+    count = len(variant.loose)
+    return f"{variant.scenario} with {count} loose {'joint' if count == 1 else 'joints'}"

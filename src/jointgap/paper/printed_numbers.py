@@ -6,8 +6,18 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.paper.comparison_row import AGREES, LENGTH_AGREES, MISSED, REACHED, Row
-from jointgap.paper.printed import OPTIMA, TRAINING_ITERATIONS, TRAINING_MSE, PrintedOptimum, departures
+from jointgap.paper.printed import (
+    AGREES,
+    LENGTH_AGREES,
+    MISSED,
+    OPTIMA,
+    REACHED,
+    TRAINING_ITERATIONS,
+    TRAINING_MSE,
+    PrintedOptimum,
+    Row,
+    departures,
+)
 
 MM = 1e3
 PERCENT = 100

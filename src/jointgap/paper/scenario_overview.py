@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.paper.joint_count import conclusion
-from jointgap.paper.looseness_variants import Member, family, member
+from jointgap.paper.looseness_variants import VariantOptimum, conclusion, looseness_variants, variant_optimum
 from jointgap.report.page import Block, Heading, Page, Paragraph, TableBlock
 
 NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated")
@@ -60,24 +59,24 @@ def overview(loaded: Loaded) -> pd.DataFrame:
     scenarios = {name: scenario for name, (_, scenario) in loaded.items()}
     rows = []
     for name, (frames, scenario) in loaded.items():
-        one = member(name, scenario, frames["optimise_resimulated"])
-        found = {
-            "family": family(name, scenarios)[0],
-            "loose_joints": len(one.loose),
+        optimum = variant_optimum(name, scenario, frames["optimise_resimulated"])
+        variants = {
+            "family": looseness_variants(name, scenarios)[0],
+            "loose_joints": len(optimum.loose),
             **{
-                f"found_{key}": getattr(one, key)
+                f"found_{key}": getattr(optimum, key)
                 for key in ("reduction", "low", "high", "settled", "original_error", "error")
             },
         }
-        rows.append(_row(name, frames, scenario) | found)
+        rows.append(_row(name, frames, scenario) | variants)
     return pd.DataFrame(rows)
 
 
 def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> dict:
     errors = frames["fit_errors"]
-    whole = errors[(errors["region"] == "all") & errors["paper_mse"].notna()]
-    networks = whole[(whole["model"] == "network") & (whole["seed"] == scenario.surrogate.seeds[0])]
-    second = whole[whole["model"] == "clearance"]
+    judged = errors[(errors["region"] == "all") & errors["paper_mse"].notna()]
+    networks = judged[(judged["model"] == "network") & (judged["seed"] == scenario.surrogate.seeds[0])]
+    second = judged[judged["model"] == "clearance"]
     point = f"networks_{next(iter(scenario.optimise.boxes))}_genetic"
     optima = frames["optimise_optima"]
     best = optima[optima["point"] == point].iloc[0]
@@ -139,19 +138,21 @@ def _families(table: pd.DataFrame) -> Iterator[tuple[str, list[tuple[str, ...]]]
     for _, rows in table.groupby("family", sort=False):
         if rows["loose_joints"].nunique() < 2:
             continue
-        cells, members = [], []
+        cells, variants = [], []
         for row in rows.sort_values("loose_joints", kind="stable").itertuples():
             loose = tuple(joint.partition(" (")[0] for joint in row.loose.split(", "))
             sizes = (row.found_reduction, row.found_low, row.found_high)
-            members.append(
-                Member(row.scenario, loose, *sizes, row.found_settled, row.found_original_error, row.found_error)
+            variants.append(
+                VariantOptimum(
+                    row.scenario, loose, *sizes, row.found_settled, row.found_original_error, row.found_error
+                )
             )
             angles = (f"{np.degrees(angle):.4f}" for angle in (row.found_original_error, row.found_error))
             settled = f"{100 * row.found_settled:.2f}"
             cells.append((str(row.loose_joints), row.scenario, ", ".join(loose), _spread(*sizes), settled, *angles))
         words = (
             "These scenarios differ in nothing but which joints are loose. RMS reductions at the lengths that the genetic algorithm "
-            f"finds on each simulation's own motion, simulated again. {conclusion(members)}"
+            f"finds on each simulation's own motion, simulated again. {conclusion(variants)}"
         )
         yield words, cells
 

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from jointgap import tables
 from jointgap.errors import InputError
 from jointgap.joints import JOINT_NUMBERS
-from jointgap.paper.printed import yardstick
+from jointgap.paper.printed import reference_mse
 from jointgap.surrogate.fit_errors import Grid
 from jointgap.surrogate.network import Scaling
 
@@ -92,7 +92,7 @@ class Samples:
             name = column(kind, joint)
             simulated[kind] = fine[name].to_numpy()[: len(angle)]
             spread = Scaling.of(Grid.of(trajectory, name, training_points).training.values).range
-            allowed = yardstick(name if name in tables.outputs(JOINT_NUMBERS) else f"r{joint}")
+            allowed = reference_mse(name if name in tables.outputs(JOINT_NUMBERS) else f"r{joint}")
             scales[kind] = spread * allowed**0.5 / mean ** ORDERS[kind]
         values = dict(simulated)
         for quantity in ("r", "gamma"):
