@@ -1,13 +1,16 @@
 """The map shows where model and data disagree, and nothing where they do not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from jointgap.identification.disagreement import circular_spans, ljung_box, map_disagreement
+from jointgap.identification.order_spectrum import speed_scaling
 from jointgap.identification.problem import Problem
+from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.whitening import Noise, unwhiten, whiten
 from tests.identification.toy import coloured as noise_of
 from tests.identification.toy import stated_noise, toy
@@ -154,3 +157,42 @@ def test_channels_without_crank_angle_are_tested_but_not_mapped():
     assert len(found.tests) == 6
     assert found.bins.empty and found.windows.empty and found.orders.empty
     assert isinstance(found.scaling, pd.DataFrame) and found.scaling.empty
+
+
+RUN_SPEEDS = {"slow": 10.0, "mid": 20.0, "fast": 40.0}  # rad/s
+
+
+def scattered(excesses: dict[str, float], samples: int = 400) -> tuple[SimpleNamespace, np.ndarray]:
+    """A problem of one channel with noise of 1, and a residual whose mean square exceeds it by `excesses` in each run."""
+    parts, residual = [], []
+    for i, (run, speed) in enumerate(RUN_SPEEDS.items()):
+        time = np.linspace(0.0, 10.0, samples)
+        series = SimpleNamespace(run=run, channel="torque", angle=speed * time, time=time)
+        noise, place = Noise(np.ones(samples)), slice(i * samples, (i + 1) * samples)
+        parts.append(SimpleNamespace(series=series, used=np.ones(samples, bool), noise=noise, place=place))
+        residual.append(np.full(samples, np.sqrt(1.0 + excesses[run])))
+    return SimpleNamespace(parts=parts, settings=DEFAULT_SETTINGS), np.concatenate(residual)
+
+
+@pytest.mark.parametrize(
+    "excesses",
+    [
+        {"slow": 4.0, "mid": 16.0, "fast": 64.0},  # grows exactly with the first power of the speed
+        {"slow": 4.0, "mid": 400.0, "fast": 64.0},  # scatters by far more than noise lets it
+    ],
+)
+def test_the_interval_of_the_growth_with_speed_is_that_of_a_weighted_line_through_logarithms(excesses):
+    samples = 400
+    square = np.array(
+        list(excesses.values())
+    )  # of the excess, an amplitude; its error follows from that of the mean square
+    error = 0.5 * (np.sqrt(2.0 / samples) + 2.0 * np.sqrt(square / samples)) / square
+    design = np.column_stack([np.ones(3), np.log(list(RUN_SPEEDS.values()))]) / error[:, None]
+    aim = 0.5 * np.log(square) / error
+    (_, exponent), misfit, _, _ = np.linalg.lstsq(design, aim, rcond=None)
+    variance = np.linalg.inv(design.T @ design)[1, 1] * max(1.0, float(misfit[0]))  # one degree of freedom
+    (row,) = speed_scaling(*scattered(excesses, samples)).to_dict("records")
+    assert row["exponent"] == pytest.approx(exponent, rel=1e-9)
+    assert row["high"] - row["exponent"] == pytest.approx(1.645 * np.sqrt(variance), rel=1e-9)
+    assert row["exponent"] - row["low"] == pytest.approx(1.645 * np.sqrt(variance), rel=1e-9)
+    assert row["runs"] == 3
