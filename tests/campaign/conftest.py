@@ -9,7 +9,7 @@ from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import Baseline, recalibrate
 from jointgap.identification.fit import Fit
 from jointgap.identification.model_selection import select_hypothesis
-from jointgap.identification.noise_model import FoundNoise, degrees_of_freedom, noise_of_model, numerics_noise
+from jointgap.identification.noise_model import NoiseEstimate, degrees_of_freedom, noise_of_model, numerics_noise
 from jointgap.identification.protocol import Model
 from jointgap.identification.thresholds import Screening, screen_candidates
 from tests.identification.toy import toy
@@ -22,7 +22,7 @@ class Chain:
     """What the stages found."""
 
     model: Model
-    noise: dict[tuple[str, str], FoundNoise]
+    noise: dict[tuple[str, str], NoiseEstimate]
     recalibrated: Baseline
     screening: Screening
     fits: list[Fit]

@@ -80,7 +80,7 @@ def test_a_stated_noise_wins_and_is_told_where_cycles_differ_by_far_more():
     for series, one in zip(claimed.series, estimate_noise(claimed, residuals(model)).values(), strict=True):
         assert one.source == "stated"
         assert (one.sd == series.stated_noise).all()
-        assert one.found == pytest.approx(3 * series.stated_noise[0], rel=0.2)
+        assert one.estimated_sd == pytest.approx(3 * series.stated_noise[0], rel=0.2)
         assert "larger than stated" in one.remarks[0]
 
 
@@ -89,7 +89,7 @@ def test_a_force_out_of_step_with_the_crank_is_not_taken_for_noise(stated):
     ratios, first = [], []
     for seed in range(5):
         noise, true = found(effects=HARMONIC, seed=seed, stated=stated)  # some ten times the noise
-        ratios += [one.found / sd for one, sd in zip(noise, true, strict=True)]
+        ratios += [one.estimated_sd / sd for one, sd in zip(noise, true, strict=True)]
         first += [abs(one.autocorrelation[0]) if one.autocorrelation else 0.0 for one in noise]
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.06)
     assert np.mean(first) < 0.05
@@ -123,7 +123,7 @@ def test_an_angle_that_steps_back_by_its_own_noise_tells_the_cycles_as_well():
     assert (np.diff(read[0].angle) < 0).any()
     noise = estimate_noise(replace(model, series=read), residuals(model))
     for series in model.series:
-        assert noise[series.key].found == pytest.approx(series.stated_noise[0], rel=0.1)
+        assert noise[series.key].estimated_sd == pytest.approx(series.stated_noise[0], rel=0.1)
         assert not noise[series.key].remarks
 
 

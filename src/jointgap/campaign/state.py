@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # what a stage does not ask for is not imported: the compiled
     from jointgap.campaign.tables_of_identification import Outcome
     from jointgap.identification.baseline import Baseline
     from jointgap.identification.fit import Fit
-    from jointgap.identification.noise_model import FoundNoise
+    from jointgap.identification.noise_model import NoiseEstimate
     from jointgap.identification.protocol import Candidate, Model
     from jointgap.identification.thresholds import Screening
     from jointgap.recordings import Measurements
@@ -69,16 +69,16 @@ class Case:
         return list(library(self.model))
 
     @cached_property
-    def noise(self) -> "dict[tuple[str, str], FoundNoise]":
+    def noise(self) -> "dict[tuple[str, str], NoiseEstimate]":
         """Noise of every series, without that of the numerics."""
         return self._noise("noise")
 
     @cached_property
-    def whole_noise(self) -> "dict[tuple[str, str], FoundNoise]":
+    def whole_noise(self) -> "dict[tuple[str, str], NoiseEstimate]":
         """Noise of every series, with that of the numerics."""
         return self._noise("recalibrate")
 
-    def _noise(self, stage: str) -> "dict[tuple[str, str], FoundNoise]":
+    def _noise(self, stage: str) -> "dict[tuple[str, str], NoiseEstimate]":
         from jointgap.campaign.tables_of_identification import noise_from_frames
 
         found = noise_from_frames(self.folder.read_all(OF_NOISE, stage))

@@ -17,7 +17,7 @@ from jointgap.identification.estimates import effect_estimates
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.force_law import Regressed
 from jointgap.identification.gauss_newton import compress_rows
-from jointgap.identification.noise_model import FoundNoise
+from jointgap.identification.noise_model import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import Screened, Signature, Signatures
@@ -29,7 +29,7 @@ _ORIGIN = "origin"  # in place of a parameter's name: residuals at zero size, wh
 _BETWEEN_TEXTS = "; "
 
 
-def noise_to_frames(noise: Mapping[tuple[str, str], FoundNoise]) -> Frames:
+def noise_to_frames(noise: Mapping[tuple[str, str], NoiseEstimate]) -> Frames:
     """Tables `jointgap.tables.NOISE` and `jointgap.tables.NOISE_MEMORY`, by name."""
     samples, memory = [], []
     for (run, channel), series in noise.items():
@@ -41,7 +41,7 @@ def noise_to_frames(noise: Mapping[tuple[str, str], FoundNoise]) -> Frames:
             "run": run,
             "channel": channel,
             "source": series.source,
-            "found": series.found,
+            "found": series.estimated_sd,
             "effective_samples": series.effective_samples,
             "remarks": _BETWEEN_TEXTS.join(series.remarks),
         }
@@ -51,7 +51,7 @@ def noise_to_frames(noise: Mapping[tuple[str, str], FoundNoise]) -> Frames:
     return {"noise": pd.concat(samples, ignore_index=True), "noise_memory": pd.DataFrame(memory)}
 
 
-def noise_from_frames(frames: Frames) -> dict[tuple[str, str], FoundNoise]:
+def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
     """The noise of every series from the tables of `noise_to_frames`."""
     lags = {
         key: rows.sort_values("lag") for key, rows in frames["noise_memory"].groupby(["run", "channel"], sort=False)
@@ -59,7 +59,7 @@ def noise_from_frames(frames: Frames) -> dict[tuple[str, str], FoundNoise]:
     noise = {}
     for key, rows in frames["noise"].groupby(["run", "channel"], sort=False):
         shared = lags[key].iloc[0]
-        noise[key] = FoundNoise(
+        noise[key] = NoiseEstimate(
             rows["sd"].to_numpy(),
             tuple(lags[key]["autocorrelation"].iloc[1:]),
             rows["numerics"].to_numpy(),

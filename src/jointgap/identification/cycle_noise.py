@@ -1,32 +1,30 @@
-"""Noise told from repeated cycles: what differs between neighbouring cycles at one angle is no part of a periodic motion."""
+"""Noise estimated from repeated cycles: what differs between neighbouring cycles at one angle is no part of a periodic motion."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from jointgap.identification.settings import NoiseSettings
 from jointgap.identification.whitening import autoregression
 
-ORDERS = 4
-"""The noise remembers at most so many samples."""
-
-_LEAST = 32  # differences; fewer tell nothing of a memory
-_LINES, _SURE = 24, 1e-4  # at most so many lines are taken out, of a probability below that in noise
-_MEMORIES = np.linspace(-0.9, 0.96, 32)[:, None]  # of first-order processes that are tried as a background
-_ROUGHNESS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)  # fourth differences, of white noise's own variance
+# Lag-one correlations [1] of the first-order processes that are tried as a background.
+_BACKGROUNDS = np.linspace(-0.9, 0.96, 32)[:, None]
+# Scaled to leave the variance of white noise.
+_FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """Noise of one series as it was found.
+    """Noise of one series as its cycles or samples show it.
 
     Attributes
     ----------
     sd : float
         Marginal standard deviation [unit of the series].
     spectrum : (m,) array or None
-        Of its variance over the frequencies from 0 to Nyquist's, evenly; the mean is ``sd**2``. None where too little is known.
+        [unit^2] Of its variance over the frequencies from 0 to Nyquist's, evenly; the mean is ``sd**2``. None where data are too few.
     count : int
-        Numbers that it rests on.
+        Differences that it rests on.
     """
 
     sd: float
@@ -34,34 +32,36 @@ class Scatter:
     count: int
 
 
-def from_cycles(residual: np.ndarray, angle: np.ndarray) -> Scatter | None:
+def scatter_between_cycles(residual: np.ndarray, angle: np.ndarray, settings: NoiseSettings) -> Scatter | None:
     """Noise from the differences of neighbouring cycles.
 
     Parameters
     ----------
     residual : (n,) array
-        Measured minus predicted; NaN gaps. What repeats from cycle to cycle may be left in it.
+        Measured minus predicted [unit]; NaN gaps. What repeats from cycle to cycle may be left in it.
     angle : (n,) array
         Rising [rad]; NaN where not known.
+    settings : NoiseSettings
 
     Returns
     -------
     Scatter or None
         None where the cycles do not overlap enough.
     """
-    difference, share = cycle_differences(residual, angle)
+    difference, share = _cycle_differences(residual, angle)
     known = np.isfinite(difference)
-    if known.sum() < _LEAST:
+    if known.sum() < settings.min_differences:
         return None
     per_cycle = int(2 * np.pi / np.median(np.diff(angle[np.isfinite(angle)])))
     # Neighbouring differences share a cycle: covariances near a lag of one cycle are not the noise's own.
     lags = min(known.size // 4, per_cycle // 2)
-    if lags <= ORDERS:
+    if lags <= settings.max_ar_order:
         return Scatter(
             _robust_sd(difference[known] / np.sqrt(1 + (1 - share[known]) ** 2 + share[known] ** 2)), None, 0
         )
-    smooth = _without_outliers(_without_lines(_without_outliers(difference, 5.0)), 3.0)
-    spectrum = _spectrum(smooth, lags)
+    # Outliers are cut twice: coarsely, as they would look like lines, and finely once the lines are gone.
+    clean = _without_outliers(_without_lines(_without_outliers(difference, 5.0), settings), 3.0)
+    spectrum = _spectrum(clean, lags)
     frequency = np.linspace(0.0, np.pi, spectrum.size)
     # Interpolation between two samples damps what changes from one to the next.
     mixed = float(np.mean(share[known] * (1.0 - share[known])))
@@ -69,21 +69,36 @@ def from_cycles(residual: np.ndarray, angle: np.ndarray) -> Scatter | None:
     return Scatter(float(np.sqrt(_mean(spectrum))), spectrum, int(known.sum()))
 
 
-def from_roughness(residual: np.ndarray) -> Scatter | None:
-    """White noise from fourth differences, in which a motion that is smooth over five samples leaves nothing."""
-    rough = np.convolve(residual, _ROUGHNESS, mode="valid")
-    rough = rough[np.isfinite(rough)]
-    return Scatter(_robust_sd(rough), None, rough.size) if rough.size >= ORDERS else None
+def scatter_between_samples(residual: np.ndarray, settings: NoiseSettings) -> Scatter | None:
+    """White noise from fourth differences, in which a motion that is smooth over five samples leaves nothing.
+
+    Parameters
+    ----------
+    residual : (n,) array
+        Measured minus predicted [unit]; NaN gaps.
+    settings : NoiseSettings
+
+    Returns
+    -------
+    Scatter or None
+        None where samples are too few.
+    """
+    differences = np.convolve(residual, _FOURTH_DIFFERENCE, mode="valid")
+    differences = differences[np.isfinite(differences)]
+    few = differences.size < settings.max_ar_order
+    return None if few else Scatter(_robust_sd(differences), None, differences.size)
 
 
-def memory(scatter: Scatter, stated: float | None = None) -> tuple[float, ...]:
+def ar_autocorrelation(scatter: Scatter, max_order: int, stated_sd: float | None = None) -> tuple[float, ...]:
     """Autocorrelation at lags of 1, 2, ... of the autoregressive process that the Bayesian information criterion chooses.
 
     Parameters
     ----------
     scatter : Scatter
-        Of a known spectrum.
-    stated : float, optional
+        With a spectrum.
+    max_order : int
+        Of the process.
+    stated_sd : float, optional
         Standard deviation that the noise has [unit]. What the cycles differ by beyond it, where the spectrum is highest, is
         not noise: a force out of step with the crank, or a drift.
 
@@ -93,24 +108,31 @@ def memory(scatter: Scatter, stated: float | None = None) -> tuple[float, ...]:
         Empty for white noise.
     """
     spectrum = scatter.spectrum
-    if stated is not None:
-        spectrum = np.minimum(spectrum, _level(spectrum, stated**2))
-    covariance = _covariance(spectrum, ORDERS)
+    if stated_sd is not None:
+        spectrum = np.minimum(spectrum, _level(spectrum, stated_sd**2))
+    covariance = np.fft.irfft(spectrum)[: max_order + 1]
     if not covariance[0] > 0.0:
         return ()
     correlation = covariance / covariance[0]
-    left = np.array([sd for _, sd in autoregression(correlation[1:])]) ** 2
-    order = int(np.argmin(scatter.count * np.log(left) + np.arange(ORDERS + 1) * np.log(scatter.count)))
+    innovation = np.array([sd for _, sd in autoregression(correlation[1:])]) ** 2
+    order = int(np.argmin(scatter.count * np.log(innovation) + np.arange(max_order + 1) * np.log(scatter.count)))
     return tuple(float(value) for value in correlation[1 : order + 1])
 
 
 def effective_samples(count: int, autocorrelation: tuple[float, ...]) -> float:
-    """How many independent samples tell a mean as well as `count` of a noise with that memory, `count` at most."""
+    """How many independent samples determine a mean as well as `count` correlated ones, `count` at most.
+
+    Parameters
+    ----------
+    count : int
+    autocorrelation : tuple of float
+        [1] At lags of 1, 2, ... samples.
+    """
     weights, sd = autoregression(autocorrelation)[-1]
     return float(count * min((1.0 - weights.sum()) ** 2 / sd**2, 1.0))
 
 
-def cycle_differences(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _cycle_differences(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Each sample minus the residual one cycle later, between samples interpolated linearly.
 
     Returns
@@ -119,24 +141,22 @@ def cycle_differences(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndarr
         NaN where the next cycle has no datum; the share of the later one of the two samples.
     """
     difference, share = np.full(residual.size, np.nan), np.full(residual.size, np.nan)
-    placed = np.flatnonzero(np.isfinite(angle))
-    if placed.size < 2 or not angle[placed[-1]] > angle[placed[0]]:
+    known = np.flatnonzero(np.isfinite(angle))
+    if known.size < 2 or not angle[known[-1]] > angle[known[0]]:
         return difference, share
-    at, value = (
-        np.maximum.accumulate(angle[placed]),
-        residual[placed],
-    )  # an angle as measured may step back by its own noise
-    later = at + 2 * np.pi
-    inside = later <= at[-1] + 1e-9
-    right = np.clip(np.searchsorted(at, later[inside] - 1e-9), 1, at.size - 1)
-    apart = at[right] - at[right - 1]
-    weight = np.clip((later[inside] - at[right - 1]) / np.where(apart > 0.0, apart, 1.0), 0.0, 1.0)
+    # An angle as measured may step back by its own noise.
+    rising, value = np.maximum.accumulate(angle[known]), residual[known]
+    later = rising + 2 * np.pi
+    inside = later <= rising[-1] + 1e-9
+    right = np.clip(np.searchsorted(rising, later[inside] - 1e-9), 1, rising.size - 1)
+    apart = rising[right] - rising[right - 1]
+    weight = np.clip((later[inside] - rising[right - 1]) / np.where(apart > 0.0, apart, 1.0), 0.0, 1.0)
     weight = np.where(weight > 1.0 - 1e-6, 1.0, np.where(weight < 1e-6, 0.0, weight))
     before, after = value[right - 1], value[right]
     # A sample of no weight may be missing.
     mixed = np.where(weight < 1, (1 - weight) * before, 0.0) + np.where(weight > 0, weight * after, 0.0)
-    difference[placed[inside]] = value[inside] - mixed
-    share[placed[inside]] = weight
+    difference[known[inside]] = value[inside] - mixed
+    share[known[inside]] = weight
     return difference, share
 
 
@@ -146,9 +166,9 @@ def _spectrum(values: np.ndarray, lags: int) -> np.ndarray:
     covariance = _pairs(np.where(known, values, 0.0), lags) / np.maximum(_pairs(known.astype(float), lags), 1.0)
     u = np.arange(lags + 1) / (lags + 1)
     window = np.where(u <= 0.5, 1 - 6 * u**2 + 6 * u**3, 2 * (1 - u) ** 3)
-    turned = window * covariance
+    tapered = window * covariance
     points = 4 * lags  # enough that nothing between them is lost
-    return np.maximum(np.fft.hfft(np.pad(turned, (0, points - lags)), 2 * points)[: points + 1], 0.0)
+    return np.maximum(np.fft.hfft(np.pad(tapered, (0, points - lags)), 2 * points)[: points + 1], 0.0)
 
 
 def _pairs(values: np.ndarray, lags: int) -> np.ndarray:
@@ -162,41 +182,37 @@ def _mean(spectrum: np.ndarray) -> float:
     return float(np.trapezoid(spectrum) / (spectrum.size - 1))
 
 
-def _covariance(spectrum: np.ndarray, lags: int) -> np.ndarray:
-    return np.fft.irfft(spectrum)[: lags + 1]
-
-
-def _without_lines(values: np.ndarray) -> np.ndarray:
+def _without_lines(values: np.ndarray, settings: NoiseSettings) -> np.ndarray:
     """Values without the sinusoids that stand out of a first-order process: those are a motion, not noise.
 
-    One after the other, the surest first, until what is left is as noise has it.
+    One after the other, the most significant first, until noise alone would leave the next as often as it may.
     """
     known = np.isfinite(values)
-    place, left = np.flatnonzero(known), values.copy()
+    index, left = np.flatnonzero(known), values.copy()
     points = 4 * values.size  # a line between two frequencies of the plain periodogram is not missed
     frequency = 2 * np.pi * np.arange(1, points // 2) / points
-    for _ in range(_LINES):
+    for _ in range(settings.max_lines):
         power = np.abs(np.fft.rfft(np.where(known, left, 0.0), points)[1 : points // 2]) ** 2
         if not power.any():
             return left
         share = power / _background(power, frequency)
         top = int(np.argmax(share))
-        if share.size * np.exp(-share[top]) > _SURE:
+        if share.size * np.exp(-share[top]) > settings.line_probability:
             return left
-        phase = frequency[top] * place
+        phase = frequency[top] * index
         waves = np.column_stack([np.cos(phase), np.sin(phase)])
-        left[place] -= waves @ np.linalg.lstsq(waves, left[place], rcond=None)[0]
+        left[index] -= waves @ np.linalg.lstsq(waves, left[index], rcond=None)[0]
     return left
 
 
 def _background(power: np.ndarray, frequency: np.ndarray) -> np.ndarray:
     """Spectrum of the first-order process nearest to a periodogram in logarithms, whose median a few lines do not move."""
     plain = slice(3, None, 4)
-    seen = np.log(np.maximum(power[plain], np.finfo(float).tiny))
-    shapes = -np.log(1 + _MEMORIES**2 - 2 * _MEMORIES * np.cos(frequency[plain]))
-    level = np.median(seen - shapes, axis=1, keepdims=True)
-    best = int(np.argmin(np.abs(seen - shapes - level).sum(axis=1)))
-    rho = _MEMORIES[best, 0]
+    logarithm = np.log(np.maximum(power[plain], np.finfo(float).tiny))
+    shapes = -np.log(1 + _BACKGROUNDS**2 - 2 * _BACKGROUNDS * np.cos(frequency[plain]))
+    level = np.median(logarithm - shapes, axis=1, keepdims=True)
+    best = int(np.argmin(np.abs(logarithm - shapes - level).sum(axis=1)))
+    rho = _BACKGROUNDS[best, 0]
     mean = np.exp(level[best, 0]) / np.log(2.0)  # of an exponential distribution with that median
     return mean / (1 + rho**2 - 2 * rho * np.cos(frequency))
 
@@ -213,9 +229,9 @@ def _level(spectrum: np.ndarray, mean: float) -> float:
 
 
 def _robust_sd(values: np.ndarray) -> float:
-    """Standard deviation by the median of absolute values, which a few wild ones do not move."""
+    """Standard deviation by the median of absolute values, which a few outliers do not move."""
     plain = float(np.sqrt(np.mean(values**2)))
-    robust = float(np.median(np.abs(values)) / 0.6744897501960817)
+    robust = float(np.median(np.abs(values)) / 0.6744897501960817)  # half of a normal distribution lies within
     return robust if robust > 1e-6 * plain else plain  # coarsely rounded readings hardly ever differ
 
 

@@ -6,46 +6,51 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification import cycle_noise as cycles
 from jointgap.identification.confirmation import fit_run_parameters
+from jointgap.identification.cycle_noise import (
+    Scatter,
+    ar_autocorrelation,
+    effective_samples,
+    scatter_between_cycles,
+    scatter_between_samples,
+)
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Model, Series, runs_of
+from jointgap.identification.settings import DEFAULT_SETTINGS, NoiseSettings
 from jointgap.identification.whitening import Noise
 
 Key = tuple[str, str]
 
-_FAR = 1.3  # a stated noise that differs from the found one by more than this factor is told
-_LEAST_SHARE = (
-    1e-4  # of what a channel varies by; no sensor resolves less, and a noise of 0 weighs every error infinitely
-)
-_GUESSED_SHARE = 0.02  # noise as a share of a channel's standard deviation, where nothing is known yet
-_NEGLIGIBLE = 0.05  # of the noise: less adds 0.1 % to it
-
 
 @dataclass(frozen=True)
-class FoundNoise(Noise):
+class NoiseEstimate(Noise):
     """Noise with what is to be known of it.
 
     Attributes
     ----------
-    found : float
+    estimated_sd : float
         Standard deviation [unit] that the data show, NaN where they cannot tell.
     effective_samples : float
-        How many independent samples would tell a mean as well.
+        How many independent samples would determine a mean as well.
     remarks : tuple of str
         What a reader should know; empty where all is well.
     """
 
-    found: float = np.nan
+    estimated_sd: float = np.nan
     effective_samples: float = np.nan
     remarks: tuple[str, ...] = ()
 
 
-def noise_of_model(model: Model) -> dict[Key, FoundNoise]:
+def noise_of_model(model: Model, settings: NoiseSettings = DEFAULT_SETTINGS.noise) -> dict[Key, NoiseEstimate]:
     """The noise of every series.
 
     The model as it stands is fitted with noise as stated or guessed; what its residuals do not repeat from cycle to cycle is noise.
+
+    Parameters
+    ----------
+    model : Model
+    settings : NoiseSettings
 
     Raises
     ------
@@ -54,7 +59,7 @@ def noise_of_model(model: Model) -> dict[Key, FoundNoise]:
     SimulationError
         The model as it stands cannot be simulated.
     """
-    guess = {series.key: _guess(series) for series in model.series}
+    guess = {series.key: _guess(series, settings.guessed_share) for series in model.series}
     problem = Problem(model, guess)
     first = fit_hypothesis(problem)
     if first.status == FAILED:
@@ -64,24 +69,26 @@ def noise_of_model(model: Model) -> dict[Key, FoundNoise]:
     for run in runs_of(model):
         predicted = problem.predict(run, values)
         residuals |= {s.key: s.value - predicted[s.channel] for s in model.series if s.run == run}
-    return estimate_noise(model, residuals)
+    return estimate_noise(model, residuals, settings)
 
 
-def _guess(series: Series) -> Noise:
+def _guess(series: Series, share: float) -> Noise:
     """Noise that weighs the channels for a first fit."""
     if series.stated_noise is not None:
         return Noise(series.stated_noise)
-    known = series.value[telling(series) & np.isfinite(series.value)]
-    spread = max(_GUESSED_SHARE * float(np.std(known)), np.finfo(float).tiny) if known.size else 1.0
+    measured = series.value[_is_for_noise(series) & np.isfinite(series.value)]
+    spread = max(share * float(np.std(measured)), np.finfo(float).tiny) if measured.size else 1.0
     return Noise(np.full(series.value.shape, spread), source="guessed")
 
 
-def estimate_noise(model: Model, residuals: Mapping[Key, np.ndarray]) -> dict[Key, FoundNoise]:
+def estimate_noise(
+    model: Model, residuals: Mapping[Key, np.ndarray], settings: NoiseSettings = DEFAULT_SETTINGS.noise
+) -> dict[Key, NoiseEstimate]:
     """Noise of every series.
 
-    A stated standard deviation is taken as it is; the memory from sample to sample is always found, from the differences of
-    neighbouring cycles. Where they differ by more than the stated noise, the rest is a motion out of step with the crank and
-    is not taken for noise. Of a run that is held out in part, the part for fitting tells the noise.
+    A stated standard deviation is taken as it is; the correlation from sample to sample is always estimated, from the differences
+    of neighbouring cycles. Where they differ by more than the stated noise, the rest is a motion out of step with the crank and
+    is not taken for noise. Of a run that is held out in part, the part for fitting is used.
 
     Parameters
     ----------
@@ -89,54 +96,59 @@ def estimate_noise(model: Model, residuals: Mapping[Key, np.ndarray]) -> dict[Ke
     residuals : mapping of (run, channel) to (n,) array
         Measured minus predicted by the best model so far [unit]; NaN gaps. Prediction takes sharp features away, so that
         interpolation between samples does not take them for noise.
+    settings : NoiseSettings
 
     Returns
     -------
-    dict of (run, channel) to FoundNoise
+    dict of (run, channel) to NoiseEstimate
 
     Raises
     ------
     InputError
         The noise of a series is neither stated nor to be found.
     """
-    return {series.key: _noise_of(series, residuals[series.key]) for series in model.series}
+    return {series.key: _noise_of(series, residuals[series.key], settings) for series in model.series}
 
 
-def degrees_of_freedom(found: Mapping[Key, FoundNoise]) -> float:
-    """From how many independent numbers the noise was found; infinite where all of it is stated."""
-    estimated = [one.effective_samples for one in found.values() if one.source != "stated"]
-    return float(np.nansum(estimated)) / 2.0 if estimated else np.inf  # a cycle is told from the next one alone
+def degrees_of_freedom(noise: Mapping[Key, NoiseEstimate]) -> float:
+    """From how many independent numbers the noise was estimated; infinite where all of it is stated."""
+    estimated = [series.effective_samples for series in noise.values() if series.source != "stated"]
+    return float(np.nansum(estimated)) / 2.0 if estimated else np.inf  # two cycles give one difference
 
 
-def telling(series: Series) -> np.ndarray:
-    """Samples of a series that may tell its noise, shape (n,) bool: those for fitting, or all where all of it is held out."""
+def _is_for_noise(series: Series) -> np.ndarray:
+    """Samples of a series that its noise is estimated from, (n,) bool: those for fitting, or all where all of it is held out."""
     return ~series.held_out | series.held_out.all()
 
 
-def _noise_of(series: Series, residual: np.ndarray) -> FoundNoise:
-    told = telling(series)
-    value, residual = np.where(told, series.value, np.nan), np.where(told, residual, np.nan)
+def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> NoiseEstimate:
+    used = _is_for_noise(series)
+    value, residual = np.where(used, series.value, np.nan), np.where(used, residual, np.nan)
     count = int(np.isfinite(value).sum())
     stated = series.stated_noise
     if series.statistic:
         if stated is None:
             raise InputError(f"run {series.run}, channel {series.channel}: statistics need a stated noise")
-        return FoundNoise(stated, effective_samples=float(count))
-    scatter, source = cycles.from_cycles(residual, series.angle), "differences between neighbouring cycles"
+        return NoiseEstimate(stated, effective_samples=float(count))
+    scatter, source = (
+        scatter_between_cycles(residual, series.angle, settings),
+        "differences between neighbouring cycles",
+    )
     if scatter is None:
-        scatter, source = cycles.from_roughness(residual), "differences between neighbouring samples"
-    least = _LEAST_SHARE * float(np.nanstd(value)) if count else 0.0
+        scatter, source = scatter_between_samples(residual, settings), "differences between neighbouring samples"
+    least = settings.min_share_of_channel * float(np.nanstd(value)) if count else 0.0
     remarks, autocorrelation = [], ()
     if scatter is not None and scatter.spectrum is not None:
-        autocorrelation = cycles.memory(scatter, None if stated is None else _rms(stated))
+        autocorrelation = ar_autocorrelation(scatter, settings.max_ar_order, None if stated is None else _rms(stated))
     else:
         remarks.append(
             f"too few cycles of {series.channel} are known: its noise counts as independent from sample to sample"
         )
     if stated is not None:
         sd, source = stated, "stated"
-        if scatter is not None and not 1 / _FAR < max(scatter.sd, least) / max(_rms(stated), least) < _FAR:
-            remarks.append(_far(series, scatter))
+        factor = settings.reported_mismatch
+        if scatter is not None and not 1 / factor < max(scatter.sd, least) / max(_rms(stated), least) < factor:
+            remarks.append(_mismatch(series, scatter))
     elif scatter is None:
         raise InputError(
             f"run {series.run}, channel {series.channel}: {count} samples are too few to find the noise; "
@@ -152,17 +164,17 @@ def _noise_of(series: Series, residual: np.ndarray) -> FoundNoise:
         raise InputError(
             f"run {series.run}, channel {series.channel}: its noise is 0; state what the sensor resolves as `noise`"
         )
-    return FoundNoise(
+    return NoiseEstimate(
         sd,
         autocorrelation,
         source=source,
-        found=np.nan if scatter is None else scatter.sd,
-        effective_samples=cycles.effective_samples(count, autocorrelation),
+        estimated_sd=np.nan if scatter is None else scatter.sd,
+        effective_samples=effective_samples(count, autocorrelation),
         remarks=tuple(remarks),
     )
 
 
-def _far(series: Series, scatter: cycles.Scatter) -> str:
+def _mismatch(series: Series, scatter: Scatter) -> str:
     stated = _rms(series.stated_noise)
     start = f"{series.channel} is stated to have a noise of {stated:.3g} {series.unit}; its cycles differ"
     if scatter.sd < stated:
@@ -174,20 +186,26 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def numerics_noise(model: Model, values: Mapping[str, float], noise: Mapping[Key, Noise]) -> dict[Key, Noise]:
-    """The noise with what equally good numerics predict otherwise.
+def numerics_noise(
+    model: Model,
+    values: Mapping[str, float],
+    noise: Mapping[Key, Noise],
+    settings: NoiseSettings = DEFAULT_SETTINGS.noise,
+) -> dict[Key, Noise]:
+    """The noise together with what equally good numerics predict differently.
 
     Parameters
     ----------
     model : Model
     values : mapping of str to float
-        Nuisances by key; nominal where absent.
+        Nuisances by key [SI]; nominal where absent.
     noise : mapping of (run, channel) to Noise
+    settings : NoiseSettings
 
     Returns
     -------
     dict of (run, channel) to Noise
-        ``numerics`` is the root mean square, over the other numerics and five neighbouring samples, of their difference from
+        ``numerics`` is the root mean square, over the other numerics and neighbouring samples, of their difference from
         the usual ones; 0 where it is negligible. Statistics of chaotic motion scatter by about their noise with any change:
         of theirs, what is beyond it.
 
@@ -196,29 +214,29 @@ def numerics_noise(model: Model, values: Mapping[str, float], noise: Mapping[Key
     InputError, SimulationError
         The usual numerics fail at these values. Others that fail are left out.
     """
-    found, statistics = dict(noise), {series.key for series in model.series if series.statistic}
+    changed, statistics = dict(noise), {series.key for series in model.series if series.statistic}
     for run in runs_of(model):
-        at = {p.name: values.get(p.key, p.nominal) for p in model.nuisances if p.run in (None, run)}
-        usual = model.simulate(run, at)
+        nuisances = {p.name: values.get(p.key, p.nominal) for p in model.nuisances if p.run in (None, run)}
+        usual = model.simulate(run, nuisances)
         squares = {channel: [] for channel in usual}
         for number in range(1, len(model.numerics) + 1):
             try:
-                other = model.simulate(run, at, numerics=number)
+                other = model.simulate(run, nuisances, numerics=number)
             except (InputError, SimulationError):
                 continue
             for channel, predicted in usual.items():
                 squares[channel].append(np.square(other[channel] - predicted))
         for channel, each in squares.items():
-            if each and (run, channel) in found:
-                here = found[run, channel]
-                found[run, channel] = replace(
-                    here, numerics=_spread(np.mean(each, axis=0), here.sd, (run, channel) in statistics)
-                )
-    return found
+            if each and (run, channel) in changed:
+                own = changed[run, channel]
+                spread = _spread(np.mean(each, axis=0), own.sd, (run, channel) in statistics, settings)
+                changed[run, channel] = replace(own, numerics=spread)
+    return changed
 
 
-def _spread(square: np.ndarray, sd: np.ndarray, statistic: bool) -> np.ndarray:
-    window = np.ones(min(5, square.size))
+def _spread(square: np.ndarray, sd: np.ndarray, statistic: bool, settings: NoiseSettings) -> np.ndarray:
+    """Root of the smoothed mean square (n,) of what other numerics change; 0 where that is negligible beside the noise `sd` (n,)."""
+    window = np.ones(min(settings.numerics_window, square.size))
     smooth = np.convolve(square, window, mode="same") / np.convolve(np.ones(square.size), window, mode="same")
     spread = np.sqrt(np.maximum(smooth - sd**2, 0.0) if statistic else smooth)
-    return np.where(spread > _NEGLIGIBLE * sd, spread, 0.0)
+    return np.where(spread > settings.negligible_numerics * sd, spread, 0.0)

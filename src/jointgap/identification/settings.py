@@ -277,6 +277,43 @@ class ModelSelectionSettings:
 
 
 @dataclass(frozen=True)
+class NoiseSettings:
+    """How the noise of a channel is estimated from repeated cycles.
+
+    Attributes
+    ----------
+    max_ar_order : int
+        [samples] The noise is an autoregressive process of at most this order: sensors and filters need no more.
+    min_differences : int
+        Differences between cycles; fewer say nothing of a correlation.
+    max_lines : int
+        Sinusoids that are taken out of the differences, as motions out of step with the crank (experience).
+    line_probability : float
+        [1] How often noise alone may leave the sinusoid that is taken out.
+    reported_mismatch : float
+        [1] A stated noise that differs from the estimated one by more than this factor is reported.
+    min_share_of_channel : float
+        [1, of what a channel varies by] No sensor resolves less, and a noise of 0 would weigh every error infinitely.
+    guessed_share : float
+        [1, of what a channel varies by] Noise for the first fit, which only has to weigh the channels against each other.
+    negligible_numerics : float
+        [1, of the noise] What other numerics predict differently counts from here on: less adds 0.1 % to the noise.
+    numerics_window : int
+        [samples] Over which that is averaged: an impact that comes a sample earlier differs at single samples.
+    """
+
+    max_ar_order: int = 4
+    min_differences: int = 32
+    max_lines: int = 24
+    line_probability: float = 1e-4
+    reported_mismatch: float = 1.3
+    min_share_of_channel: float = 1e-4
+    guessed_share: float = 0.02
+    negligible_numerics: float = 0.05
+    numerics_window: int = 5
+
+
+@dataclass(frozen=True)
 class DecisionSettings:
     """What a name asks for (`jointgap.identification.decision`).
 
@@ -338,6 +375,7 @@ class IdentificationSettings:
     initial_guess: InitialGuessSettings = field(default_factory=InitialGuessSettings)
     coarse_search: CoarseSearchSettings = field(default_factory=CoarseSearchSettings)
     selection: ModelSelectionSettings = field(default_factory=ModelSelectionSettings)
+    noise: NoiseSettings = field(default_factory=NoiseSettings)
     decision: DecisionSettings = field(default_factory=DecisionSettings)
     disagreement: DisagreementSettings = field(default_factory=DisagreementSettings)
 
