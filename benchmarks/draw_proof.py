@@ -10,7 +10,7 @@ import numpy as np
 
 from jointgap.dynamics import LAWS, delivered_restitution
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.figures.style import COLOURS, LOOK
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism, options
@@ -84,8 +84,8 @@ def order(axes) -> None:
     tolerances = 10.0 ** np.arange(-15, -7.9, 0.5)
     for name, loose in SETS.items():
         p = parameters(mechanism(loose=loose), options())
-        ends = [run_march(p, start_state(p), np.array([0, np.pi / 2]), t) for t in (1e-17, *tolerances)]
-        places = np.array([np.append(end.states[-1, :4], end.further[-1, :2]) for end in ends])
+        ends = [integrate_to_angles(p, start_state(p), np.array([0, np.pi / 2]), t) for t in (1e-17, *tolerances)]
+        places = np.array([np.append(end.states[-1, :4], end.auxiliary_states[-1, :2]) for end in ends])
         error = np.abs(places[1:] - places[0]).max(axis=1)
         axes.loglog(tolerances, np.maximum(error, 1e-19), marker="o", markersize=3, linewidth=1.0, label=name)
     axes.loglog(tolerances, tolerances, color="black", linestyle=":", linewidth=1.2, label="error = tolerance")
@@ -97,12 +97,12 @@ def limit(axes) -> None:
     """Deviation of the slider from the ideal mechanism as the clearance goes to zero, with friction, second revolution."""
     clearances, angles = 10.0 ** np.arange(-3, -6.1, -0.5), np.append(0.0, np.radians(np.arange(360, 721, 2.0)))
     ideal = parameters(mechanism(loose=()), options())
-    exact = run_march(ideal, start_state(ideal), angles, 1e-12).observed(ideal)["slider_position"]
+    exact = integrate_to_angles(ideal, start_state(ideal), angles, 1e-12).observed(ideal)["slider_position"]
     for name, loose in SETS.items():
         found = []
         for clearance in clearances:
             p = parameters(mechanism(loose=loose, clearance=clearance, friction=0.1, friction_speed=0.01), options())
-            seen = run_march(p, start_state(p), angles, 1e-11).observed(p)["slider_position"]
+            seen = integrate_to_angles(p, start_state(p), angles, 1e-11).observed(p)["slider_position"]
             found.append(np.abs(seen - exact)[1:].max())
         axes.loglog(clearances, found, marker="o", markersize=3, linewidth=1.0, label=name)
     axes.set(xlabel="radial clearance of each loose joint [m]", ylabel="largest deviation of the slider [m]")

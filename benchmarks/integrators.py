@@ -23,7 +23,7 @@ from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.joint_forces import CONTACT, FLIGHT
 from jointgap.dynamics.model.parameters import Parameters
 from jointgap.dynamics.parallel_runs import rod_and_slider
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 
 Code = Callable[[float, float], tuple[np.ndarray, float]]
@@ -63,7 +63,7 @@ def ours(p: Parameters) -> Code:
     def run(end, tolerance):
         angles = p.drive.start_angle + p.drive.speed * np.array([0.0, end])
         begin = time.process_time()
-        states = run_march(p, start, angles, tolerance).states
+        states = integrate_to_angles(p, start, angles, tolerance).states
         return positions(p, end, states[-1]), time.process_time() - begin
 
     return run

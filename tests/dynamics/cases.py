@@ -7,7 +7,7 @@ import numpy as np
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.parameters import Parameters
-from jointgap.dynamics.simulation import March, run_march
+from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.joints import PINS
 
@@ -72,11 +72,13 @@ def options(**changed) -> Simulate:
     return Simulate(**{"speed": SPEED, "revolutions": 1, "samples_per_revolution": 360, "tolerance": 1e-12, **changed})
 
 
-def marched(made: Mechanism, degrees, tolerance=1e-12, start_angle=0.0, **changed) -> tuple[Parameters, March]:
+def integrated(
+    made: Mechanism, degrees, tolerance=1e-12, start_angle=0.0, **changed
+) -> tuple[Parameters, IntegrationResult]:
     """`made` from its start, sampled at crank angles `degrees` after it (the first must be 0)."""
     p = parameters(made, options(start_angle=start_angle, **changed))
     angles = start_angle + np.radians(np.asarray(degrees, dtype=float))
-    return p, run_march(p, start_state(p), angles, tolerance)
+    return p, integrate_to_angles(p, start_state(p), angles, tolerance)
 
 
 def with_numbers(p: Parameters, **groups: dict) -> Parameters:

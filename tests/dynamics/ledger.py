@@ -26,8 +26,8 @@ def bodies(moved: Motion) -> list[tuple]:
     """Crank, unbalance, rod, slider: mass, position and velocity of the mass centre, inertia, angular velocity."""
     made = moved.made
     angle, speed = moved.angles, moved["crank_speed"]
-    pivot = np.array([moved.further(0), moved.further(1)])
-    pivot_rate = np.array([moved.further(4), moved.further(5)])
+    pivot = np.array([moved.auxiliary(0), moved.auxiliary(1)])
+    pivot_rate = np.array([moved.auxiliary(4), moved.auxiliary(5)])
 
     def on_crank(distance, ahead):
         arm = distance * np.array([np.cos(angle + ahead), np.sin(angle + ahead)])
@@ -56,7 +56,7 @@ def bending(moved: Motion) -> dict[str, np.ndarray]:
         )
         return nothing | {"momentum": np.zeros((2, *moved.angles.shape))}
     m, beyond = rod.mass, 0.5 * rod.length - rod.mass_centre
-    q, rate, turn = moved.further(3), moved.further(7), moved["rod_angular_velocity"]
+    q, rate, turn = moved.auxiliary(3), moved.auxiliary(7), moved["rod_angular_velocity"]
     along = np.array([np.cos(moved["rod_angle"]), np.sin(moved["rod_angle"])])
     across = turned(along)
     place = np.array([moved["rod_position_x"], moved["rod_position_y"]])
@@ -65,15 +65,15 @@ def bending(moved: Motion) -> dict[str, np.ndarray]:
     kinetic = m * (0.25 * rate**2 + 0.25 * (q * turn) ** 2 + SHARE * (rate * sideways - q * turn * forward))
     momentum = m * SHARE * (rate * across - q * turn * along)
     spin = cross(place, momentum) + m * SHARE * (q * cross(across, velocity) + rate * beyond) + 0.5 * m * q**2 * turn
-    pulsation = 2 * math.pi * effect.frequency_Hz
+    angular_frequency = 2 * math.pi * effect.frequency_Hz
     return {
         "kinetic": kinetic,
-        "strain": 0.25 * m * pulsation**2 * q**2,
+        "strain": 0.25 * m * angular_frequency**2 * q**2,
         "potential": -m * SHARE * q * (moved.made.gravity[:, None, None] * across).sum(0),
         "momentum": momentum,
         "spin": spin,
         "moment": m * SHARE * q * cross(across, moved.made.gravity),
-        "loss": m * effect.damping_ratio * pulsation * rate**2,
+        "loss": m * effect.damping_ratio * angular_frequency * rate**2,
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jointgap.config import Mechanism
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.parameters import Parameters
-from jointgap.dynamics.simulation import March, run_march
+from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles
 from jointgap.dynamics.solver.contact_episodes import EVENT
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.joints import JOINTS
@@ -40,7 +40,7 @@ class Motion:
     p: Parameters
     angles: np.ndarray
     weights: np.ndarray
-    run: March
+    run: IntegrationResult
     seen: dict[str, np.ndarray]
 
     def sampled(self, values: np.ndarray) -> np.ndarray:
@@ -49,8 +49,8 @@ class Motion:
     def state(self, i: int) -> np.ndarray:
         return self.sampled(self.run.states[:, i])
 
-    def further(self, i: int) -> np.ndarray:
-        return self.sampled(self.run.further[:, i])
+    def auxiliary(self, i: int) -> np.ndarray:
+        return self.sampled(self.run.auxiliary_states[:, i])
 
     def mode(self, joint: str) -> np.ndarray:
         return self.sampled(self.run.modes[:, JOINTS.index(joint)])
@@ -80,7 +80,7 @@ def motion(made: Mechanism, revolutions: float, tolerance=1e-15, panels_per_revo
     chosen = options(**changed)
     p = parameters(made, chosen)
     start, end = chosen.start_angle, chosen.start_angle + revolutions * 2 * np.pi
-    run = run_march(p, start_state(p), np.array([start, end]), tolerance)
+    run = integrate_to_angles(p, start_state(p), np.array([start, end]), tolerance)
     corners = np.concatenate(([start], run.events[:, ANGLE], [end]))
     panels = []
     for a, b in pairwise(corners):
@@ -105,7 +105,7 @@ def _sampled(made: Mechanism, p: Parameters, panels: np.ndarray, tolerance: floa
     u = np.concatenate((u0, inside, u1), axis=1)
     angles = np.clip(a + (b - a) * np.sin(u) ** 2, a, b)
     weights = 0.5 * (u1 - u0) * WEIGHTS * (b - a) * np.sin(2 * inside)
-    run = run_march(p, start_state(p), angles.ravel(), tolerance)
+    run = integrate_to_angles(p, start_state(p), angles.ravel(), tolerance)
     seen = run.observed(p)
     weights /= seen["crank_speed"].reshape(angles.shape)[:, 1:-1]
     return Motion(made.applied(), p, angles, weights, run, seen)

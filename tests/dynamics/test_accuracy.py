@@ -6,7 +6,7 @@ import pytest
 from jointgap.dynamics.model.joint_forces import CLAMPED
 from jointgap.dynamics.model.normal_contact import LAWS
 from tests.dynamics import plain
-from tests.dynamics.cases import ALL, LUGRE, MOTOR, SPEED, effect, marched, mechanism
+from tests.dynamics.cases import ALL, LUGRE, MOTOR, SPEED, effect, integrated, mechanism
 
 DEGREES = np.arange(0.0, 45.5, 0.5)
 BODIES = ("rod_position_x", "rod_position_y", "rod_angle", "slider_position")
@@ -27,7 +27,7 @@ def placed(p, run) -> np.ndarray:
 )
 def test_independent_code_gives_the_same_motion(worst, law, restitution, friction, friction_speed):
     made = mechanism(law=law, restitution=restitution, friction=friction, friction_speed=friction_speed)
-    p, run = marched(made, DEGREES, tolerance=1e-14)
+    p, run = integrated(made, DEGREES, tolerance=1e-14)
     states, impacts = plain.simulate(
         np.radians(DEGREES), SPEED, LAWS[law](restitution), friction, friction_speed, tolerance=1e-15
     )
@@ -43,7 +43,7 @@ def test_independent_code_gives_the_same_motion(worst, law, restitution, frictio
 def test_independent_code_agrees_where_heavy_damping_holds_the_force_at_zero(worst):
     degrees = np.arange(0.0, 221.0)
     made = mechanism(law="exact_restitution", restitution=0.1)
-    p, run = marched(made, degrees, tolerance=1e-14)
+    p, run = integrated(made, degrees, tolerance=1e-14)
     assert (run.modes == CLAMPED).any()
     states, impacts = plain.simulate(np.radians(degrees), SPEED, LAWS["exact_restitution"](0.1), 0.0, 1e-3, 1e-15)
     worst("plain scipy code, 220 deg, e = 0.1 [m]", np.abs(placed(p, run) - states[:, :4]).max(), 1e-11)
@@ -70,8 +70,8 @@ def test_the_error_at_samples_falls_with_the_tolerance(worst, case):
     degrees = np.arange(0.0, 25.01, 0.1)
 
     def vectors(tolerance):
-        _, run = marched(made, degrees, tolerance, **drive)
-        return np.hstack((run.states[:, :4], run.further[:, :2]))
+        _, run = integrated(made, degrees, tolerance, **drive)
+        return np.hstack((run.states[:, :4], run.auxiliary_states[:, :2]))
 
     exact, tolerances = vectors(1e-15), 10.0 ** -np.arange(8, 14)
     errors = [np.abs(vectors(tolerance) - exact).max() for tolerance in tolerances]
@@ -84,14 +84,14 @@ def test_the_error_at_samples_falls_with_the_tolerance(worst, case):
 def test_the_bending_of_a_rod_is_as_exact_as_the_rest(worst):
     made = mechanism(effect("rod_flexibility", frequency_Hz=250.0, damping_ratio=0.01), loose=())
     degrees = np.arange(0.0, 361.0)
-    exact, run = (marched(made, degrees, tolerance)[1].further[:, 3] for tolerance in (1e-15, 1e-12))
+    exact, run = (integrated(made, degrees, tolerance)[1].auxiliary_states[:, 3] for tolerance in (1e-15, 1e-12))
     worst("deflection at tolerance 1e-12 m, 360 deg [m]", np.abs(run - exact).max(), 1e-10)
 
 
 def test_samples_do_not_change_the_motion():
     made = mechanism()
-    _, fine = marched(made, np.arange(0, 3601) / 10, 1e-11)
-    _, coarse = marched(made, np.arange(0, 361), 1e-11)
+    _, fine = integrated(made, np.arange(0, 3601) / 10, 1e-11)
+    _, coarse = integrated(made, np.arange(0, 361), 1e-11)
     np.testing.assert_array_equal(fine.states[::10], coarse.states)
     np.testing.assert_array_equal(fine.events, coarse.events)
     assert fine.steps == coarse.steps
@@ -99,6 +99,6 @@ def test_samples_do_not_change_the_motion():
 
 def test_a_longer_run_begins_with_the_shorter_one():
     made = mechanism(friction=0.1)
-    _, one = marched(made, np.arange(0, 361), 1e-11)
-    _, two = marched(made, np.arange(0, 721), 1e-11)
+    _, one = integrated(made, np.arange(0, 361), 1e-11)
+    _, two = integrated(made, np.arange(0, 721), 1e-11)
     np.testing.assert_array_equal(one.states, two.states[:361])

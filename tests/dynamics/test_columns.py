@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.contact_episodes import EVENT
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.dynamics.solver.sampling import SAMPLE
@@ -38,7 +38,7 @@ def sampled(made, chosen):
     p = parameters(made, options(**chosen))
     middles = np.linspace(0.5, 2 * np.pi, 60)
     angles = np.append(0.0, (middles[:, None] + FAR * np.arange(-2, 3)).ravel())
-    result = run_march(p, start_state(p), angles, 1e-14)
+    result = integrate_to_angles(p, start_state(p), angles, 1e-14)
     at_events = result.events[:, EVENT.index("crank_angle")]
     smooth = ~(np.abs(middles[:, None] - at_events) < 3 * FAR).any(axis=1)
 
@@ -46,7 +46,10 @@ def sampled(made, chosen):
         return values[1:].reshape(-1, 5)[smooth]
 
     seen = {name: at_points(values) for name, values in result.observed(p).items()}
-    states = [at_points(column) for column in result.states.T], [at_points(column) for column in result.further.T]
+    states = (
+        [at_points(column) for column in result.states.T],
+        [at_points(column) for column in result.auxiliary_states.T],
+    )
     return p, at_points(result.times), at_points(angles), states, seen
 
 
@@ -86,7 +89,7 @@ def expected(made, p, time, angle, states):
     found["slider_velocity"], found["slider_acceleration"] = rates(time, slider)
     for i, axis in enumerate("xy"):
         found[f"rod_velocity_{axis}"], found[f"rod_acceleration_{axis}"] = rates(time, rod[i])
-    return found | (forces(made, p, time, angle, vectors, along, found) if not p.bodies.rod_pulsation else {})
+    return found | (forces(made, p, time, angle, vectors, along, found) if not p.bodies.rod_angular_frequency else {})
 
 
 def forces(made, p, time, angle, vectors, along, found):

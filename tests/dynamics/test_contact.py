@@ -56,11 +56,11 @@ def stiffness_of(exponent: float) -> float:
     return 1e3 / 1e-5**exponent
 
 
-def free_impact(law, drag: float = 0.0) -> tuple[float, float]:
+def free_impact(law, damping_factor: float = 0.0) -> tuple[float, float]:
     """Rebound over approach speed and largest penetration [m] of a free mass that meets a fixed pin."""
 
     def slope(_, state):
-        return state[1], -max(normal_force(law, state[0], state[1], drag), 0.0) / MASS
+        return state[1], -max(normal_force(law, state[0], state[1], damping_factor), 0.0) / MASS
 
     def ends(_, state):
         return state[0]

@@ -5,8 +5,8 @@ import pytest
 
 from jointgap.dynamics import simulate
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.equations import FURTHER
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.model.equations import AUXILIARY_STATES
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.contact_episodes import EVENT
 from jointgap.joints import JOINTS
 from tests.dynamics.cases import ALL, LUGRE, PINS, mechanism, options, with_numbers
@@ -23,8 +23,8 @@ def head_on(**keys):
         bodies={"crank_length": 0.0, "rod_centre": 0.0},
         piston_pin={"clearance": 10.0},
     )
-    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, HIT, 0.0, HIT]), np.zeros(FURTHER)
-    impact, separation = run_march(p, start, np.array([0.0, 0.005]), 1e-14).events[:2]
+    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, HIT, 0.0, HIT]), np.zeros(AUXILIARY_STATES)
+    impact, separation = integrate_to_angles(p, start, np.array([0.0, 0.005]), 1e-14).events[:2]
     assert impact[COLUMN["approach_speed"]] == pytest.approx(HIT, rel=1e-12)
     return p.crank_pin, separation
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.equations import FURTHER
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.model.equations import AUXILIARY_STATES
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.events import NOWHERE, first_crossing
 from tests.dynamics.cases import mechanism, options, with_numbers
 
@@ -24,8 +24,8 @@ def thrown(clearance):
         crank_pin={"clearance": clearance},
         piston_pin={"clearance": 10.0},
     )
-    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, SPEED, 0.0, SPEED]), np.zeros(FURTHER)
-    return run_march(p, start, np.array([0.0, 1.5 * SPEED / GRAVITY]), 1e-12).events
+    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, SPEED, 0.0, SPEED]), np.zeros(AUXILIARY_STATES)
+    return integrate_to_angles(p, start, np.array([0.0, 1.5 * SPEED / GRAVITY]), 1e-12).events
 
 
 @pytest.mark.parametrize("share", (1e-3, 1e-6, 1e-9))

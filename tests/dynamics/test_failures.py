@@ -10,7 +10,7 @@ import pytest
 
 from jointgap.dynamics import compilation, simulate
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError, SimulationError
 from tests.dynamics.cases import ALL, CRANK, MOTOR, PINS, ROD, effect, mechanism, options, with_numbers
@@ -24,7 +24,7 @@ def test_a_contact_stiff_beyond_reason_ends_in_an_error():
     for stiffness in (1e30, 1e308):
         stiff = with_numbers(p, crank_pin={"stiffness": stiffness}, piston_pin={"stiffness": stiffness})
         with pytest.raises(SimulationError, match=WHERE):
-            run_march(stiff, start_state(stiff), TURN, 1e-12)
+            integrate_to_angles(stiff, start_state(stiff), TURN, 1e-12)
 
 
 def test_a_tolerance_below_rounding_ends_in_an_error():
@@ -36,7 +36,7 @@ def test_a_number_that_is_not_finite_ends_in_an_error():
     p = parameters(mechanism(), options())
     broken = with_numbers(p, bodies={"gravity_y": np.nan})
     with pytest.raises(SimulationError, match=f"not finite.*{WHERE}"):
-        run_march(broken, start_state(p), TURN, 1e-12)
+        integrate_to_angles(broken, start_state(p), TURN, 1e-12)
 
 
 def test_a_formula_without_a_value_on_the_way_ends_in_an_error():
@@ -72,7 +72,7 @@ def test_friction_that_holds_itself_is_an_error_not_a_hang():
 
 
 def test_the_bound_on_steps_is_named(monkeypatch):
-    monkeypatch.setattr(sys.modules[run_march.__module__], "STEPS_PER_REVOLUTION", 100)
+    monkeypatch.setattr(sys.modules[integrate_to_angles.__module__], "STEPS_PER_REVOLUTION", 100)
     with pytest.raises(SimulationError, match=f"more than 100 steps.*{WHERE}"):
         simulate(mechanism(), options())
 

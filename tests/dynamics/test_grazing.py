@@ -5,7 +5,7 @@ import pytest
 
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.parameters import MEASURED, knots_record
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from tests.dynamics.cases import ALL, SPEED, mechanism, options, with_numbers
 
@@ -42,8 +42,8 @@ def finely(p, step):
 def both(made, revolutions, tolerance):
     """A usual run, and one in steps of a hundredth of its mean step."""
     p, angles = parameters(made, options()), np.array([0.0, 2 * np.pi * revolutions])
-    usual = run_march(p, start_state(p), angles, tolerance)
-    fine = run_march(finely(p, 0.01 * angles[1] / usual.steps), start_state(p), angles, tolerance)
+    usual = integrate_to_angles(p, start_state(p), angles, tolerance)
+    fine = integrate_to_angles(finely(p, 0.01 * angles[1] / usual.steps), start_state(p), angles, tolerance)
     assert fine.steps > 100 * usual.steps
     return usual, fine
 
@@ -70,5 +70,5 @@ def test_the_first_revolution_without_friction_has_as_many_contacts_as_in_steps_
 def test_the_finer_run_is_the_same_motion():
     made = mechanism()
     p, angles = parameters(made, options()), np.linspace(0.0, 1.0, 50)
-    usual, fine = (run_march(one, start_state(p), angles, 1e-14).states for one in (p, finely(p, 1e-4)))
+    usual, fine = (integrate_to_angles(one, start_state(p), angles, 1e-14).states for one in (p, finely(p, 1e-4)))
     np.testing.assert_allclose(usual[:, :4], fine[:, :4], atol=1e-11)

@@ -4,23 +4,23 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics.model.joint_forces import CONTACT, FLIGHT
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, COLUMNS, LINEAR, elapsed, instant, step, stretch
+from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, COLUMNS, LINEAR, ds_for, elapsed_time, instant, step
 from jointgap.dynamics.solver.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
-from tests.dynamics.cases import SPEED, marched, mechanism
+from tests.dynamics.cases import SPEED, integrated, mechanism
 
 
-def order(p, here, course, begin, end, counts):
+def order(p, here, time_map, begin, end, counts):
     """Order at which the state after `count` equal steps from s = begin to end converges."""
 
     def state(count):
         there, s = here, begin
         for s1 in np.linspace(begin, end, count + 1)[1:]:
-            y, x, _ = step(p, there, course, s, s1 - s, 1e-5, np.zeros((COUNT, COLUMNS)))
-            there = instant(p, there.time + elapsed(course, s, s1 - s), y, x, here.modes, here.approaches)
+            y, x, _ = step(p, there, time_map, s, s1 - s, 1e-5, np.zeros((COUNT, COLUMNS)))
+            there = instant(p, there.time + elapsed_time(time_map, s, s1 - s), y, x, here.modes, here.approaches)
             s = s1
-        return np.array(there.y)
+        return np.array(there.clearance_state)
 
     exact = state(20 * counts[-1])
     errors = [np.abs(state(count) - exact)[4:].max() for count in counts]
@@ -44,12 +44,12 @@ def test_the_tableau_fulfils_the_conditions_of_its_order():
 @pytest.fixture(scope="module")
 def impact():
     """Parameters; instants of the first impact, a quarter and half through its contact; time of separation [s]."""
-    p, run = marched(mechanism(), [0, 8], tolerance=1e-15)
+    p, run = integrated(mechanism(), [0, 8], tolerance=1e-15)
     (begin, _, _, approach), (end, *_) = run.events[:2, :4]
     times = np.array([0.0, begin, 0.75 * begin + 0.25 * end, 0.5 * (begin + end), end])
-    at = run_march(p, start_state(p), SPEED * times, 1e-15)
+    at = integrate_to_angles(p, start_state(p), SPEED * times, 1e-15)
     contact = (CONTACT, FLIGHT, FLIGHT), (approach, np.inf, np.inf)
-    instants = [instant(p, times[i], tuple(at.states[i]), tuple(at.further[i]), *contact) for i in (1, 2, 3)]
+    instants = [instant(p, times[i], tuple(at.states[i]), tuple(at.auxiliary_states[i]), *contact) for i in (1, 2, 3)]
     return p, *instants, end
 
 
@@ -72,8 +72,8 @@ def test_towards_a_separation_the_order_is_kept_only_in_the_root_of_time(impact)
     assert order(p, middle, LINEAR, 0.0, length, (3, 4, 6)) < 4
 
 
-@pytest.mark.parametrize("course", (LINEAR, AFTER, BEFORE))
-def test_time_runs_the_same_way_along_every_course(course):
+@pytest.mark.parametrize("time_map", (LINEAR, AFTER, BEFORE))
+def test_time_runs_the_same_way_along_every_course(time_map):
     s = 0.01
-    ds = stretch(course, s, 3e-5)
-    assert elapsed(course, s, ds) == pytest.approx(3e-5, rel=1e-12)
+    ds = ds_for(time_map, s, 3e-5)
+    assert elapsed_time(time_map, s, ds) == pytest.approx(3e-5, rel=1e-12)

@@ -7,7 +7,7 @@ import pytest
 from jointgap.dynamics import simulate
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.measured_drive import running_on, smooth_angle
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError
 from tests.dynamics.cases import SPEED, mechanism, options
@@ -103,7 +103,7 @@ def test_a_steady_record_is_as_long_as_its_turns_take(tmp_path):
 def test_samples_beyond_a_record_are_refused(tmp_path):
     p = parameters(mechanism(loose=()), steady(tmp_path, np.pi * np.linspace(0, 10, 4001), resolution=STEP))
     with pytest.raises(InputError, match=r"as far as 1800.1 deg at 10.0005\d* s, the samples to 1980 deg"):
-        run_march(p, start_state(p), np.linspace(0.0, 11 * np.pi, 100), 1e-12)
+        integrate_to_angles(p, start_state(p), np.linspace(0.0, 11 * np.pi, 100), 1e-12)
 
 
 @pytest.mark.parametrize("seed", range(4))

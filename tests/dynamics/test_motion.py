@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from jointgap import tables
 from jointgap.dynamics import simulate, simulate_ensemble
 from jointgap.errors import InputError
-from tests.dynamics.cases import CENTRE, CRANK, PINS, ROD, SPEED, marched, mechanism, options
+from tests.dynamics.cases import CENTRE, CRANK, PINS, ROD, SPEED, integrated, mechanism, options
 
 
 def test_until_the_first_impact_the_rod_flies_straight_and_turns_evenly():
@@ -49,17 +49,17 @@ def test_gravity_bends_the_free_flight():
 
 def test_without_friction_it_does_not_matter_who_carries_the_bearing():
     degrees = np.arange(0, 61)
-    _, pins = marched(mechanism(), degrees)
+    _, pins = integrated(mechanism(), degrees)
     for journals in (("rod", "slider"), ("crank", "rod"), ("rod", "rod")):
-        _, other = marched(mechanism(journals=journals), degrees)
+        _, other = integrated(mechanism(journals=journals), degrees)
         np.testing.assert_array_equal(other.states, pins.states)
 
 
 def test_with_friction_it_does():
     degrees = np.arange(0, 61)
-    _, pins = marched(mechanism(friction=0.2), degrees)
+    _, pins = integrated(mechanism(friction=0.2), degrees)
     for journals in (("rod", "slider"), ("crank", "rod")):
-        _, other = marched(mechanism(friction=0.2, journals=journals), degrees)
+        _, other = integrated(mechanism(friction=0.2, journals=journals), degrees)
         assert np.abs(other.states - pins.states)[:, :4].max() > 1e-5
 
 
@@ -89,8 +89,8 @@ def test_the_tables_take_what_a_simulation_gives(tmp_path):
 
 def test_directions_do_not_depend_on_how_often_they_are_looked_at():
     made = mechanism(restitution=0.9, law="exact_restitution")  # long flights, close to the centre at times
-    _, fine = marched(made, np.arange(0, 36001) / 50, 1e-10)
-    _, coarse = marched(made, np.arange(0, 721, 90), 1e-10)
+    _, fine = integrated(made, np.arange(0, 36001) / 50, 1e-10)
+    _, coarse = integrated(made, np.arange(0, 721, 90), 1e-10)
     seldom, often = coarse.directions[1:, :2], fine.directions[1:, :2]
     np.testing.assert_allclose(seldom, fine.directions[4500::4500, :2], atol=1e-9)
     unwrapped = np.unwrap(often, axis=0)

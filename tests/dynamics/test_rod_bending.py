@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
-from tests.dynamics.cases import PINS, ROD, SPEED, effect, marched, mechanism, options
+from tests.dynamics.cases import PINS, ROD, SPEED, effect, integrated, mechanism, options
 from tests.dynamics.closed import Closed
 
 MASS, GRAVITY = 0.773, 9.80665
@@ -26,37 +26,37 @@ def test_a_rod_at_rest_rings_at_its_frequency_and_dies_away_with_its_damping(rat
     y, x = start_state(p)
     x[3] = 1e-4
     times = np.linspace(0.0, 0.1, 200)
-    run = run_march(p, (y, x), 1e-6 * times, 1e-15)
-    pulsation = 2 * math.pi * 250.0
-    damped = pulsation * math.sqrt(1 - ratio**2)
-    swing = np.cos(damped * times) + ratio * pulsation / damped * np.sin(damped * times)
-    exact = 1e-4 * np.exp(-ratio * pulsation * times) * swing
-    worst("flexible rod: free vibration", np.abs(run.further[:, 3] - exact).max() / 1e-4, 1e-9)
+    run = integrate_to_angles(p, (y, x), 1e-6 * times, 1e-15)
+    angular_frequency = 2 * math.pi * 250.0
+    damped = angular_frequency * math.sqrt(1 - ratio**2)
+    swing = np.cos(damped * times) + ratio * angular_frequency / damped * np.sin(damped * times)
+    exact = 1e-4 * np.exp(-ratio * angular_frequency * times) * swing
+    worst("flexible rod: free vibration", np.abs(run.auxiliary_states[:, 3] - exact).max() / 1e-4, 1e-9)
 
 
 def test_a_rod_at_rest_sags_under_its_weight_as_a_beam_does(worst):
     """First mode of w'''' = rho g / EI with both ends pinned: 4 rho g l^4 / (pi^5 EI); and EI from the frequency."""
     frequency, heavy = 50.0, mechanism(bending(50.0, 0.9), loose=(), gravity=True)
     p = parameters(heavy, options(speed=1e-6))
-    run = run_march(p, start_state(p), 1e-6 * np.array([0.0, 1.0]), 1e-15)
+    run = integrate_to_angles(p, start_state(p), 1e-6 * np.array([0.0, 1.0]), 1e-15)
     line_mass = MASS / ROD
     rigidity = line_mass * (2 * math.pi * frequency) ** 2 * ROD**4 / math.pi**4
     sag = -4 * line_mass * GRAVITY * ROD**4 / (math.pi**5 * rigidity)
-    worst("flexible rod: sag", abs(run.further[-1, 3] / sag - 1), 1e-9)
+    worst("flexible rod: sag", abs(run.auxiliary_states[-1, 3] / sag - 1), 1e-9)
 
 
 def test_the_deflection_obeys_the_modal_equation_of_the_beam(worst):
     """q'' + 2 zeta w0 q' + (w0^2 - turn^2) q = -4/pi times the acceleration of midspan across the rod."""
     made = mechanism(bending(100.0, 0.02), loose=(), offset=0.05, gravity=True)
-    p, run = marched(made, np.arange(0, 361), 1e-14)
-    pulsation = 2 * math.pi * 100.0
+    p, run = integrated(made, np.arange(0, 361), 1e-14)
+    angular_frequency = 2 * math.pi * 100.0
 
     def slope(time, z):
         exact = Closed(made, np.array([SPEED * time]), SPEED)
         middle = exact.rated(*exact.on_rod(0.5 * ROD)[1:])[1][:, 0] - made.gravity
         angle, turn = exact.rod_angle[0], exact.rod_rates[0][0]
         across = middle[1] * math.cos(angle) - middle[0] * math.sin(angle)
-        return z[1], -0.04 * pulsation * z[1] - (pulsation**2 - turn**2) * z[0] - 4 / math.pi * across
+        return z[1], -0.04 * angular_frequency * z[1] - (angular_frequency**2 - turn**2) * z[0] - 4 / math.pi * across
 
     found = solve_ivp(slope, (0, run.times[-1]), [0, 0], "DOP853", t_eval=run.times, rtol=1e-12, atol=1e-16).y[0]
     worst("flexible rod: modal equation [m]", np.abs(found - run.observed(p)["rod_deflection"]).max(), 1e-11)
@@ -65,17 +65,17 @@ def test_the_deflection_obeys_the_modal_equation_of_the_beam(worst):
 
 def test_a_stiff_rod_bends_as_under_a_standing_load_and_moves_as_a_rigid_one():
     distance = []
-    _, rigid = marched(mechanism(loose=PINS, friction=0.1), np.arange(0, 46), 1e-12)
+    _, rigid = integrated(mechanism(loose=PINS, friction=0.1), np.arange(0, 46), 1e-12)
     for frequency in (2e3, 2e4):
         made = mechanism(bending(frequency, 0.5), loose=())
-        p, run = marched(made, np.arange(0, 361), 1e-13)
+        p, run = integrated(made, np.arange(0, 361), 1e-13)
         exact = Closed(made, np.radians(np.arange(0, 361)), SPEED)
         middle = exact.rated(*exact.on_rod(0.5 * ROD)[1:])[1]
         across = middle[1] * np.cos(exact.rod_angle) - middle[0] * np.sin(exact.rod_angle)
         standing = -4 / math.pi * across / (2 * math.pi * frequency) ** 2
-        lagging = np.abs(run.further[:, 3] - standing)[30:].max() / np.abs(standing).max()
+        lagging = np.abs(run.auxiliary_states[:, 3] - standing)[30:].max() / np.abs(standing).max()
         assert lagging < 2 * SPEED / frequency  # it follows late by its period
         assert np.abs(run.observed(p)["crank_torque"] - exact.virtual_work_torque())[30:].max() < 2e5 / frequency**1.5
-        _, loose = marched(mechanism(bending(frequency, 0.5), loose=PINS, friction=0.1), np.arange(0, 46), 1e-12)
+        _, loose = integrated(mechanism(bending(frequency, 0.5), loose=PINS, friction=0.1), np.arange(0, 46), 1e-12)
         distance.append(np.abs(loose.states - rigid.states)[:5, :4].max())
     assert distance[1] <= distance[0]

@@ -7,7 +7,7 @@ import pytest
 
 from jointgap.dynamics import simulate
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import SimulationError
 from tests.dynamics.cases import CRANK, PINS, ROD, SPEED, effect, mechanism, options
@@ -86,14 +86,14 @@ def test_steep_load_friction_is_solved_for_where_it_works_against_the_load_and_r
     made = mechanism(effect("slider_load_friction", coefficient=1.0), loose=(), offset=0.4, gravity=True)
     p = parameters(made, options(start_angle=5.4))
     angles = np.linspace(5.4, 6.1, 20)
-    run = run_march(p, start_state(p), angles, 1e-12)
+    run = integrate_to_angles(p, start_state(p), angles, 1e-12)
     exact = Closed(made, angles, SPEED)
     guide, _ = guide_with_friction(exact, 1.0)
     assert np.abs(np.tan(exact.rod_angle)).min() > 1.1  # rounds of substitution would not settle
     worst("load friction: guide force", relative(run.observed(p)["guide_force"], guide), 1e-12)
     p = parameters(made, options(start_angle=4.8))
     with pytest.raises(SimulationError, match="holds itself"):
-        run_march(p, start_state(p), np.linspace(4.8, 5.0, 20), 1e-12)
+        integrate_to_angles(p, start_state(p), np.linspace(4.8, 5.0, 20), 1e-12)
 
 
 def test_friction_of_ideal_pins_is_solved_for_together_with_their_reactions(worst):

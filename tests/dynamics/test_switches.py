@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics import simulate
-from jointgap.dynamics.solver.integrate import march
+from jointgap.dynamics.solver.integrate import integrate
 from jointgap.dynamics.solver.sampling import fill_samples
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import example
@@ -66,5 +66,5 @@ def test_any_combination_runs_through_and_nothing_is_compiled_anew(drive):
             if one["name"] == "discovered_slider_force":
                 one["parameters"] = {"formula": "-a*v*|v|", "coefficients": {"a": 0.2}}
         simulate(mechanism(*some, loose=loose, **(LUGRE if count % 2 else {})), chosen)
-    assert len(march.signatures) == 1
+    assert len(integrate.signatures) == 1
     assert len(fill_samples.signatures) == 1

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
-from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, marched, mechanism, options, with_numbers
+from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, integrated, mechanism, options, with_numbers
 
 RUB = {"friction": 0.1, "offset": 0.03, "gravity": True}
 MIRRORED = {
@@ -28,7 +28,7 @@ MIRRORED = {
     ),
 }
 STATE_SIGNS = np.array([1, -1] * 4)
-FURTHER_SIGNS = np.array([1, -1, -1, -1, 1, -1, -1, -1, -1, -1, -1])
+AUXILIARY_SIGNS = np.array([1, -1, -1, -1, 1, -1, -1, -1, -1, -1, -1])
 
 
 @pytest.mark.parametrize("case", MIRRORED)
@@ -36,7 +36,7 @@ def test_mirrored_in_the_slide_the_mechanism_moves_as_its_mirror_image(case, wor
     effects, keys = MIRRORED[case]
     p = parameters(mechanism(*effects, **keys), options(start_angle=0.7))
     angles = 0.7 + np.linspace(0, 1.5, 361)
-    run = run_march(p, start_state(p), angles, 1e-12)
+    run = integrate_to_angles(p, start_state(p), angles, 1e-12)
     mirrored = with_numbers(
         p,
         bodies={
@@ -46,12 +46,16 @@ def test_mirrored_in_the_slide_the_mechanism_moves_as_its_mirror_image(case, wor
         },
         drive={"speed": -p.drive.speed, "start_angle": -0.7},
     )
-    image = run_march(mirrored, start_state(mirrored), -angles, 1e-12)
+    image = integrate_to_angles(mirrored, start_state(mirrored), -angles, 1e-12)
     assert len(run.events) > 3 or case == "film"
     # Reactions of ideal pins are solved for, and rounded otherwise in the mirror.
     bound = 0.0 if p.crank_pin.loose else 1e-10
     worst("mirror image [m]", np.abs(image.states * STATE_SIGNS - run.states)[:, :4].max(), bound)
-    worst("mirror image, further states", np.abs(image.further * FURTHER_SIGNS - run.further).max(), 1e3 * bound)
+    worst(
+        "mirror image, auxiliary states",
+        np.abs(image.auxiliary_states * AUXILIARY_SIGNS - run.auxiliary_states).max(),
+        1e3 * bound,
+    )
     np.testing.assert_allclose(image.events[:, :5], run.events[:, :5], rtol=1e3 * bound)
 
 
@@ -67,8 +71,8 @@ SHIFTED = {
 def test_a_start_one_turn_later_gives_the_same_motion(case, worst):
     effects, keys, drive = SHIFTED[case]
     made, degrees = mechanism(*effects, **keys), np.arange(0, 46)
-    _, run = marched(made, degrees, 1e-14, start_angle=0.3, **drive)
-    _, later = marched(made, degrees, 1e-14, start_angle=0.3 + 2 * np.pi, **drive)
+    _, run = integrated(made, degrees, 1e-14, start_angle=0.3, **drive)
+    _, later = integrated(made, degrees, 1e-14, start_angle=0.3 + 2 * np.pi, **drive)
     worst("start one turn later, 45 deg [m]", np.abs(later.states - run.states)[:, :4].max(), 1e-10)
 
 
@@ -76,12 +80,12 @@ def test_a_start_one_turn_later_gives_the_same_motion(case, worst):
 def test_a_start_from_a_state_on_the_way_gives_the_rest_of_the_motion(case, worst):
     effects, keys, drive = SHIFTED[case]
     made, degrees = mechanism(*effects, **keys), np.arange(0, 45.5, 0.5)
-    p, run = marched(made, degrees, 1e-14, start_angle=0.3, **drive)
+    p, run = integrated(made, degrees, 1e-14, start_angle=0.3, **drive)
     between = np.flatnonzero((run.modes == 0).all(axis=1) & (degrees > 12))
     assert between.size
     on_the_way = between[0]
     angles = 0.3 + np.radians(degrees[on_the_way:])
     later = with_numbers(p, drive={"start_angle": angles[0]})
-    rest = run_march(later, (run.states[on_the_way], run.further[on_the_way]), angles, 1e-14)
+    rest = integrate_to_angles(later, (run.states[on_the_way], run.auxiliary_states[on_the_way]), angles, 1e-14)
     worst("start on the way, 45 deg [m]", np.abs(rest.states - run.states[on_the_way:])[:, :4].max(), 1e-10)
     assert rest.times[-1] == pytest.approx(run.times[-1] - run.times[on_the_way], rel=1e-12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.slider_crank import build_model
 from jointgap.slider_crank import channel_kinematics as motion
@@ -22,10 +22,10 @@ def driven(loose, effects=(), **keys):
     return constant_speed_run(mechanism_, plan.run, plan.samples, {}, 0.0, motion.TOLERANCE)
 
 
-def marched(p, angles):
+def integrated(p, angles):
     """Every sample of the record simulated, one after the other."""
-    march = run_march(p, start_state(p), np.append(p.drive.start_angle, angles), motion.TOLERANCE)
-    return {name: values[1:] for name, values in march.observed(p).items()} | {"time": march.times[1:]}
+    result = integrate_to_angles(p, start_state(p), np.append(p.drive.start_angle, angles), motion.TOLERANCE)
+    return {name: values[1:] for name, values in result.observed(p).items()} | {"time": result.times[1:]}
 
 
 def apart(one, other):
@@ -39,9 +39,9 @@ def marches(monkeypatch):
 
     def counted(p, start, angles, tolerance):
         found.append(np.ptp(angles) / TURN)
-        return run_march(p, start, angles, tolerance)
+        return integrate_to_angles(p, start, angles, tolerance)
 
-    monkeypatch.setattr(motion, "run_march", counted)
+    monkeypatch.setattr(motion, "integrate_to_angles", counted)
     return found
 
 
@@ -51,7 +51,7 @@ def test_one_settled_revolution_stands_for_the_record(loose, marches):
     marches.clear()
     found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
     assert marches == [pytest.approx(3.0, abs=0.1)]
-    later = marched(run.numbers, np.sort(run.angles) + 6 * TURN)  # long after the start nothing else is seen
+    later = integrated(run.numbers, np.sort(run.angles) + 6 * TURN)  # long after the start nothing else is seen
     assert apart(found, later) < 2e-3
     assert found["crank_angle"] == pytest.approx(run.angles)
     assert found["time"] == pytest.approx((run.angles - run.numbers.drive.start_angle) / run.numbers.drive.speed)
@@ -63,7 +63,7 @@ def test_a_force_with_a_frequency_of_its_own_is_simulated_throughout(marches):
     marches.clear()
     found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
     assert len(marches) == 1 and marches[0] > 6.5
-    assert apart(found, marched(run.numbers, run.angles)) < 1e-6
+    assert apart(found, integrated(run.numbers, run.angles)) < 1e-6
 
 
 def test_a_motion_that_does_not_repeat_is_simulated_throughout(marches):
@@ -73,7 +73,7 @@ def test_a_motion_that_does_not_repeat_is_simulated_throughout(marches):
     marches.clear()
     found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
     assert len(marches) == 2
-    assert apart(found, marched(run.numbers, run.angles)) < 1e-6
+    assert apart(found, integrated(run.numbers, run.angles)) < 1e-6
 
 
 def test_a_record_from_the_start_shows_how_the_motion_settles(marches):
@@ -81,7 +81,7 @@ def test_a_record_from_the_start_shows_how_the_motion_settles(marches):
     marches.clear()
     found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
     assert len(marches) == 1
-    assert apart(found, marched(run.numbers, run.angles)) < 1e-6
+    assert apart(found, integrated(run.numbers, run.angles)) < 1e-6
 
 
 def test_a_film_answers_smoothly_to_a_mass():

@@ -10,7 +10,7 @@ import pytest
 from jointgap import tables
 from jointgap.config import Runs, Scenario
 from jointgap.dynamics import simulate, simulate_ensemble
-from jointgap.dynamics.parallel_runs import Run, march_runs
+from jointgap.dynamics.parallel_runs import Run, simulate_runs
 from jointgap.errors import InputError, SimulationError
 from jointgap.sweep.cycle_statistics import clearance_vectors
 from jointgap.sweep.ensemble import ensemble_runs, write_ensemble
@@ -96,7 +96,7 @@ def test_an_ensemble_is_never_held_in_memory(tmp_path):
             drawn += 1
             yield Run(made, COARSE)
 
-    outcomes = march_runs(endless(), workers=2)
+    outcomes = simulate_runs(endless(), workers=2)
     for _ in range(5):
         next(outcomes)
     outcomes.close()

@@ -54,7 +54,7 @@ def cache_folder(beside: Path) -> str:
 _FOLDER = cache_folder(_PACKAGE / "__pycache__")
 
 
-def compiled(function, **further):
+def compiled(function, **flags):
     """`function` as machine code: cached on disk, free of the interpreter's lock, dividing by IEEE rules.
 
     Products and sums may fuse (faster and rounding less); nothing else is reordered.
@@ -62,7 +62,7 @@ def compiled(function, **further):
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _FOLDER or before
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, **further)(function)
+        return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, **flags)(function)
     finally:
         numba.config.CACHE_DIR = before
 

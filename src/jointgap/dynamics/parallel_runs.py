@@ -15,7 +15,7 @@ from jointgap.dynamics.compilation import compiled
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.parameters import MOTOR, Parameters
 from jointgap.dynamics.model.prescribed_drive import crank_motion
-from jointgap.dynamics.simulation import March, crank_angles, run_march
+from jointgap.dynamics.simulation import IntegrationResult, crank_angles, integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError, SimulationError
 
@@ -54,7 +54,7 @@ class Outcome:
         Its numbers; None where the mechanism is impossible.
     crank_angle : (n,) array
         Of the samples [rad].
-    march : March or None
+    result : IntegrationResult or None
         Samples and events; None where the run failed.
     error : InputError or SimulationError or None
         Why it failed.
@@ -63,7 +63,7 @@ class Outcome:
     run: Run
     parameters: Parameters | None
     crank_angle: np.ndarray
-    march: March | None
+    result: IntegrationResult | None
     error: Exception | None = None
 
 
@@ -95,7 +95,7 @@ class Ensemble:
         return math.pi / 2 + self.rod_angle
 
 
-def march_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[Outcome]:
+def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[Outcome]:
     """Simulate runs side by side; their outcomes in order, whatever the number of workers.
 
     Only a few runs are held at a time: `runs` may be a generator of any length. A run that cannot be simulated comes out
@@ -143,13 +143,13 @@ def _outcome(run: Run, numbers: Parameters | InputError) -> Outcome:
     if isinstance(numbers, InputError):
         return Outcome(run, None, angles, None, numbers)
     try:
-        march = run_march(numbers, start_state(numbers, run.perturbation), angles, run.options.tolerance)
+        result = integrate_to_angles(numbers, start_state(numbers, run.perturbation), angles, run.options.tolerance)
     except (InputError, SimulationError) as error:
         return Outcome(run, numbers, angles, None, error)
-    return Outcome(run, numbers, angles, march)
+    return Outcome(run, numbers, angles, result)
 
 
-def rod_and_slider(p: Parameters, crank_angle, states, further) -> tuple[np.ndarray, np.ndarray]:
+def rod_and_slider(p: Parameters, crank_angle, states, auxiliary_states) -> tuple[np.ndarray, np.ndarray]:
     """Rod angle [rad] and slider position [m] of samples.
 
     Parameters
@@ -157,12 +157,12 @@ def rod_and_slider(p: Parameters, crank_angle, states, further) -> tuple[np.ndar
     p : Parameters
     crank_angle : (n,) array
         [rad].
-    states, further : (n, 8), (n, 11) arrays
-        As `jointgap.dynamics.solver.integrate.march` leaves them.
+    states, auxiliary_states : (n, 8), (n, 11) arrays
+        As `jointgap.dynamics.solver.integrate.integrate` leaves them.
     """
     b = p.bodies
-    end_x = b.crank_length * np.cos(crank_angle) + states[:, 0] + further[:, 0]
-    end_y = b.crank_length * np.sin(crank_angle) + states[:, 1] + further[:, 1]
+    end_x = b.crank_length * np.cos(crank_angle) + states[:, 0] + auxiliary_states[:, 0]
+    end_y = b.crank_length * np.sin(crank_angle) + states[:, 1] + auxiliary_states[:, 1]
     sine = (b.slider_offset + states[:, 3] - end_y) / b.rod_length
     return np.arcsin(sine), end_x + b.rod_length * np.sqrt(1.0 - sine**2) - states[:, 2]
 
@@ -176,9 +176,9 @@ def prescribed_speeds(p, times):
     return speeds
 
 
-def crank_speeds(p: Parameters, times, further) -> np.ndarray:
+def crank_speeds(p: Parameters, times, auxiliary_states) -> np.ndarray:
     """Crank speeds [rad/s] at samples, (n,)."""
-    return further[:, 6] if p.drive.kind == MOTOR else prescribed_speeds(p, times)
+    return auxiliary_states[:, 6] if p.drive.kind == MOTOR else prescribed_speeds(p, times)
 
 
 def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, workers: int | None = None) -> Ensemble:
@@ -191,7 +191,7 @@ def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, wo
     perturbations : (runs, 4) or (runs, 6) array_like
         The perturbation of each run [m].
     workers : int, optional
-        As in `march_runs`; the result does not depend on it.
+        As in `simulate_runs`; the result does not depend on it.
 
     Returns
     -------
@@ -203,13 +203,15 @@ def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, wo
         As in `jointgap.dynamics.simulation`, of the first run that fails.
     """
     times, states, rod_angles, positions = [], [], [], []
-    for outcome in march_runs((Run(mechanism, options, one) for one in perturbations), workers):
+    for outcome in simulate_runs((Run(mechanism, options, one) for one in perturbations), workers):
         if outcome.error is not None:
             raise outcome.error
-        march = outcome.march
-        rod_angle, position = rod_and_slider(outcome.parameters, outcome.crank_angle, march.states, march.further)
-        times.append(march.times)
-        states.append(march.states)
+        result = outcome.result
+        rod_angle, position = rod_and_slider(
+            outcome.parameters, outcome.crank_angle, result.states, result.auxiliary_states
+        )
+        times.append(result.times)
+        states.append(result.states)
         rod_angles.append(rod_angle)
         positions.append(position)
     return Ensemble(crank_angles(options), *map(np.array, (times, states, rod_angles, positions)))

@@ -8,12 +8,12 @@ import pandas as pd
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.equations import FURTHER, STATES
+from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.model.parameters import MEASURED, Parameters
 from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
-from jointgap.dynamics.solver import integrate as marching
 from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, sample_modes
 from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.dynamics.solver.integrate import DONE, NOT_FINITE, STALLED, STEP_TOO_SMALL, TOO_MANY_STEPS, integrate
 from jointgap.dynamics.solver.sampling import SAMPLE, TRAJECTORY, fill_samples
 from jointgap.errors import InputError, SimulationError
 from jointgap.joints import JOINT, JOINTS
@@ -26,14 +26,14 @@ VELOCITY_TIME = 3e-5
 """Time [s] that turns an error in a velocity into one in a position: a contact's ringing over 2 pi, near enough."""
 
 _FAILURES = {
-    marching.TOO_MANY_STEPS: "needs more than {limit} steps",
-    marching.STEP_TOO_SMALL: "would need a step below the resolution of time",
-    marching.NOT_FINITE: "meets a number that is not finite",
-    marching.STALLED: "ends where the motor stalls",
+    TOO_MANY_STEPS: "needs more than {limit} steps",
+    STEP_TOO_SMALL: "would need a step below the resolution of time",
+    NOT_FINITE: "meets a number that is not finite",
+    STALLED: "ends where the motor stalls",
 }
 _ADVICE = {
-    marching.STALLED: "give the motor more torque or inertia, or less load",
-    marching.NOT_FINITE: "check the effects and formulas (a root of a negative number, friction that holds itself) and "
+    STALLED: "give the motor more torque or inertia, or less load",
+    NOT_FINITE: "check the effects and formulas (a root of a negative number, friction that holds itself) and "
     "whether a contact is so soft that the rod leaves the slide",
 }
 
@@ -58,12 +58,12 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
-class March:
-    """Samples and events of one march, as `jointgap.dynamics.solver.integrate.march` leaves them."""
+class IntegrationResult:
+    """Samples and events of one integration, as `jointgap.dynamics.solver.integrate.integrate` leaves them."""
 
     times: np.ndarray
     states: np.ndarray
-    further: np.ndarray
+    auxiliary_states: np.ndarray
     modes: np.ndarray
     approaches: np.ndarray
     directions: np.ndarray
@@ -73,7 +73,9 @@ class March:
     def observed(self, p: Parameters) -> dict[str, np.ndarray]:
         """Every number at the samples, by column of `jointgap.dynamics.solver.sampling.SAMPLE`, (n,) each."""
         samples = np.empty(self.times.size, SAMPLE)
-        fill_samples(p, self.times, self.states, self.further, self.modes, self.approaches, self.directions, samples)
+        fill_samples(
+            p, self.times, self.states, self.auxiliary_states, self.modes, self.approaches, self.directions, samples
+        )
         return {name: samples[name] for name in SAMPLE.names}
 
 
@@ -104,7 +106,7 @@ def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Traj
     """
     p = parameters(mechanism, options)
     angles = crank_angles(options)
-    run = run_march(p, start_state(p, perturbation), angles, options.tolerance)
+    run = integrate_to_angles(p, start_state(p, perturbation), angles, options.tolerance)
     columns = run.observed(p)
     _check_finite(columns, run.times)
     columns |= sample_modes(p, run.times, run.modes, run.events)
@@ -121,8 +123,10 @@ def crank_angles(options: Simulate) -> np.ndarray:
     return options.start_angle + turned
 
 
-def run_march(p: Parameters, start: tuple[np.ndarray, np.ndarray], angles: np.ndarray, tolerance: float) -> March:
-    """March from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start angle.
+def integrate_to_angles(
+    p: Parameters, start: tuple[np.ndarray, np.ndarray], angles: np.ndarray, tolerance: float
+) -> IntegrationResult:
+    """IntegrationResult from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start angle.
 
     Raises
     ------
@@ -135,10 +139,10 @@ def run_march(p: Parameters, start: tuple[np.ndarray, np.ndarray], angles: np.nd
     times = crank_times(p, angles)
     if p.drive.kind == MEASURED:
         _check_reached(p, times, angles)
-    samples = March(
+    samples = IntegrationResult(
         times=times,
         states=np.empty((n, STATES)),
-        further=np.empty((n, FURTHER)),
+        auxiliary_states=np.empty((n, AUXILIARY_STATES)),
         modes=np.empty((n, 3), np.int64),
         approaches=np.empty((n, 3)),
         directions=np.empty((n, 3)),
@@ -146,11 +150,11 @@ def run_march(p: Parameters, start: tuple[np.ndarray, np.ndarray], angles: np.nd
         steps=0,
     )
     limit = math.ceil(STEPS_PER_REVOLUTION * max((angles[-1] - angles[0]) / (2 * math.pi), 1.0))
-    status, end, events, steps = marching.march(
-        p, *start, times, angles, tolerance, VELOCITY_TIME, limit, samples.states, samples.further, samples.modes,
+    status, end, events, steps = integrate(
+        p, *start, times, angles, tolerance, VELOCITY_TIME, limit, samples.states, samples.auxiliary_states, samples.modes,
         samples.approaches, samples.directions,
     )  # fmt: skip
-    if status != marching.DONE:
+    if status != DONE:
         advice = (
             f"ask for a larger tolerance than {tolerance:g} m, or check what makes the motion so stiff: stiffness, restitution, "
             "friction_speed or bristle_stiffness of the contacts, a small mass, an effect or its formula"
@@ -159,7 +163,7 @@ def run_march(p: Parameters, start: tuple[np.ndarray, np.ndarray], angles: np.nd
             f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.time:.9g} s, crank angle "
             f"{math.degrees(end.crank_angle):.6g} deg ({_state_in_words(p, end)}); {_ADVICE.get(status, advice)}"
         )
-    return March(**{**vars(samples), "events": events, "steps": steps})
+    return IntegrationResult(**{**vars(samples), "events": events, "steps": steps})
 
 
 def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None:
@@ -173,7 +177,11 @@ def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None
 
 
 def _state_in_words(p: Parameters, end) -> str:
-    motion = (end.y[0:2], end.y[4:6]), (end.y[2:4], end.y[6:8]), (end.x[0:2], end.x[4:6])
+    motion = (
+        (end.clearance_state[0:2], end.clearance_state[4:6]),
+        (end.clearance_state[2:4], end.clearance_state[6:8]),
+        (end.auxiliary_state[0:2], end.auxiliary_state[4:6]),
+    )
     vectors = [
         f"; r{joint.number} {place[0]:.9g}, {place[1]:.9g}, rate {rate[0]:.9g}, {rate[1]:.9g}"
         for joint, (place, rate) in zip(JOINT.values(), motion, strict=True)
@@ -193,7 +201,7 @@ def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
         )
         raise SimulationError(
             f"{name} is not finite at time {times[sample]:.9g} s, crank angle "
-            f"{math.degrees(columns['crank_angle'][sample]):.6g} deg (state in SI: {state}); {_ADVICE[marching.NOT_FINITE]}"
+            f"{math.degrees(columns['crank_angle'][sample]):.6g} deg (state in SI: {state}); {_ADVICE[NOT_FINITE]}"
         )
 
 

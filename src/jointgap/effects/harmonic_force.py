@@ -34,7 +34,7 @@ class HarmonicForce(Effect):
 
     def compile_into(self, records: Records) -> None:
         super().compile_into(records)
-        records["effects"]["harmonic_pulsation"] = 2 * math.pi * self.parameters.frequency_Hz
+        records["effects"]["harmonic_angular_frequency"] = 2 * math.pi * self.parameters.frequency_Hz
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:

@@ -61,7 +61,7 @@ class RodFlexibility(Effect):
             )
 
     def compile_into(self, records: Records) -> None:
-        records["bodies"]["rod_pulsation"] = 2 * math.pi * self.parameters.frequency_Hz
+        records["bodies"]["rod_angular_frequency"] = 2 * math.pi * self.parameters.frequency_Hz
         records["bodies"]["rod_damping_ratio"] = self.parameters.damping_ratio
 
     @classmethod

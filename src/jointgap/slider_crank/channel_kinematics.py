@@ -7,10 +7,10 @@ import numpy as np
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.scenario import TOLERANCE_SHARE
 from jointgap.dynamics.compilation import compiled
-from jointgap.dynamics.model.equations import FURTHER, STATES
+from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.model.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
 from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
-from jointgap.dynamics.simulation import VELOCITY_TIME, March, run_march
+from jointgap.dynamics.simulation import VELOCITY_TIME, IntegrationResult, integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.joints import JOINTS
 from jointgap.slider_crank.sample_grid import TURN
@@ -71,26 +71,26 @@ def observed(
         return _seen(p, angles, lambda places: _posed(p, places))
     start = start_state(p, perturbation)
 
-    def marched(places):
-        return run_march(p, start, places, tolerance)
+    def integrated(places):
+        return integrate_to_angles(p, start, places, tolerance)
 
     if perturbation is None and _may_repeat(p) and angles.min() > p.drive.start_angle + _WATCHED * TURN:
         begin = p.drive.start_angle + DROPPED * TURN
         folded = begin + np.mod(angles - begin, TURN)
-        seen = _seen(p, np.append(folded, [begin, begin + TURN]), marched, _REPEATS)
+        seen = _seen(p, np.append(folded, [begin, begin + TURN]), integrated, _REPEATS)
         if seen is not None:
             kept = {name: values[:-2] for name, values in seen.items()}
             return kept | {"crank_angle": angles, "time": _times(p, angles)}
-    return _seen(p, angles, marched)
+    return _seen(p, angles, integrated)
 
 
-def _seen(p: Parameters, angles: np.ndarray, marched, share: float | None = None) -> dict[str, np.ndarray] | None:
+def _seen(p: Parameters, angles: np.ndarray, integrated, share: float | None = None) -> dict[str, np.ndarray] | None:
     """What is to be seen at `angles`; with a `share`, None where the states at the last two differ by more than that."""
     places, back = np.unique(np.append(p.drive.start_angle, angles), return_inverse=True)
-    march = marched(places)
-    if share is not None and _apart(p, march, *back[-2:]) > share:
+    result = integrated(places)
+    if share is not None and _apart(p, result, *back[-2:]) > share:
         return None
-    columns = march.observed(p) | {"time": march.times}
+    columns = result.observed(p) | {"time": result.times}
     return {name: values[back[1:]] for name, values in columns.items()}
 
 
@@ -107,12 +107,12 @@ def _may_repeat(p: Parameters) -> bool:
     return bool(steady and not p.effects.harmonic and not p.slider_formula.length and not p.crank_formula.length)
 
 
-def _apart(p: Parameters, march: March, one: int, other: int) -> float:
+def _apart(p: Parameters, result: IntegrationResult, one: int, other: int) -> float:
     """How far two states differ, over the least clearance; of velocities, what `VELOCITY_TIME` makes of them."""
-    state = march.states[one] - march.states[other]
-    further = march.further[one] - march.further[other]
-    places = np.concatenate([state[:4], further[[0, 1, 3]]])
-    rates = np.concatenate([state[4:], further[[4, 5, 7]]])
+    state = result.states[one] - result.states[other]
+    auxiliary_states = result.auxiliary_states[one] - result.auxiliary_states[other]
+    places = np.concatenate([state[:4], auxiliary_states[[0, 1, 3]]])
+    rates = np.concatenate([state[4:], auxiliary_states[[4, 5, 7]]])
     clearances = [getattr(p, joint).clearance for joint in JOINTS if getattr(p, joint).loose]
     away = max(np.abs(places).max(), VELOCITY_TIME * np.abs(rates).max())
     return float(away / max(min(clearances, default=0.0), _LEAST))
@@ -120,16 +120,16 @@ def _apart(p: Parameters, march: March, one: int, other: int) -> float:
 
 def _is_posed(p: Parameters) -> bool:
     """Whether the motion is that of the ideal mechanism under a prescribed crank: nothing is left to integrate."""
-    return not (p.switches.further or any(getattr(p, joint).loose for joint in JOINTS)) and p.drive.kind != MOTOR
+    return not (p.switches.auxiliary or any(getattr(p, joint).loose for joint in JOINTS)) and p.drive.kind != MOTOR
 
 
-def _posed(p: Parameters, angles: np.ndarray) -> March:
+def _posed(p: Parameters, angles: np.ndarray) -> IntegrationResult:
     start_state(p)  # refuses a rod that does not reach the slide
     count = angles.size
-    return March(
+    return IntegrationResult(
         times=crank_times(p, angles),
         states=np.zeros((count, STATES)),
-        further=np.zeros((count, FURTHER)),
+        auxiliary_states=np.zeros((count, AUXILIARY_STATES)),
         modes=np.zeros((count, 3), np.int64),
         approaches=np.full((count, 3), math.inf),
         directions=np.full((count, 3), math.nan),

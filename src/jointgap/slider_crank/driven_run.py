@@ -13,7 +13,7 @@ from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.measured_drive import smooth_angle
 from jointgap.dynamics.model.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
 from jointgap.dynamics.model.prescribed_drive import crank_times
-from jointgap.dynamics.simulation import run_march
+from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError
 from jointgap.slider_crank.channel_kinematics import DROPPED, options_of, prescribed_angles
@@ -175,7 +175,7 @@ def motor_run(
     reach = 1.05 * max(samples.elapsed[-1] * motor.no_load_speed, TURN)
     count = math.ceil((back + reach) / TURN * _COARSE)
     coarse = p.drive.start_angle + np.arange(count + 1) * (TURN / _COARSE)
-    course = CubicSpline(run_march(p, start_state(p), coarse, tolerance).times, coarse)
+    course = CubicSpline(integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse)
     begin = float(np.interp(first, coarse, course.x))
     if samples.encoded and back:
         for _ in range(4):

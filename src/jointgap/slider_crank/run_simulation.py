@@ -91,7 +91,7 @@ def _read_once(campaign, plan, values, effects, numerics, perturbation) -> dict[
     driven = _driven_run(campaign, plan, mechanism, nuisances, faults.offset, tolerance)
     change(driven.numbers)
     harmonic = driven.numbers.effects
-    harmonic.harmonic_phase += harmonic.harmonic_pulsation * (plan.samples.time[0] - driven.begin)
+    harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
     return _read(campaign, plan, driven, faults, tolerance, perturbation)
 
 

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from jointgap import tables
 from jointgap.config import Mechanism, Scenario, Simulate, validate
 from jointgap.config.scenario import Runs
-from jointgap.dynamics.parallel_runs import Outcome, Run, crank_speeds, march_runs, rod_and_slider
+from jointgap.dynamics.parallel_runs import Outcome, Run, crank_speeds, rod_and_slider, simulate_runs
 from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, MODES, mode_numbers
 from jointgap.dynamics.solver.initial_state import perturbed_start
 from jointgap.errors import InputError, did_you_mean
@@ -231,7 +231,7 @@ def write_ensemble(runs: Iterable[Run], folder: Path | str, workers: int | None 
         All with the same names of `values`.
     folder : path
     workers : int, optional
-        See `jointgap.dynamics.parallel_runs.march_runs`.
+        See `jointgap.dynamics.parallel_runs.simulate_runs`.
 
     Raises
     ------
@@ -256,9 +256,9 @@ def write_ensemble(runs: Iterable[Run], folder: Path | str, workers: int | None 
 
 def _stream(runs: Iterable[Run], samples_path: str, events_path: str, workers: int | None, rows: list[dict]) -> None:
     with _Rows(tables.ENSEMBLE_SAMPLES, samples_path) as samples, _Rows(tables.ENSEMBLE_EVENTS, events_path) as events:
-        for number, outcome in enumerate(march_runs(runs, workers)):
+        for number, outcome in enumerate(simulate_runs(runs, workers)):
             rows.append(_run_row(number, outcome))
-            if outcome.march is not None:
+            if outcome.result is not None:
                 samples.add(_sample_columns(number, outcome))
                 events.add(_event_columns(number, outcome))
 
@@ -269,36 +269,36 @@ def _run_row(number: int, outcome: Outcome) -> dict:
         given = np.asarray(outcome.run.perturbation, dtype=float).ravel()[:6]
         start[: given.size] = given
     names = [f"start_{name}" for name in (*_VECTORS, *_PIVOT)]
-    march = outcome.march
+    result = outcome.result
     return {
         "run": number,
         "values": outcome.run.values,
         **dict(zip(names, start, strict=True)),
-        "samples": len(march.times) if march else 0,
-        "events": len(march.events) if march else 0,
-        "steps": march.steps if march else 0,
+        "samples": len(result.times) if result else 0,
+        "events": len(result.events) if result else 0,
+        "steps": result.steps if result else 0,
         "reason": str(outcome.error) if outcome.error else None,
     }
 
 
 def _sample_columns(number: int, outcome: Outcome) -> dict[str, np.ndarray]:
     """Columns of the table of samples for one run that did not fail; modes as places in `MODES`."""
-    p, march, n = outcome.parameters, outcome.march, len(outcome.crank_angle)
-    further = march.further
-    rod_angle, position = rod_and_slider(p, outcome.crank_angle, march.states, further)
-    modes = mode_numbers(p, march.times, march.modes, march.events)
+    p, result, n = outcome.parameters, outcome.result, len(outcome.crank_angle)
+    auxiliary_states = result.auxiliary_states
+    rod_angle, position = rod_and_slider(p, outcome.crank_angle, result.states, auxiliary_states)
+    modes = mode_numbers(p, result.times, result.modes, result.events)
     return {
         "run": np.full(n, number),
-        "time": march.times,
+        "time": result.times,
         "crank_angle": outcome.crank_angle,
-        "crank_speed": crank_speeds(p, march.times, further),
-        **{name: march.states[:, i] for i, name in enumerate(_VECTORS)},
-        **{name: further[:, i] for i, name in enumerate(_PIVOT)},
-        **{f"{name}_dot": march.states[:, 4 + i] for i, name in enumerate(_VECTORS)},
-        **{f"{name}_dot": further[:, 4 + i] for i, name in enumerate(_PIVOT)},
-        "rod_deflection": further[:, 3],
-        "rod_deflection_dot": further[:, 7],
-        **{f"{joint}_bristle": further[:, 8 + i] for i, joint in enumerate(JOINTS)},
+        "crank_speed": crank_speeds(p, result.times, auxiliary_states),
+        **{name: result.states[:, i] for i, name in enumerate(_VECTORS)},
+        **{name: auxiliary_states[:, i] for i, name in enumerate(_PIVOT)},
+        **{f"{name}_dot": result.states[:, 4 + i] for i, name in enumerate(_VECTORS)},
+        **{f"{name}_dot": auxiliary_states[:, 4 + i] for i, name in enumerate(_PIVOT)},
+        "rod_deflection": auxiliary_states[:, 3],
+        "rod_deflection_dot": auxiliary_states[:, 7],
+        **{f"{joint}_bristle": auxiliary_states[:, 8 + i] for i, joint in enumerate(JOINTS)},
         "rod_angle": rod_angle,
         "slider_position": position,
         **{f"{joint}_mode": modes[:, i] for i, joint in enumerate(JOINTS)},
@@ -307,7 +307,7 @@ def _sample_columns(number: int, outcome: Outcome) -> dict[str, np.ndarray]:
 
 def _event_columns(number: int, outcome: Outcome) -> dict[str, np.ndarray]:
     """Columns of the table of events for one run; joints and events as places in `JOINTS` and `EVENT_NAMES`."""
-    columns = dict(zip(EVENT, outcome.march.events.T, strict=True))
+    columns = dict(zip(EVENT, outcome.result.events.T, strict=True))
     columns["joint"] = columns["joint"].astype(np.int8)
     columns["event"] = columns.pop("begins").astype(np.int8)
     return {"run": np.full(len(columns["event"]), number), **columns}

@@ -8,8 +8,8 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.parallel_runs import Run, march_runs
-from jointgap.dynamics.simulation import March
+from jointgap.dynamics.parallel_runs import Run, simulate_runs
+from jointgap.dynamics.simulation import IntegrationResult
 from jointgap.dynamics.solver.initial_state import perturbed_start
 from jointgap.errors import InputError
 
@@ -126,7 +126,7 @@ def measure_growth(
     seed : int
         Of the directions.
     workers : int, optional
-        See `jointgap.dynamics.parallel_runs.march_runs`.
+        See `jointgap.dynamics.parallel_runs.simulate_runs`.
 
     Raises
     ------
@@ -144,12 +144,12 @@ def measure_growth(
     random_directions /= np.linalg.norm(random_directions, axis=1, keepdims=True)
     finer = options.model_copy(update={"tolerance": min(options.tolerance, change / _TOLERANCE_RATIO)})
     starts = np.vstack([np.zeros(6), change * random_directions])
-    outcomes = list(march_runs((Run(applied, finer, start) for start in starts), workers))
+    outcomes = list(simulate_runs((Run(applied, finer, start) for start in starts), workers))
     for outcome in outcomes:
         if outcome.error is not None:
             raise outcome.error
     clearance = min(applied.clearance(joint) for joint in applied.loose)
-    vectors = np.array([sampled_clearances(outcome.march) for outcome in outcomes])
+    vectors = np.array([sampled_clearances(outcome.result) for outcome in outcomes])
     distance = np.linalg.norm(vectors[1:] - vectors[0], axis=2)
     return Growth(
         outcomes[0].crank_angle,
@@ -161,6 +161,6 @@ def measure_growth(
     )
 
 
-def sampled_clearances(march: March) -> np.ndarray:
+def sampled_clearances(result: IntegrationResult) -> np.ndarray:
     """Clearance vectors of all joints at the samples of an integration, (n, 6) [m]."""
-    return np.hstack([march.states[:, :4], march.further[:, :2]])
+    return np.hstack([result.states[:, :4], result.auxiliary_states[:, :2]])

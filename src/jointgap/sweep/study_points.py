@@ -10,7 +10,7 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Mechanism, Scenario, Simulate, Study
 from jointgap.dynamics.model.compile_parameters import joint_parameters
-from jointgap.dynamics.parallel_runs import Outcome, Run, march_runs
+from jointgap.dynamics.parallel_runs import Outcome, Run, simulate_runs
 from jointgap.dynamics.simulation import event_frame
 from jointgap.errors import InputError
 from jointgap.mechanism import transmission_angle
@@ -33,7 +33,7 @@ def simulate_points(scenario: Scenario, only_speed: int | None = None, workers: 
     only_speed : int, optional
         Simulate this one of the speeds alone, counted from 0.
     workers : int, optional
-        See `jointgap.dynamics.parallel_runs.march_runs`.
+        See `jointgap.dynamics.parallel_runs.simulate_runs`.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def simulate_points(scenario: Scenario, only_speed: int | None = None, workers: 
         )
     speeds = study.speed if only_speed is None else (_speed(study, only_speed),)
     values = list(itertools.product(speeds, study.friction, study.clearance))
-    outcomes = march_runs(_runs(scenario, values), workers)
+    outcomes = simulate_runs(_runs(scenario, values), workers)
     rows = [_row(value, list(itertools.islice(outcomes, study.members)), study) for value in values]
     return pd.DataFrame(rows, columns=[column.name for column in tables.STUDY.columns])
 
@@ -109,8 +109,8 @@ def _runs(scenario: Scenario, values: list[tuple[float, float, float]]) -> Itera
 
 def _row(values: tuple[float, float, float], outcomes: list[Outcome], study: Study) -> dict[str, object]:
     speed, friction, clearance = values
-    done = [outcome for outcome in outcomes if outcome.march is not None]
-    failed = [outcome for outcome in outcomes if outcome.march is None]
+    done = [outcome for outcome in outcomes if outcome.result is not None]
+    failed = [outcome for outcome in outcomes if outcome.result is None]
     row: dict[str, object] = {"clearance": clearance, "speed": speed, "friction": friction}
     row |= {"failed": len(failed), "reason": str(failed[0].error) if failed else None}
     row |= {"sensitive": False, "growth": np.nan}
@@ -124,7 +124,7 @@ def _row(values: tuple[float, float, float], outcomes: list[Outcome], study: Stu
     row |= {f"order_{k}": amplitudes[k] for k in range(1, ORDERS + 1)}
     if len(done) > 1:
         per_turn = (len(done[0].crank_angle) - 2) // study.settled_revolutions
-        last = np.array([sampled_clearances(outcome.march)[-per_turn:] for outcome in done])
+        last = np.array([sampled_clearances(outcome.result)[-per_turn:] for outcome in done])
         separation = np.sqrt(np.mean(np.sum((last[1:] - last[0]) ** 2, axis=2), axis=1))
         distance = float(np.median(separation))
         row |= {"growth": distance / (study.perturbation * clearance), "sensitive": distance > USEFUL * clearance}
@@ -175,13 +175,13 @@ def measure(outcome: Outcome, study: Study) -> dict[str, float | np.ndarray]:
     study : Study
         Which revolutions count.
     """
-    mechanism, march = outcome.run.mechanism, outcome.march
-    signals = {name: values[1:] for name, values in march.observed(outcome.parameters).items()}
-    angle, times = outcome.crank_angle[1:], march.times[1:]
+    mechanism, result = outcome.run.mechanism, outcome.result
+    signals = {name: values[1:] for name, values in result.observed(outcome.parameters).items()}
+    angle, times = outcome.crank_angle[1:], result.times[1:]
     ideal = transmission_angle(mechanism.crank.length, mechanism.rod.length, angle, 0.0, mechanism.slider.offset)
     error = ideal - (math.pi / 2 + signals["rod_angle"])
     forces = [signals[f"{joint}_normal_force"].max() for joint in mechanism.loose]
-    shares, events = [], event_frame(march.events)
+    shares, events = [], event_frame(result.events)
     for joint in mechanism.loose:
         joint_contacts = contacts(events, joint)
         shares.append(1.0 - time_shares(joint_contacts, times[0], times[-1])["flight"])

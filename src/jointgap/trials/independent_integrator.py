@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from jointgap.dynamics.compilation import compiled
-from jointgap.dynamics.model.equations import FURTHER, STATES
+from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.model.joint_forces import FLIGHT
 from jointgap.dynamics.model.parameters import Parameters
 from jointgap.dynamics.model.relative_motion import relative_motion
@@ -23,7 +23,7 @@ from jointgap.dynamics.solver.runge_kutta import instant
 from jointgap.dynamics.solver.sampling import SAMPLE, fill_samples
 from jointgap.errors import SimulationError
 
-_SIZE = STATES + FURTHER
+_SIZE = STATES + AUXILIARY_STATES
 _NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
 _STAGES = np.zeros((7, 6))
 _STAGES[1, :1] = 1 / 5
@@ -46,9 +46,9 @@ def _rates(p, time, z, modes, approaches, out):
     x = (z[8], z[9], z[10], z[11], z[12], z[13], z[14], z[15], z[16], z[17], z[18])
     here = instant(p, time, y, x, modes, approaches)
     for i in range(STATES):
-        out[i] = here.slope[i]
-    for i in range(FURTHER):
-        out[STATES + i] = here.further_slope[i]
+        out[i] = here.clearance_rates[i]
+    for i in range(AUXILIARY_STATES):
+        out[STATES + i] = here.auxiliary_rates[i]
     return here
 
 
@@ -91,7 +91,7 @@ def _ended(p, time, z, modes, approaches, work):
 
 
 @compiled
-def _integrate(p, z, times, tolerance, states, further, modes_at, approaches_at):
+def _integrate(p, z, times, tolerance, states, auxiliary_states, modes_at, approaches_at):
     k, work, end, trial = np.zeros((7, _SIZE)), np.zeros(_SIZE), np.zeros(_SIZE), np.zeros(_SIZE)
     rates = np.zeros(_SIZE)
     modes, approaches = (FLIGHT, FLIGHT, FLIGHT), (math.inf, math.inf, math.inf)
@@ -126,8 +126,8 @@ def _integrate(p, z, times, tolerance, states, further, modes_at, approaches_at)
             _step(p, time, z, modes, approaches, times[sample] - time, k, work, trial)
             for i in range(STATES):
                 states[sample, i] = trial[i]
-            for i in range(FURTHER):
-                further[sample, i] = trial[STATES + i]
+            for i in range(AUXILIARY_STATES):
+                auxiliary_states[sample, i] = trial[STATES + i]
             for i in range(3):
                 modes_at[sample, i], approaches_at[sample, i] = modes[i], approaches[i]
             sample += 1
@@ -177,11 +177,11 @@ def integrate(p: Parameters, times: np.ndarray, tolerance: float, perturbation=N
     """
     y, x = start_state(p, perturbation)
     n = times.size
-    states, further = np.empty((n, STATES)), np.empty((n, FURTHER))
+    states, auxiliary_states = np.empty((n, STATES)), np.empty((n, AUXILIARY_STATES))
     modes, approaches = np.empty((n, 3), np.int64), np.empty((n, 3))
-    status, time = _integrate(p, np.concatenate((y, x)), times, tolerance, states, further, modes, approaches)
+    status, time = _integrate(p, np.concatenate((y, x)), times, tolerance, states, auxiliary_states, modes, approaches)
     if status != DONE:
         raise SimulationError(f"the orders 5 and 4 cannot go on at time {time:.9g} s; give a larger tolerance")
     samples = np.empty(n, SAMPLE)
-    fill_samples(p, times, states, further, modes, approaches, np.zeros((n, 3)), samples)
+    fill_samples(p, times, states, auxiliary_states, modes, approaches, np.zeros((n, 3)), samples)
     return {name: samples[name] for name in SAMPLE.names}

@@ -31,14 +31,14 @@ def rod_accelerations(bodies, rod_cos, rod_sin, speed, bend, bend_rate, fx, fy, 
     tuple of 4 floats
         Mass centre x, y [m/s^2], angle [rad/s^2], deflection [m/s^2].
     """
-    if bodies.rod_pulsation == 0.0:
+    if bodies.rod_angular_frequency == 0.0:
         ax = fx * bodies.rod_inverse_mass + bodies.gravity_x
         ay = fy * bodies.rod_inverse_mass + bodies.gravity_y
         return ax, ay, moment * bodies.rod_inverse_inertia, 0.0
-    m, k, pulsation = bodies.rod_mass, _SHARE, bodies.rod_pulsation
+    m, k, frequency = bodies.rod_mass, _SHARE, bodies.rod_angular_frequency
     beyond = 0.5 * bodies.rod_length - bodies.rod_centre  # from the mass centre to midspan
     along, across = rod_cos * fx + rod_sin * fy, rod_cos * fy - rod_sin * fx
-    free = -2.0 * bodies.rod_damping_ratio * pulsation * bend_rate - (pulsation**2 - speed**2) * bend
+    free = -2.0 * bodies.rod_damping_ratio * frequency * bend_rate - (frequency**2 - speed**2) * bend
     # With bend'' = free - 2 k (a_n + alpha beyond) put in: three equations, of which the first two give a_t and a_n.
     right_t = along + 2.0 * k * m * speed * bend_rate
     right_n = across + k * m * (speed**2 * bend - free)
@@ -97,7 +97,7 @@ def bodies_under(p, crank, here, x, torque, force, pin, piston, pivot):
     ----------
     p, crank, here : Parameters, Crank, Pose
     x : tuple
-        Further states.
+        Auxiliary states.
     torque, force : float
         On the crank [N m], where it is free; on the slider along +x beyond its joint [N].
     pin, piston, pivot : tuples

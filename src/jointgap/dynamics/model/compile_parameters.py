@@ -78,7 +78,7 @@ def _bodies(mechanism: Mechanism) -> BodyParameters:
         slider_offset=slider.offset,
         gravity_x=gravity_x,
         gravity_y=gravity_y,
-        rod_pulsation=0.0,
+        rod_angular_frequency=0.0,
         rod_damping_ratio=0.0,
     )
 
@@ -130,7 +130,7 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
     bristles = any(fields[name]["friction_law"] == FRICTION_LAWS["lugre"] for name in JOINTS)
     free_crank = isinstance(options.drive, MotorDrive) or fields["crank_pivot"]["loose"]
     switches = Switches(
-        further=free_crank or bristles or fields["bodies"]["rod_pulsation"] > 0,
+        auxiliary=free_crank or bristles or fields["bodies"]["rod_angular_frequency"] > 0,
         constrained=not (fields["crank_pin"]["loose"] and fields["piston_pin"]["loose"]),
         free_crank=free_crank,
         bristles=bristles,

@@ -36,7 +36,7 @@ def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
     if e.gas_force != 0.0:
         force -= e.gas_force * (e.gas_length / (e.gas_length + e.gas_outermost - x)) ** e.gas_exponent
     if e.harmonic != 0.0:
-        force += e.harmonic * math.cos(e.harmonic_pulsation * time + e.harmonic_phase)
+        force += e.harmonic * math.cos(e.harmonic_angular_frequency * time + e.harmonic_phase)
     if p.slider_formula.length > 0:
         force += formula_value(p.slider_formula, v, x, crank_speed, crank_angle, time)
     return force

@@ -4,7 +4,7 @@ State: the clearance vectors of crank pin and piston pin and their rates, eight 
 ideal. Everything else follows from them and from the crank angle. The clearance vectors themselves, not the positions of
 the bodies: a clearance is a thousandth of a length, and so is the rounding.
 
-Further states, all constant unless the mechanism has them: clearance vector of the crank pivot, crank angle of a motor,
+Auxiliary states, all constant unless the mechanism has them: clearance vector of the crank pivot, crank angle of a motor,
 deflection of a flexible rod; the rates of these four; a bristle for each joint with LuGre friction.
 
 In each joint the clearance vector runs from the partner's centre (crank, slider, frame) to the body's (rod, rod, crank);
@@ -20,8 +20,8 @@ from jointgap.dynamics.model.effect_laws import crank_losses, motor_torque, slid
 from jointgap.dynamics.model.joint_forces import NOTHING, bristle_motion, joint_force
 from jointgap.dynamics.model.reactions import constrained
 
-STATES, FURTHER = 8, 11
-"""How many states there are, and how many further ones."""
+STATES, AUXILIARY_STATES = 8, 11
+"""How many states there are, and how many auxiliary ones."""
 
 
 class Crank(NamedTuple):
@@ -58,7 +58,7 @@ def pose(bodies, crank, y, x):
 
 
 @inlined
-def accelerations(p, time, crank_angle, crank, y, x, modes, drags):
+def accelerations(p, time, crank_angle, crank, y, x, modes, damping):
     """All accelerations at a state, and the forces behind them.
 
     Parameters
@@ -68,8 +68,8 @@ def accelerations(p, time, crank_angle, crank, y, x, modes, drags):
         [s], [rad].
     crank : Crank
     y, x : tuples of 8 and 11 floats
-        State and further states.
-    modes, drags : tuples of 3
+        State and auxiliary states.
+    modes, damping : tuples of 3
         Modes of crank pin, piston pin and crank pivot, chi / d'_0 [s/m] of their contacts.
 
     Returns
@@ -79,14 +79,14 @@ def accelerations(p, time, crank_angle, crank, y, x, modes, drags):
         on the crank [N m], force on the slider [N]; rates of the bristles (3).
     """
     here = pose(p.bodies, crank, y, x)
-    pin = joint_force(p.crank_pin, modes[0], drags[0], y[0], y[1], y[4], y[5], here.rod_speed, crank.speed, x[8])
-    piston = joint_force(p.piston_pin, modes[1], drags[1], y[2], y[3], y[6], y[7], here.rod_speed, 0.0, x[9])
+    pin = joint_force(p.crank_pin, modes[0], damping[0], y[0], y[1], y[4], y[5], here.rod_speed, crank.speed, x[8])
+    piston = joint_force(p.piston_pin, modes[1], damping[1], y[2], y[3], y[6], y[7], here.rod_speed, 0.0, x[9])
     pivot = NOTHING
     torque = force = 0.0
     bristles = (0.0, 0.0, 0.0)
-    if p.switches.further:
+    if p.switches.auxiliary:
         if p.crank_pivot.loose:
-            pivot = joint_force(p.crank_pivot, modes[2], drags[2], x[0], x[1], x[4], x[5], crank.speed, 0.0, x[10])
+            pivot = joint_force(p.crank_pivot, modes[2], damping[2], x[0], x[1], x[4], x[5], crank.speed, 0.0, x[10])
         if p.switches.bristles:
             w, turn = here.rod_speed, crank.speed
             bristles = (

@@ -26,7 +26,7 @@ def arms_and_sliding(joint, penetration, swing, body_rate, partner_rate):
 
 
 @inlined
-def joint_force(joint, mode, drag, ex, ey, vx, vy, body_rate, partner_rate, bristle):
+def joint_force(joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_rate, bristle):
     """Force of the partner on the body in a loose joint.
 
     The bodies touch halfway through their overlap: one common point, so that no angular momentum is lost between them.
@@ -34,7 +34,7 @@ def joint_force(joint, mode, drag, ex, ey, vx, vy, body_rate, partner_rate, bris
     Parameters
     ----------
     joint : JointParameters
-    mode, drag
+    mode, damping_factor
         Mode of the joint and chi / d'_0 [s/m] of its contact.
     ex, ey, vx, vy : float
         Clearance vector [m] and its rate [m/s].
@@ -57,7 +57,7 @@ def joint_force(joint, mode, drag, ex, ey, vx, vy, body_rate, partner_rate, bris
     if mode == CONTACT and penetration > 0.0:
         inverse = 1.0 / r
         nx, ny = ex * inverse, ey * inverse
-        normal = normal_force(joint, penetration, vx * nx + vy * ny, drag)
+        normal = normal_force(joint, penetration, vx * nx + vy * ny, damping_factor)
         body_arm, partner_arm, sliding = arms_and_sliding(
             joint, penetration, vy * nx - vx * ny, body_rate, partner_rate
         )

@@ -201,7 +201,7 @@ def elastic_force(penetration, stiffness, exponent):
 
 
 @compiled
-def normal_force(joint, penetration, rate, drag):
+def normal_force(joint, penetration, rate, damping_factor):
     """Force [N] that pushes journal and bearing apart; that it never pulls is the caller's to see to, as an event.
 
     Parameters
@@ -209,13 +209,13 @@ def normal_force(joint, penetration, rate, drag):
     joint : JointParameters
     penetration, rate : float
         d [m] and d' [m/s].
-    drag : float
+    damping_factor : float
         chi / d'_0 [s/m] of this contact; the penalty form does without.
     """
     elastic = elastic_force(penetration, joint.stiffness, joint.exponent)
     if joint.penalty_damping > 0.0:
         return elastic + smooth_step(penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping) * rate
-    return elastic * (1.0 + drag * rate)
+    return elastic * (1.0 + damping_factor * rate)
 
 
 @compiled

@@ -40,7 +40,7 @@ class JointParameters(NamedTuple):
     penalty_damping, penalty_depth : float
         c_max [N s/m], 0 unless the penalty form, and d_max [m].
     friction_law : int
-        See `jointgap.dynamics.model.friction`, which explains the laws' further numbers too.
+        See `jointgap.dynamics.model.friction`, which explains the other numbers of the laws too.
     film_viscosity, film_length, film_clearance, film_least : float
         Of the lubricant [Pa s], 0 without one; of the film [m], its radial clearance [m] and least thickness [m].
     pin_friction, pin_radius : float
@@ -86,7 +86,7 @@ class BodyParameters(NamedTuple):
         About the pivot [kg m^2].
     rod_centre : float
         Distance of the rod's mass centre from its crank end [m].
-    rod_pulsation, rod_damping_ratio : float
+    rod_angular_frequency, rod_damping_ratio : float
         Of the rod's bending mode [rad/s]; 0 for a rigid rod.
     """
 
@@ -106,7 +106,7 @@ class BodyParameters(NamedTuple):
     slider_offset: float
     gravity_x: float
     gravity_y: float
-    rod_pulsation: float
+    rod_angular_frequency: float
     rod_damping_ratio: float
 
 
@@ -154,7 +154,7 @@ class EffectParameters(NamedTuple):
     gas_exponent: float = 1.0
     gas_outermost: float = 0.0
     harmonic: float = 0.0
-    harmonic_pulsation: float = 0.0
+    harmonic_angular_frequency: float = 0.0
     harmonic_phase: float = 0.0
     slider_sign_speed: float = 1.0
     crank_coulomb: float = 0.0
@@ -167,7 +167,7 @@ class Switches(NamedTuple):
 
     Attributes
     ----------
-    further : bool
+    auxiliary : bool
         It has states beyond the clearance vectors of both pins.
     constrained : bool
         A pin is ideal: its reaction has to be solved for.
@@ -177,7 +177,7 @@ class Switches(NamedTuple):
         A joint has LuGre friction.
     """
 
-    further: bool
+    auxiliary: bool
     constrained: bool
     free_crank: bool
     bristles: bool

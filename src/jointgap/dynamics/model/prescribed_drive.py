@@ -55,7 +55,7 @@ def crank_times(p, angles):
     """Times [s] at which a prescribed crank passes `angles` (n,) [rad], growing, the first at the start.
 
     The end of a measured angle, `p.knots.end`, for those that it does not reach. When a motor's crank passes them only the
-    march can tell: zeros.
+    integration can tell: zeros.
     """
     times = np.zeros(angles.size)
     if p.drive.kind == MOTOR:

@@ -11,7 +11,7 @@ import numpy as np
 from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.joint_forces import FLIGHT
 from jointgap.dynamics.model.parameters import Parameters
-from jointgap.dynamics.solver.runge_kutta import NORMAL, pace
+from jointgap.dynamics.solver.runge_kutta import NORMAL, dt_ds
 from jointgap.dynamics.solver.tableau import COUNT, NODES, STAGES
 from jointgap.joints import JOINTS
 
@@ -30,7 +30,7 @@ MODES = ("ideal", "flight", "impact", "contact")
 
 
 @inlined
-def follow_episodes(episodes, here, there, motion, there_motion, run, begin, ds, k):
+def follow_episodes(episodes, here, there, motion, there_motion, step_map, step_start, ds, k):
     """Carry on the episodes over an accepted step whose stages are in `k`.
 
     Parameters
@@ -41,7 +41,7 @@ def follow_episodes(episodes, here, there, motion, there_motion, run, begin, ds,
         Both ends of the step.
     motion, there_motion : tuples
         `relative_motion` there.
-    run, begin, ds : int, float, float
+    step_map, step_start, ds : int, float, float
         Course and extent of the step.
     k : (12, 22) array
     """
@@ -49,7 +49,7 @@ def follow_episodes(episodes, here, there, motion, there_motion, run, begin, ds,
     if flying or ds == 0.0:
         return
     for stage in range(COUNT):
-        duration = ds * STAGES[COUNT, stage] * pace(run, begin + NODES[stage] * ds)
+        duration = ds * STAGES[COUNT, stage] * dt_ds(step_map, step_start + NODES[stage] * ds)
         for joint in range(3):
             normal = max(k[stage, NORMAL + joint], 0.0)
             episodes[joint, 0] += duration * normal
@@ -86,9 +86,9 @@ def mode_numbers(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np
     ----------
     p : Parameters
     times, modes : (n,), (n, 3) arrays
-        Samples [s] and modes of a march.
+        Samples [s] and modes of an integration.
     events : (m, 9) array
-        Its events. A contact that lasts to the end of the march counts as contact.
+        Its events. A contact that lasts to the end of the integration counts as contact.
     """
     found = np.zeros((times.size, 3), np.int8)
     column = {name: i for i, name in enumerate(EVENT)}

@@ -19,7 +19,7 @@ from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.joint_forces import CLAMPED, CONTACT, FLIGHT
 from jointgap.dynamics.model.normal_contact import pushing_margin
 from jointgap.dynamics.model.relative_motion import relative_motion
-from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, instant, step, stretch
+from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, ds_for, instant, step
 from jointgap.joints import JOINTS
 
 NOWHERE, JOINT_COUNT = 2.0, len(JOINTS)
@@ -178,7 +178,7 @@ def switched(mode, approach, kind, speed, least):
 
 
 @compiled
-def locate(p, here, course, s, limit, crossed, joint, kind, guess, close, tolerance, velocity_time, k):
+def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tolerance, velocity_time, k):
     """Redo a step so that it ends where condition `kind` of `joint` falls through zero.
 
     Newton's method with true steps, kept between the last points found before and after the event. Towards a separation
@@ -186,7 +186,7 @@ def locate(p, here, course, s, limit, crossed, joint, kind, guess, close, tolera
 
     Parameters
     ----------
-    p, here, course, s, velocity_time, k
+    p, here, time_map, s, velocity_time, k
         As in `step`.
     limit, crossed : float, bool
         The event is looked for up to `limit` [s] from here; whether it is known to lie before.
@@ -200,25 +200,25 @@ def locate(p, here, course, s, limit, crossed, joint, kind, guess, close, tolera
     Returns
     -------
     tuple
-        Whether there is such a point; its instant; course, s, ds and error [m] of the last step made; steps made.
+        Whether there is such a point; its instant; time_map, s, ds and error [m] of the last step made; steps made.
     """
-    to_separation = kind == DISTANCE and here.modes[joint] == CONTACT and not (course == AFTER and s == 0.0)
+    to_separation = kind == DISTANCE and here.modes[joint] == CONTACT and not (time_map == AFTER and s == 0.0)
     low, high = 0.0, limit if crossed else math.inf
     for count in range(1, 60):
         if to_separation:
-            run, begin = BEFORE, math.sqrt(guess)
-            ds = -begin
+            step_map, step_start = BEFORE, math.sqrt(guess)
+            ds = -step_start
         else:
-            run, begin, ds = course, s, stretch(course, s, guess)
-        y, x, error = step(p, here, run, begin, ds, velocity_time, k)
+            step_map, step_start, ds = time_map, s, ds_for(time_map, s, guess)
+        y, x, error = step(p, here, step_map, step_start, ds, velocity_time, k)
         if not error <= tolerance:
-            return False, here, run, begin, ds, error, count
+            return False, here, step_map, step_start, ds, error, count
         there = instant(p, here.time + guess, y, x, here.modes, here.approaches)
         g, v, _, h, w = all_conditions(p, there, relative_motion(there))[joint]
         if kind == FORCE:
             g, v = h, w
         if abs(g) <= close:
-            return True, there, run, begin, ds, error, count
+            return True, there, step_map, step_start, ds, error, count
         if g < 0.0:
             high = guess
         elif v >= 0.0 and high == math.inf:
@@ -229,7 +229,7 @@ def locate(p, here, course, s, limit, crossed, joint, kind, guess, close, tolera
         if not low < guess < high:
             guess = 0.5 * (low + high)
         if high - low <= 1e-14 * limit or low == guess or guess == high:
-            return True, there, run, begin, ds, error, count
+            return True, there, step_map, step_start, ds, error, count
         if guess > limit:
             break
-    return False, here, run, begin, ds, 0.0, count
+    return False, here, step_map, step_start, ds, 0.0, count

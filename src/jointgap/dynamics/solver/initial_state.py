@@ -5,7 +5,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from jointgap.dynamics.model.equations import FURTHER, STATES
+from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.model.parameters import Parameters
 from jointgap.errors import InputError
 from jointgap.joints import JOINT, JOINTS
@@ -42,7 +42,7 @@ def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarra
     Returns
     -------
     (8,) array, (11,) array
-        State and further states: see `jointgap.dynamics.model.equations`.
+        State and auxiliary states: see `jointgap.dynamics.model.equations`.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarra
             f"the rod of {b.rod_length:g} m does not reach the slide {abs(rise):g} m away at crank angle "
             f"{math.degrees(d.start_angle):g} deg; lengthen the rod or shorten the crank"
         )
-    y, x = np.zeros(STATES), np.zeros(FURTHER)
+    y, x = np.zeros(STATES), np.zeros(AUXILIARY_STATES)
     y[:4], x[:2] = vectors[:4], vectors[4:]
     x[2], x[6] = d.start_angle, d.speed
     return y, x

@@ -1,7 +1,7 @@
-"""The march through time: steps under error control, ended at events, with samples taken inside the steps.
+"""Integration over time: steps under error control, ended at events, with samples taken inside the steps.
 
 A sample is a shorter step of the same method from the start of the step that it lies in. So it is as exact as the step,
-and the march does not depend on where samples are taken.
+and the integration does not depend on where samples are taken.
 """
 
 import math
@@ -9,14 +9,24 @@ import math
 import numpy as np
 
 from jointgap.dynamics.compilation import compiled
-from jointgap.dynamics.model.equations import FURTHER, STATES
+from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.model.joint_forces import FLIGHT
 from jointgap.dynamics.model.parameters import MOTOR
 from jointgap.dynamics.model.relative_motion import all_turns, direction, relative_motion
 from jointgap.dynamics.solver.contact_episodes import EPISODE, EVENT_WIDTH, begin_episode, follow_episodes, note_event
 from jointgap.dynamics.solver.event_step import advance
 from jointgap.dynamics.solver.events import all_conditions, switched
-from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, COLUMNS, COUNT, LINEAR, elapsed, instant, step, stretch
+from jointgap.dynamics.solver.runge_kutta import (
+    AFTER,
+    BEFORE,
+    COLUMNS,
+    COUNT,
+    LINEAR,
+    ds_for,
+    elapsed_time,
+    instant,
+    step,
+)
 
 DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE, STALLED = range(5)
 
@@ -60,13 +70,13 @@ def replaced(values, place, value):
 
 
 @compiled
-def time_at_angle(p, here, there, run, begin, angle, velocity_time, k):
+def time_at_angle(p, here, there, step_map, step_start, angle, velocity_time, k):
     """Time [s] within a step at which a motor's crank passes `angle` [rad], by Newton's method with true steps."""
     low, high = here.time, there.time
     share = (angle - here.crank_angle) / (there.crank_angle - here.crank_angle)
     time = low + share * (high - low)
     for _ in range(50):
-        _, x, _ = step(p, here, run, begin, stretch(run, begin, time - here.time), velocity_time, k)
+        _, x, _ = step(p, here, step_map, step_start, ds_for(step_map, step_start, time - here.time), velocity_time, k)
         following = time - (x[2] - angle) / x[6]
         if x[2] < angle:
             low = time
@@ -79,7 +89,7 @@ def time_at_angle(p, here, there, run, begin, angle, velocity_time, k):
 
 
 @compiled
-def march(
+def integrate(
     p,
     y,
     x,
@@ -89,7 +99,7 @@ def march(
     velocity_time,
     step_limit,
     states,
-    further,
+    auxiliary_states,
     modes_at,
     approaches_at,
     directions_at,
@@ -100,7 +110,7 @@ def march(
     ----------
     p : Parameters
     y, x : (8,), (11,) arrays
-        State and further states at the start.
+        State and auxiliary states at the start.
     times, angles : (n,) arrays
         Samples [s, rad], growing. A motor's samples lie at `angles`, and `times` beyond the first are overwritten; else
         they lie at `times`.
@@ -110,8 +120,8 @@ def march(
         Time [s] that turns an error in a velocity into one in a position.
     step_limit : int
         Most steps, rejected ones included.
-    states, further, modes_at, approaches_at, directions_at : (n, 8), (n, 11), (n, 3), (n, 3), (n, 3) arrays
-        Overwritten with the samples: states, further states, modes, approach speeds [m/s] of the contacts, unwrapped
+    states, auxiliary_states, modes_at, approaches_at, directions_at : (n, 8), (n, 11), (n, 3), (n, 3), (n, 3) arrays
+        Overwritten with the samples: states, auxiliary states, modes, approach speeds [m/s] of the contacts, unwrapped
         directions [rad] of the clearance vectors (NaN where the centres coincide).
 
     Returns
@@ -124,7 +134,7 @@ def march(
     episodes = np.zeros((3, EPISODE))
     motor = p.drive.kind == MOTOR
     longest = _LONGEST_TURN / (max(p.drive.speed, p.drive.no_load_speed) if motor else abs(p.drive.speed))
-    proposal, course, s = 0.1 * longest, LINEAR, 0.0
+    proposal, time_map, s = 0.1 * longest, LINEAR, 0.0
 
     y_start = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
     x_start = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
@@ -139,11 +149,11 @@ def march(
         if steps >= step_limit:
             return TOO_MANY_STEPS, here, events[:event_count], steps
         proposal = min(proposal, longest)
-        if course == AFTER and s * s > _FAR * proposal:
-            course, s = LINEAR, 0.0
-        allowed = tolerance * (_AFTER_IMPACT if course == AFTER else 1.0)
-        happens, joint, kind, there, there_motion, there_holding, run, begin, ds, error, made = advance(
-            p, here, motion, holding, course, s, proposal, allowed, velocity_time, k
+        if time_map == AFTER and s * s > _FAR * proposal:
+            time_map, s = LINEAR, 0.0
+        allowed = tolerance * (_AFTER_IMPACT if time_map == AFTER else 1.0)
+        happens, joint, kind, there, there_motion, there_holding, step_map, step_start, ds, error, made = advance(
+            p, here, motion, holding, time_map, s, proposal, allowed, velocity_time, k
         )
         steps += made
 
@@ -151,33 +161,41 @@ def march(
         factor = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * (allowed / error) ** 0.125))
         if not error <= allowed:
             factor = min(factor, 0.9) if error < math.inf else 0.1
-            proposal = 0.5 * elapsed(run, begin, ds) if run == BEFORE else elapsed(run, begin, ds * factor)
+            proposal = (
+                0.5 * elapsed_time(step_map, step_start, ds)
+                if step_map == BEFORE
+                else elapsed_time(step_map, step_start, ds * factor)
+            )
             if not proposal >= 1e-15 * (abs(here.time) + longest):
                 status = STEP_TOO_SMALL if error < math.inf else NOT_FINITE
                 return status, here, events[:event_count], steps
             continue
         if motor and there.crank.speed <= 0.0:
             return STALLED, there, events[:event_count], steps
-        follow_episodes(episodes, here, there, motion, there_motion, run, begin, ds, k)
+        follow_episodes(episodes, here, there, motion, there_motion, step_map, step_start, ds, k)
 
         while sample < times.size:
             if motor:
                 if angles[sample] > there.crank_angle and sample > 0:
                     break
                 if sample > 0:
-                    times[sample] = time_at_angle(p, here, there, run, begin, angles[sample], velocity_time, k)
+                    times[sample] = time_at_angle(
+                        p, here, there, step_map, step_start, angles[sample], velocity_time, k
+                    )
             elif times[sample] > there.time:
                 break
-            time, y_now, x_now = times[sample], there.y, there.x
+            time, y_now, x_now = times[sample], there.clearance_state, there.auxiliary_state
             if time < there.time:
-                y_now, x_now, _ = step(p, here, run, begin, stretch(run, begin, time - here.time), velocity_time, k)
+                y_now, x_now, _ = step(
+                    p, here, step_map, step_start, ds_for(step_map, step_start, time - here.time), velocity_time, k
+                )
             now = relative_motion(instant(p, time, y_now, x_now, here.modes, here.approaches))
             turns = all_turns(turns, seen, now, time - seen_time)
             seen, seen_time = now, time
             for i in range(STATES):
                 states[sample, i] = y_now[i]
-            for i in range(FURTHER):
-                further[sample, i] = x_now[i]
+            for i in range(AUXILIARY_STATES):
+                auxiliary_states[sample, i] = x_now[i]
             for i in range(3):
                 modes_at[sample, i], approaches_at[sample, i] = here.modes[i], here.approaches[i]
                 directions_at[sample, i] = direction(turns[i], now[i])
@@ -186,15 +204,15 @@ def march(
             return DONE, there, events[:event_count], steps
         turns = all_turns(turns, seen, there_motion, there.time - seen_time)
         seen, seen_time = there_motion, there.time
-        if course == AFTER:
+        if time_map == AFTER:
             s = math.sqrt(s * s + there.time - here.time)
         if not happens:
-            proposal = elapsed(run, begin + ds, ds * factor)
+            proposal = elapsed_time(step_map, step_start + ds, ds * factor)
             here, motion, holding = there, there_motion, there_holding
             continue
 
         # The event: the joint's mode changes.
-        before, modes, approaches, x_after = here.modes[joint], here.modes, here.approaches, there.x
+        before, modes, approaches, x_after = here.modes[joint], here.modes, here.approaches, there.auxiliary_state
         closing = max(-there_holding[joint][1], 0.0)
         mode, approach = switched(before, approaches[joint], kind, closing, least_approach(p, joint))
         modes, approaches = replaced(modes, joint, mode), replaced(approaches, joint, approach)
@@ -205,13 +223,13 @@ def march(
             event_count += 1
         if before == FLIGHT:
             begin_episode(episodes, joint, there.time)
-            course, s = AFTER, 0.0
+            time_map, s = AFTER, 0.0
             proposal = min(proposal, 0.1 * contact_begins(p, joint, approach))
         elif mode == FLIGHT:
             # Bristles that touch nothing are straight.
             x_after = x_after[:8] + replaced((x_after[8], x_after[9], x_after[10]), joint, 0.0)
             if modes[0] == FLIGHT and modes[1] == FLIGHT and modes[2] == FLIGHT:
-                course, s, proposal = LINEAR, 0.0, max(proposal, 0.2 * longest)
-        here = instant(p, there.time, there.y, x_after, modes, approaches)
+                time_map, s, proposal = LINEAR, 0.0, max(proposal, 0.2 * longest)
+        here = instant(p, there.time, there.clearance_state, x_after, modes, approaches)
         motion = relative_motion(here)
         holding = all_conditions(p, here, motion)

@@ -1,7 +1,7 @@
 """One step of the 8th-order Runge-Kutta method, in time or in the square root of the time from an event.
 
 With a force K d^(3/2) the motion is not smooth where contact begins or ends: d grows with the time from there, and its
-root is a branch point. In sigma = sqrt(time from the event) it is smooth again. A step therefore has a course:
+root is a branch point. In sigma = sqrt(time from the event) it is smooth again. A step therefore has a time_map:
 
     LINEAR       t = s
     AFTER        t = origin + s^2, s growing from the event
@@ -14,18 +14,18 @@ from typing import NamedTuple
 import numpy as np
 
 from jointgap.dynamics.compilation import compiled, inlined
-from jointgap.dynamics.model.equations import FURTHER, STATES, Crank, accelerations
+from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES, Crank, accelerations
 from jointgap.dynamics.model.parameters import CONSTANT, MOTOR
 from jointgap.dynamics.model.prescribed_drive import crank_motion
 from jointgap.dynamics.solver.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
 
-LINEAR, AFTER, BEFORE = (np.int64(course) for course in (0, 1, -1))  # of one type, so that code is compiled once
+LINEAR, AFTER, BEFORE = (np.int64(time_map) for time_map in (0, 1, -1))  # of one type, so that code is compiled once
 
 SECOND = np.array([1, 1, *(1 + np.flatnonzero(row[1:])[0] for row in STAGES[2:])])
 """By stage, the first column after column 0 that is not zero; in the solution's row that of the error estimators too."""
 
 
-NORMAL, COLUMNS = STATES + FURTHER, STATES + FURTHER + 3
+NORMAL, COLUMNS = STATES + AUXILIARY_STATES, STATES + AUXILIARY_STATES + 3
 """Where in the work space for stages the normal forces begin, and how wide it is."""
 
 SIN_3, SIN_5, SIN_7, SIN_9 = (1 / math.factorial(n) for n in (3, 5, 7, 9))
@@ -33,15 +33,15 @@ COS_4, COS_6, COS_8, COS_10 = (1 / math.factorial(n) for n in (4, 6, 8, 10))
 
 
 class Instant(NamedTuple):
-    """Where a march is: all that a step starts from.
+    """State of the integration at one time: all that a step starts from.
 
     Attributes
     ----------
     time : float
         [s].
-    y, x : tuples of 8 and 11 floats
-        State and further states: see `jointgap.dynamics.model.equations`.
-    slope, further_slope : tuples of 8 and 11 floats
+    clearance_state, auxiliary_state : tuples of 8 and 11 floats
+        Clearance vectors with their rates, and auxiliary states: see `jointgap.dynamics.model.equations`.
+    clearance_rates, auxiliary_rates : tuples of 8 and 11 floats
         Their time derivatives.
     crank_angle : float
         [rad].
@@ -51,10 +51,10 @@ class Instant(NamedTuple):
     """
 
     time: float
-    y: tuple[float, ...]
-    x: tuple[float, ...]
-    slope: tuple[float, ...]
-    further_slope: tuple[float, ...]
+    clearance_state: tuple[float, ...]
+    auxiliary_state: tuple[float, ...]
+    clearance_rates: tuple[float, ...]
+    auxiliary_rates: tuple[float, ...]
     crank_angle: float
     crank: Crank
     modes: tuple[int, int, int]
@@ -76,24 +76,24 @@ def turned(cosine, sine, angle):
 
 
 @inlined
-def elapsed(course, s, ds):
+def elapsed_time(time_map, s, ds):
     """Time [s] that passes between s and s + ds."""
-    return ds if course == LINEAR else course * ds * (2.0 * s + ds)
+    return ds if time_map == LINEAR else time_map * ds * (2.0 * s + ds)
 
 
 @inlined
-def pace(course, s):
+def dt_ds(time_map, s):
     """dt/ds at s."""
-    return 1.0 if course == LINEAR else 2.0 * course * s
+    return 1.0 if time_map == LINEAR else 2.0 * time_map * s
 
 
 @inlined
-def stretch(course, s, duration):
+def ds_for(time_map, s, duration):
     """The ds that takes `duration` [s] from s on."""
-    if course == LINEAR:
+    if time_map == LINEAR:
         return duration
-    inside = s * s + course * duration
-    return course * duration / (math.sqrt(max(inside, 0.0)) + s)
+    inside = s * s + time_map * duration
+    return time_map * duration / (math.sqrt(max(inside, 0.0)) + s)
 
 
 @inlined
@@ -108,7 +108,7 @@ def damping_factors(p, approaches):
 
 @inlined
 def crank_at(p, time, x):
-    """Angle [rad] of the crank and its `Crank`, from the time or, where a motor turns it, from the further states."""
+    """Angle [rad] of the crank and its `Crank`, from the time or, where a motor turns it, from the auxiliary states."""
     if p.drive.kind == MOTOR:
         return x[2], Crank(math.cos(x[2]), math.sin(x[2]), x[6], 0.0)
     angle, speed, acceleration = crank_motion(p, time)
@@ -116,8 +116,8 @@ def crank_at(p, time, x):
 
 
 @inlined
-def further_rates(x, found, bristles):
-    """Time derivatives of the further states; `found` are `accelerations`."""
+def rates_of_auxiliary(x, found, bristles):
+    """Time derivatives of the auxiliary states; `found` are `accelerations`."""
     return (x[4], x[5], x[6], x[7], found[4], found[5], found[6], found[7], bristles[0], bristles[1], bristles[2])
 
 
@@ -125,27 +125,27 @@ def further_rates(x, found, bristles):
 def instant(p, time, y, x, modes, approaches):
     """The instant of a state."""
     angle, crank = crank_at(p, time, x)
-    drags = damping_factors(p, approaches)
-    a, pin, piston, pivot, _, _, bristles = accelerations(p, time, angle, crank, y, x, modes, drags)
+    damping = damping_factors(p, approaches)
+    a, pin, piston, pivot, _, _, bristles = accelerations(p, time, angle, crank, y, x, modes, damping)
     slope = (y[4], y[5], y[6], y[7], a[0], a[1], a[2], a[3])
     normals = (pin[0], piston[0], pivot[0])
-    return Instant(time, y, x, slope, further_rates(x, a, bristles), angle, crank, modes, approaches, normals)
+    return Instant(time, y, x, slope, rates_of_auxiliary(x, a, bristles), angle, crank, modes, approaches, normals)
 
 
 instant_in_place = inlined(getattr(instant, "py_func", instant))
-"""`instant`, put in where it is called: for the one place that a march passes at every step."""
+"""`instant`, put in where it is called: for the one place that the integration passes at every step."""
 
 
 @compiled
-def further_at(x, ds, stage, k):
-    """Further states at a stage of a step from `x`, whose earlier stages are in `k`."""
-    moved = np.zeros(FURTHER)
+def auxiliary_at(x, ds, stage, k):
+    """Auxiliary states at a stage of a step from `x`, whose earlier stages are in `k`."""
+    moved = np.zeros(AUXILIARY_STATES)
     for j in range(stage):
         a = STAGES[stage, j]
         if a != 0.0:
-            for i in range(FURTHER):
+            for i in range(AUXILIARY_STATES):
                 moved[i] += a * k[j, STATES + i]
-    for i in range(FURTHER):
+    for i in range(AUXILIARY_STATES):
         moved[i] = x[i] + ds * moved[i]
     return (
         moved[0], moved[1], moved[2], moved[3], moved[4], moved[5], moved[6], moved[7], moved[8], moved[9], moved[10],
@@ -153,7 +153,7 @@ def further_at(x, ds, stage, k):
 
 
 @compiled
-def step(p, here, course, s, ds, velocity_time, k):
+def step(p, here, time_map, s, ds, velocity_time, k):
     """Advance the state from s to s + ds with the modes frozen.
 
     Parameters
@@ -161,29 +161,29 @@ def step(p, here, course, s, ds, velocity_time, k):
     p : Parameters
     here : Instant
         Start of the step.
-    course, s, ds : int, float, float
+    time_map, s, ds : int, float, float
         How time runs, and where the step starts and how long it is.
     velocity_time : float
         Time [s] that turns an error in a velocity into one in a position.
     k : (12, 22) array
-        Work space for the stages: rates of the states and of the further states over s, normal forces [N].
+        Work space for the stages: rates of the states and of the auxiliary states over s, normal forces [N].
 
     Returns
     -------
     tuple
-        State and further states at the end, estimated local error [m].
+        State and auxiliary states at the end, estimated local error [m].
     """
-    y, x, drags = here.y, here.x, damping_factors(p, here.approaches)
-    factor = pace(course, s)
+    y, x, damping = here.clearance_state, here.auxiliary_state, damping_factors(p, here.approaches)
+    factor = dt_ds(time_map, s)
     for i in range(STATES):
-        k[0, i] = factor * here.slope[i]
+        k[0, i] = factor * here.clearance_rates[i]
     for i in range(3):
         k[0, NORMAL + i] = here.normals[i]
-    further = p.switches.further
-    if further:
-        for i in range(FURTHER):
-            k[0, STATES + i] = factor * here.further_slope[i]
-    z, z_further, crank, angle = y, x, here.crank, here.crank_angle
+    auxiliary = p.switches.auxiliary
+    if auxiliary:
+        for i in range(AUXILIARY_STATES):
+            k[0, STATES + i] = factor * here.auxiliary_rates[i]
+    z, z_auxiliary, crank, angle = y, x, here.crank, here.crank_angle
     for stage in range(1, COUNT + 1):
         a = STAGES[stage, 0]
         z0, z1, z2, z3 = a * k[0, 0], a * k[0, 1], a * k[0, 2], a * k[0, 3]
@@ -201,32 +201,32 @@ def step(p, here, course, s, ds, velocity_time, k):
         z0, z1, z2, z3 = y[0] + ds * z0, y[1] + ds * z1, y[2] + ds * z2, y[3] + ds * z3
         z4, z5, z6, z7 = y[4] + ds * z4, y[5] + ds * z5, y[6] + ds * z6, y[7] + ds * z7
         z = (z0, z1, z2, z3, z4, z5, z6, z7)
-        if further:
-            z_further = further_at(x, ds, stage, k)
+        if auxiliary:
+            z_auxiliary = auxiliary_at(x, ds, stage, k)
         if stage == COUNT:
             break
         advance = NODES[stage] * ds
-        passed = elapsed(course, s, advance)
+        passed = elapsed_time(time_map, s, advance)
         if p.drive.kind == CONSTANT:
             turn = p.drive.speed * passed
             cosine, sine = turned(here.crank.cosine, here.crank.sine, turn)
             angle, crank = here.crank_angle + turn, Crank(cosine, sine, p.drive.speed, 0.0)
         else:
-            angle, crank = crank_at(p, here.time + passed, z_further)
+            angle, crank = crank_at(p, here.time + passed, z_auxiliary)
         a4, pin, piston, pivot, _, _, bristles = accelerations(
-            p, here.time + passed, angle, crank, z, z_further, here.modes, drags
+            p, here.time + passed, angle, crank, z, z_auxiliary, here.modes, damping
         )
-        factor = pace(course, s + advance)
+        factor = dt_ds(time_map, s + advance)
         k[stage, 0], k[stage, 1], k[stage, 2], k[stage, 3] = factor * z4, factor * z5, factor * z6, factor * z7
         k[stage, 4], k[stage, 5], k[stage, 6], k[stage, 7] = (
             factor * a4[0], factor * a4[1], factor * a4[2], factor * a4[3],
         )  # fmt: skip
-        if further:
-            rates = further_rates(z_further, a4, bristles)
-            for i in range(FURTHER):
+        if auxiliary:
+            rates = rates_of_auxiliary(z_auxiliary, a4, bristles)
+            for i in range(AUXILIARY_STATES):
                 k[stage, STATES + i] = factor * rates[i]
         k[stage, NORMAL], k[stage, NORMAL + 1], k[stage, NORMAL + 2] = pin[0], piston[0], pivot[0]
-    return z, z_further, abs(ds) * relative_error(p, k, velocity_time)
+    return z, z_auxiliary, abs(ds) * relative_error(p, k, velocity_time)
 
 
 @compiled
@@ -236,7 +236,7 @@ def relative_error(p, k, velocity_time):
     Errors in velocities count by `velocity_time`, those of the crank angle by the crank's length.
     """
     fifth = third = 0.0
-    for i in range(STATES + FURTHER if p.switches.further else STATES):
+    for i in range(STATES + AUXILIARY_STATES if p.switches.auxiliary else STATES):
         e5, e3 = ERROR_5[0] * k[0, i], ERROR_3[0] * k[0, i]
         for j in range(SECOND[COUNT], COUNT):
             e5 += ERROR_5[j] * k[j, i]
