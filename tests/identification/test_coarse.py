@@ -8,7 +8,7 @@ import pytest
 from jointgap.identification import baseline, coarse_search
 from jointgap.identification import smoother as smoothing
 from jointgap.identification.baseline import other_numerics, recalibrate
-from jointgap.identification.coarse_search import PARTNERS, search_pairs, search_singles
+from jointgap.identification.coarse_search import search_pairs, search_singles
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
@@ -146,5 +146,7 @@ def test_two_effects_that_move_every_knock_are_found_among_few_pairs(monkeypatch
         "added_mass",
     ] in tried  # small sizes say little of it, but every pair costs: beside the best one alone
     others = [first for first, _ in tried if first != leading]
-    assert others and all(others.count(first) <= PARTNERS for first in others)
+    assert others and all(
+        others.count(first) <= base.problem.settings.coarse_search.partners_per_single for first in others
+    )
     assert not any("added_mass" in pair for pair in tried if leading not in pair)

@@ -1,7 +1,7 @@
-"""A second look for effects, from afar: where none of the fits that start at the base is enough.
+"""A second search for effects, from coarsely smoothed residuals: where none of the fits that start at the base is sufficient.
 
 The base took up what it could of an effect with its nuisances, and where impacts make valleys it may lie far from the truth: what
-effects change there says little. So the search begins again at nominal nuisances, in views that smooth impacts out.
+effects change there says little. So the search begins again at nominal nuisances, with residuals in which impacts are smoothed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,175 +17,180 @@ from jointgap.identification.screening import Screen, Screened, Signatures, sign
 from jointgap.identification.smoother import Smoother, coarse_to_fine_fit, coordinate_scan, smoothers_of
 from jointgap.identification.thresholds import Thresholds
 
-SOUGHT = 8
-"""Candidates that are looked for from afar, at most, beside those of which small sizes say little."""
 
-KEPT = 6, 4
-"""How many of these go on from each view to what follows it: those of which least is left. Where there are no views, how many pairs
-are fitted: those that would explain most."""
+def search_singles(baseline: Baseline, limits: Thresholds) -> list[Fit]:
+    """Fits of single effects from nominal nuisances, best first, the failed ones last.
 
-CAREFUL = 2
-"""Of the best, how many are fitted once more where none is enough, with all looked through that a view leaves open."""
-
-LEADING, PARTNERS = 3, 4
-"""Where no single effect is enough, how many of the best are paired, at most, and with how many partners each. The untold ones
-(`_untold`) are partners of the best alone: a pair costs some fifty simulations."""
-
-_SHOWS = 1.5  # chi2 per sample that is left in a view in which something is to be seen
-_BEHIND = 3.0  # times the chi2 of the best one: too far behind to go on
-
-
-def search_singles(base: Baseline, limits: Thresholds) -> list[Fit]:
-    """Fits of single effects that come from afar, best first, the failed ones last."""
-    smoothers = smoothers_of(base.problem)
+    Parameters
+    ----------
+    baseline : Baseline
+    limits : Thresholds
+    """
+    smoothers = smoothers_of(baseline.problem)
     if not smoothers:
         return []
-    far, smoothers = _about(base, (), base.nominal.mapping, smoothers)
-    if far.status == FAILED:
+    start, smoothers = _first_visible(baseline, (), baseline.nominal.mapping, smoothers)
+    if start.status == FAILED:
         return []
-    known = signatures(base.problem, far, base.differences)
-    return successive_elimination(
-        base, [(one, known) for one in _shortlist(known, smoothers[0], SOUGHT)], smoothers, limits
-    )
+    known = signatures(baseline.problem, start, baseline.differences)
+    singles = _shortlist(known, smoothers[0], baseline.problem.settings.coarse_search.max_singles)
+    return successive_elimination(baseline, [(single, known) for single in singles], smoothers, limits)
 
 
-def search_pairs(base: Baseline, fits: Sequence[Fit], limits: Thresholds) -> list[Fit]:
-    """Fits of pairs of effects where no single one is enough, best first, the failed ones last.
+def search_pairs(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> list[Fit]:
+    """Fits of pairs of effects where no single one is sufficient, best first, the failed ones last.
 
-    The single effects that explain most in the first view in which the base leaves something to be seen are paired with what would
+    The single effects that explain most to the first smoother to which the base leaves something visible are paired with what would
     explain most of the rest: with one of two effects there, neither nuisances nor signatures are the base's.
 
     Parameters
     ----------
-    base : Baseline
+    baseline : Baseline
     fits : sequence of Fit
         Of the single effects.
     limits : Thresholds
     """
-    smoothers = smoothers_of(base.problem)
-    first = next((smoother for smoother in smoothers if _shows(base.base, smoother)), next(iter(smoothers[-1:]), None))
-    best: dict[str, Fit] = {}
-    for one in sorted((one for one in fits if one.status != FAILED), key=lambda one: _left(one, first)):
-        best.setdefault(one.label, one)
-    leading = [one for one in best.values() if _left(one, first) < _BEHIND * _left(next(iter(best.values())), first)]
-    # what is sought on a grid may come nearer beside another effect though it does not alone
-    lost = {one.label for one in fits if not any(c.grid for c in one.hypothesis)} - best.keys()
+    settings = baseline.problem.settings.coarse_search
+    smoothers = smoothers_of(baseline.problem)
+    visible = (smoother for smoother in smoothers if _is_visible(baseline.base, smoother, baseline))
+    first = next(visible, smoothers[-1] if smoothers else None)
+    singles: dict[str, Fit] = {}
+    for fit in sorted((fit for fit in fits if fit.status != FAILED), key=lambda fit: _chi2(fit, first)):
+        singles.setdefault(fit.label, fit)
+    limit = settings.eliminated_factor * min((_chi2(fit, first) for fit in singles.values()), default=np.inf)
+    leading = [fit for fit in singles.values() if _chi2(fit, first) < limit]
+    # what failed alone would fail in a pair; but an amplitude on a grid may come nearer beside another effect
+    failed = {fit.label for fit in fits if not any(c.grid for c in fit.hypothesis)} - singles.keys()
     chosen: dict[frozenset[str], tuple[Screened, Signatures]] = {}
-    rest: Sequence[Smoother] = ()
-    for rank, one in enumerate(leading[:LEADING]):
-        about, here = _about(base, one.hypothesis, one.mapping, smoothers)
-        if about.status == FAILED:
+    remaining: Sequence[Smoother] = ()
+    for rank, fit in enumerate(leading[: settings.leading_singles]):
+        single, rest = _first_visible(baseline, fit.hypothesis, fit.mapping, smoothers)
+        if single.status == FAILED:
             continue
-        rest = max(rest, here, key=len)
-        beside = signatures(base.problem, about, base.differences)
-        for pair in _shortlist(beside, next(iter(here), None), PARTNERS, about.hypothesis, untold=rank == 0):
-            if pair.hypothesis[-1].label not in lost:
-                chosen.setdefault(frozenset(c.label for c in pair.hypothesis), (pair, beside))
-    going = list(chosen.values())
-    if not smoothers:  # none is left behind on the way then, and each is fitted to its end
-        going = sorted(going, key=lambda pair: pair[0].chi2)[: KEPT[0]]
-    return successive_elimination(base, going, rest, limits)
+        remaining = max(remaining, rest, key=len)
+        known = signatures(baseline.problem, single, baseline.differences)
+        smoother = rest[0] if rest else None
+        for pair in _shortlist(known, smoother, settings.partners_per_single, single.hypothesis, every=rank == 0):
+            if pair.hypothesis[-1].label not in failed:
+                chosen.setdefault(frozenset(c.label for c in pair.hypothesis), (pair, known))
+    pairs = list(chosen.values())
+    if not smoothers:  # then none is eliminated on the way, and each is fitted to its end
+        pairs = sorted(pairs, key=lambda pair: pair[0].chi2)[: settings.survivors[0]]
+    return successive_elimination(baseline, pairs, remaining, limits)
 
 
 def _shortlist(
-    known: Signatures, smoother: Smoother | None, most: int, beside: Hypothesis = (), untold: bool = True
+    known: Signatures, smoother: Smoother | None, count: int, beside: Hypothesis = (), every: bool = True
 ) -> list[Screened]:
+    """The `count` most promising candidates and, if `every`, all those of which small amplitudes say little.
+
+    These are added to the best single effect alone, because a pair costs some fifty simulations.
+    """
     singles = Screen(known, beside, smoother).singles()
-    return [*singles[:most], *(one for one in singles[most:] if untold and _untold(one))]
+    return [*singles[:count], *(single for single in singles[count:] if every and _is_nonlinear(single))]
 
 
-def _untold(one: Screened) -> bool:
-    """Whether small sizes say little of an effect, so that how much it would explain does not rank it."""
-    candidates = [new.candidate for new in one.signatures]
+def _is_nonlinear(screened: Screened) -> bool:
+    """Whether small amplitudes say little of an effect, so that how much it would explain does not rank it."""
+    candidates = [signature.candidate for signature in screened.signatures]
     return any(candidate.replaces or candidate.grid or candidate.is_perturbation for candidate in candidates)
 
 
 def successive_elimination(
-    base: Baseline, chosen: Sequence[tuple[Screened, Signatures]], smoothers: Sequence[Smoother], limits: Thresholds
+    baseline: Baseline,
+    chosen: Sequence[tuple[Screened, Signatures]],
+    smoothers: Sequence[Smoother],
+    limits: Thresholds,
 ) -> list[Fit]:
-    """Fits of explanations through all views to the samples, best first, the failed ones last; after each view the worst are left
-    behind.
+    """Fits of hypotheses by way of all smoothers to the samples, best first, the failed ones last.
+
+    After each smoother the worst are eliminated.
 
     Parameters
     ----------
-    base : Baseline
+    baseline : Baseline
     chosen : sequence of (Screened, Signatures)
-        Explanations, each with the signatures that it was found by.
+        Hypotheses, each with the signatures that it was screened by.
     smoothers : sequence of Smoother
         Coarsest first; none to begin with the samples.
     limits : Thresholds
     """
-    problem, differences = base.problem, base.differences
-    going, lost, first = [], [], next(iter(smoothers), None)
-    least = np.inf
-    for one, known in chosen:
-        found = fit_screened(base.problem, base.differences, known, one, sufficient_chi2=least, smoother=first)
-        if found.status == FAILED:
-            lost.append(found)
+    problem, differences = baseline.problem, baseline.differences
+    settings = problem.settings.coarse_search
+    first = smoothers[0] if smoothers else None
+    fits, failed, least = [], [], np.inf
+    for screened, known in chosen:
+        fit = fit_screened(problem, differences, known, screened, sufficient_chi2=least, smoother=first)
+        if fit.status == FAILED:
+            failed.append(fit)
             continue
-        if first and _untold(one):
-            found = _onward(base, found, first, first)
+        if first and _is_nonlinear(screened):
+            fit = _refine(baseline, fit, first, first)
         if first:
-            least = min(least, _left(found, first))
-        going.append(found)
-    onward = (*smoothers[1:], None)[: len(smoothers)]
-    for smoother, finer, most in zip(smoothers, onward, KEPT[len(KEPT) - len(smoothers) :], strict=True):
-        left = sorted((_left(one, smoother), i) for i, one in enumerate(going))
-        best = [going[i] for value, i in left[:most] if value < _BEHIND * left[0][0]]
-        going, least = [], np.inf
-        for one in best:
-            going.append(_onward(base, one, smoother, finer, least))
-            least = min(least, _left(going[-1], finer))
-        lost += [one for one in going if one.status == FAILED]
-        going = [one for one in going if one.status != FAILED]
-    going.sort(key=lambda one: one.chi2)
-    if going and first and reduced_chi2(going[0]) > limits.omnibus:
-        for one in going[:CAREFUL]:
-            near = coarse_to_fine_fit(problem, one.hypothesis, one.mapping, differences, smoothers)
-            if near.status != FAILED:
-                going.append(fit_hypothesis(problem, one.hypothesis, near.mapping, differences=differences))
-    return [*sorted(going, key=lambda one: one.chi2), *lost]
+            least = min(least, _chi2(fit, first))
+        fits.append(fit)
+    finer_ones = (*smoothers[1:], None)[: len(smoothers)]
+    counts = settings.survivors[len(settings.survivors) - len(smoothers) :]
+    for smoother, finer, count in zip(smoothers, finer_ones, counts, strict=True):
+        ranked = sorted((_chi2(fit, smoother), i) for i, fit in enumerate(fits))
+        survivors = [fits[i] for chi2, i in ranked[:count] if chi2 < settings.eliminated_factor * ranked[0][0]]
+        fits, least = [], np.inf
+        for fit in survivors:
+            fits.append(_refine(baseline, fit, smoother, finer, least))
+            least = min(least, _chi2(fits[-1], finer))
+        failed += [fit for fit in fits if fit.status == FAILED]
+        fits = [fit for fit in fits if fit.status != FAILED]
+    fits.sort(key=lambda fit: fit.chi2)
+    if fits and first and reduced_chi2(fits[0]) > limits.omnibus:
+        for fit in fits[: settings.refitted]:
+            coarse = coarse_to_fine_fit(problem, fit.hypothesis, fit.mapping, differences, smoothers)
+            if coarse.status != FAILED:
+                fits.append(fit_hypothesis(problem, fit.hypothesis, coarse.mapping, differences=differences))
+    return [*sorted(fits, key=lambda fit: fit.chi2), *failed]
 
 
-def _about(
-    base: Baseline, hypothesis: Hypothesis, start: Mapping[str, float], smoothers: Sequence[Smoother]
+def _first_visible(
+    baseline: Baseline, hypothesis: Hypothesis, start: Mapping[str, float], smoothers: Sequence[Smoother]
 ) -> tuple[Fit, Sequence[Smoother]]:
-    """The fit of an explanation in the first view in which it leaves something to be seen, or in the last; and the views from there."""
+    """The fit with the first smoother to which a hypothesis leaves something visible, or the last; and the smoothers from there."""
     for i, smoother in enumerate(smoothers):
-        one = fit_hypothesis(base.problem, hypothesis, start, None, base.differences, refresh=True, smoother=smoother)
-        if one.status == FAILED or smoother is smoothers[-1] or _shows(one, smoother):
-            return one, smoothers[i:]
-    return fit_hypothesis(base.problem, hypothesis, start, None, base.differences, refresh=True), smoothers
-
-
-def _onward(
-    base: Baseline, one: Fit, smoother: Smoother, finer: Smoother | None, sufficient_chi2: float = np.inf
-) -> Fit:
-    """The fit in the finer view that starts from one in `smoother`, where changes of what is known are looked through."""
-    moved = coordinate_scan(base.problem, one, smoother, finer, amplitudes_only=True)
-    if moved is not None:
-        found = fit_hypothesis(
-            base.problem, one.hypothesis, moved, None, base.differences, sufficient_chi2=sufficient_chi2, smoother=finer
+        fit = fit_hypothesis(
+            baseline.problem, hypothesis, start, None, baseline.differences, refresh=True, smoother=smoother
         )
-        if found.status != FAILED:
-            return found
+        if fit.status == FAILED or smoother is smoothers[-1] or _is_visible(fit, smoother, baseline):
+            return fit, smoothers[i:]
+    return fit_hypothesis(baseline.problem, hypothesis, start, None, baseline.differences, refresh=True), smoothers
+
+
+def _refine(
+    baseline: Baseline, fit: Fit, smoother: Smoother, finer: Smoother | None, sufficient_chi2: float = np.inf
+) -> Fit:
+    """The fit with the finer smoother that starts from one with `smoother`, after a scan of perturbations."""
+
+    def refit(start: Mapping[str, float], known: Mapping[str, np.ndarray] | None) -> Fit:
+        return fit_hypothesis(
+            baseline.problem,
+            fit.hypothesis,
+            start,
+            known,
+            baseline.differences,
+            sufficient_chi2=sufficient_chi2,
+            smoother=finer,
+        )
+
+    scanned = coordinate_scan(baseline.problem, fit, smoother, finer, amplitudes_only=True)
+    if scanned is not None and (refitted := refit(scanned, None)).status != FAILED:
+        return refitted
     if finer is smoother:
-        return one
-    near = dict(zip((p.key for p in one.parameters), one.jacobian.T, strict=True))
-    return fit_hypothesis(
-        base.problem,
-        one.hypothesis,
-        one.mapping,
-        near,
-        base.differences,
-        sufficient_chi2=sufficient_chi2,
-        smoother=finer,
-    )
+        return fit
+    return refit(fit.mapping, dict(zip((p.key for p in fit.parameters), fit.jacobian.T, strict=True)))
 
 
-def _shows(one: Fit, smoother: Smoother) -> bool:
-    return _left(one, smoother) > _SHOWS * one.residual.size
+def _is_visible(fit: Fit, smoother: Smoother, baseline: Baseline) -> bool:
+    limit = baseline.problem.settings.coarse_search.visible_chi2_per_sample
+    return _chi2(fit, smoother) > limit * fit.residual.size
 
 
-def _left(one: Fit, smoother: Smoother | None) -> float:
-    return one.chi2 if smoother is None else float(np.sum(np.square(smoother(one.residual))))
+def _chi2(fit: Fit, smoother: Smoother | None) -> float:
+    """Sum of squared smoothed residuals."""
+    return fit.chi2 if smoother is None else float(np.sum(np.square(smoother(fit.residual))))

@@ -1,4 +1,4 @@
-"""Fits of all explanations that are worth one: single effects, then pairs; from the base, and from afar where that is not enough."""
+"""Fits of all hypotheses that are worth one: single effects, then pairs; by a coarse search where that is not sufficient."""
 
 import time
 from collections.abc import Sequence
@@ -20,11 +20,11 @@ from jointgap.identification.model_selection import (
 from jointgap.identification.screening import Screened, Signatures
 from jointgap.identification.thresholds import Thresholds
 
-Fitted = tuple[list[Fit], list[float]]
-"""Fits, one of each explanation, and how long each took [s]."""
+TimedFits = tuple[list[Fit], list[float]]
+"""Fits, one of each hypothesis, and how long each took [s]."""
 
 
-def fit_singles(found: Baseline, known: Signatures, limits: Thresholds, part: int = 0, parts: int = 1) -> Fitted:
+def fit_singles(baseline: Baseline, known: Signatures, limits: Thresholds, part: int = 0, parts: int = 1) -> TimedFits:
     """Fit every single effect of one part.
 
     A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those of the same part
@@ -32,82 +32,81 @@ def fit_singles(found: Baseline, known: Signatures, limits: Thresholds, part: in
 
     Parameters
     ----------
-    found : Baseline
+    baseline : Baseline
     known : Signatures
+        Of all candidates.
     limits : Thresholds
     part, parts : int
         Which of how many parts, counted from 0.
     """
-    return _each(
-        found,
-        known,
-        [(one, None) for one in shortlist_singles(known, limits, found.problem.settings)[part::parts]],
-        limits,
-    )
+    shortlist = shortlist_singles(known, limits, baseline.problem.settings)
+    return _fit_each(baseline, known, [(single, None) for single in shortlist[part::parts]], limits)
 
 
 def fit_pairs(
-    found: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
-) -> Fitted:
-    """Fit every pair of one part that is worth it beside the fits of single effects `alone`.
+    baseline: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
+) -> TimedFits:
+    """Fit every pair of one part that is worth it beside the fits of single effects.
 
-    Where none of those is enough, the first part looks for all of them from afar, and then for pairs: how far each one goes there depends
-    on all others, so it is not shared out. Single effects that it found are among the fits then.
+    Where none of those is sufficient, the first part makes the coarse search for single effects, and then for pairs: how far each
+    one goes there depends on all others, so it is not shared out. Single effects that it finds are among the fits then.
 
     Parameters
     ----------
-    found, known, limits, part, parts
-        As of `singles`.
+    baseline, known, limits, part, parts
+        As of `fit_singles`.
     alone : sequence of Fit
-        Of all parts.
+        Of single effects, from all parts.
     """
-    if _wanting(found, alone, limits):
-        return _from_afar(found, known, limits, alone) if part == 0 else ([], [])
-    return _beside(found, known, limits, alone, part, parts)
+    if _insufficient(baseline, alone, limits):
+        return _search(baseline, known, limits, alone) if part == 0 else ([], [])
+    return _pairs_of_best(baseline, known, limits, alone, part, parts)
 
 
-def _wanting(found: Baseline, alone: Sequence[Fit], limits: Thresholds) -> bool:
-    """Whether there is more to be found than the base and single effects explain."""
-    return (
-        reduced_chi2(found.base) > limits.omnibus
-        and best_sufficient(found, alone, two_effect_thresholds(found, alone, limits)) is None
-    )
+def _insufficient(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> bool:
+    """Whether neither the base nor a single effect explains the data."""
+    if reduced_chi2(baseline.base) <= limits.omnibus:
+        return False
+    return best_sufficient(baseline, alone, two_effect_thresholds(baseline, alone, limits)) is None
 
 
-def _beside(found: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part=0, parts=1) -> Fitted:
-    """Pairs beside the single effect that is enough; none where none is."""
-    second = two_effect_thresholds(found, alone, limits)
-    best = best_sufficient(found, alone, second)
-    return _each(found, known, shortlist_pairs(known, best, alone, second)[part::parts] if best else [], limits)
+def _pairs_of_best(
+    baseline: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
+) -> TimedFits:
+    """Pairs of the best single effect that is sufficient; none where none is."""
+    second = two_effect_thresholds(baseline, alone, limits)
+    best = best_sufficient(baseline, alone, second)
+    count = baseline.problem.settings.selection.partners
+    pairs = shortlist_pairs(known, best, alone, second, count)[part::parts] if best else []
+    return _fit_each(baseline, known, [(pair, best) for pair in pairs], limits)
 
 
-def _from_afar(found: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> Fitted:
-    """Single effects from afar, and pairs: beside one that is enough now, or from afar too; the better one of each explanation."""
+def _search(baseline: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> TimedFits:
+    """The coarse search for single effects, and pairs: of one that is sufficient now, or searched too; the best of each hypothesis."""
     begin = time.monotonic()
-    # steps as nobody else left them: the outcome must not depend on what else ran in this process
-    at = {p.key: p.nominal for p in found.problem.nuisances} | found.nominal.mapping
-    found = replace(found, differences=probed_differences(found.problem, at))
-    more = search_singles(found, limits)
-    whole = [*alone, *more]
-    more += (
-        search_pairs(found, whole, limits)
-        if _wanting(found, whole, limits)
-        else _beside(found, known, limits, whole)[0]
-    )
+    # steps as nobody else left them: the result must not depend on what else ran in this process
+    start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping
+    baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
+    fits = search_singles(baseline, limits)
+    singles = [*alone, *fits]
+    if _insufficient(baseline, singles, limits):
+        fits += search_pairs(baseline, singles, limits)
+    else:
+        fits += _pairs_of_best(baseline, known, limits, singles)[0]
     best: dict[str, Fit] = {}
-    for one in more:
-        best[one.label] = min(best.get(one.label, one), one, key=lambda fit: fit.chi2)
+    for fit in fits:
+        best[fit.label] = min(best.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
     share = (time.monotonic() - begin) / max(len(best), 1)
     return list(best.values()), [share] * len(best)
 
 
-def _each(
-    found: Baseline, known: Signatures, chosen: Sequence[tuple[Screened, Fit | None]], limits: Thresholds
-) -> Fitted:
+def _fit_each(
+    baseline: Baseline, known: Signatures, chosen: Sequence[tuple[Screened, Fit | None]], limits: Thresholds
+) -> TimedFits:
     fits, seconds = [], []
-    for one, beside in chosen:
+    for screened, beside in chosen:
         begin = time.monotonic()
-        least = min((one.chi2 for one in fits if reduced_chi2(one) <= limits.omnibus), default=np.inf)
-        fits.append(fit_screened(found.problem, found.differences, known, one, beside, least))
+        sufficient = min((fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
+        fits.append(fit_screened(baseline.problem, baseline.differences, known, screened, beside, sufficient))
         seconds.append(time.monotonic() - begin)
     return fits, seconds
