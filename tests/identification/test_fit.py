@@ -1,14 +1,19 @@
 """Fits against what linear algebra and other optimisers say."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import CONVERGED, FAILED, bounds_of, fit_hypothesis
+from jointgap.identification.fit import CONVERGED, FAILED, STOPPED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.gauss_newton import bounded_step, compress_rows
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.identification.settings import DEFAULT_SETTINGS
+from tests.identification.knocks import knocking
 from tests.identification.toy import stated_noise, toy
 
 
@@ -141,3 +146,84 @@ def test_what_the_data_leave_open_is_as_uncertain_as_its_bounds_say():
     at = [p.key for p in found.parameters].index("slider_mass")
     mass = found.parameters[at]
     assert np.sqrt(found.covariance()[at, at]) == pytest.approx((mass.high - mass.low) / np.sqrt(12.0))
+
+
+def made_fit(residual, parameters=(), jacobian=None, values=None, hypothesis=(), status=CONVERGED) -> Fit:
+    """A fit put together by hand; values in the middle of nowhere by default."""
+    residual = np.asarray(residual, dtype=float)
+    values = np.zeros(len(parameters)) if values is None else np.array(values)
+    jacobian = np.zeros((residual.size, len(parameters))) if jacobian is None else np.array(jacobian)
+    return Fit(hypothesis, tuple(parameters), values, residual, jacobian, 0, status)
+
+
+@pytest.mark.parametrize(
+    ("replaced", "counted"),
+    [([], 3), ([{}], 3), ([{"mass": "a"}], 4), ([{"mass": "a", "offset": "a"}, {"play": "a"}], 6)],
+)
+def test_a_nuisance_that_an_effect_replaces_costs_as_much_as_a_parameter(replaced, counted):
+    size = Parameter("a", 0.0)
+    effects = tuple(
+        Candidate(f"effect{i}", "slider", (size,), ("a",), replaces=names) for i, names in enumerate(replaced)
+    )
+    fitted = made_fit(np.full(50, 2.0), [Parameter(key, 0.0) for key in "abc"], hypothesis=effects)
+    assert fitted.chi2 == 200.0
+    assert fitted.bic == pytest.approx(200.0 + counted * np.log(50), rel=1e-14)
+
+
+def test_a_failed_fit_is_worse_than_any_other():
+    fitted = made_fit([1.0, 2.0], status=FAILED)
+    assert fitted.chi2 == fitted.bic == np.inf
+
+
+@pytest.mark.parametrize(("chi2", "variance"), [(0.1, 0.25), (3.0, 0.25), (12.0, 1.0)])
+def test_errors_grow_with_the_misfit_beyond_noise(chi2, variance):
+    """Four samples of slope 1: a variance of 1/4, times chi2 over three degrees of freedom where that is more than 1."""
+    fitted = made_fit(np.full(4, np.sqrt(chi2 / 4)), [Parameter("a", 0.0)], np.ones((4, 1)))
+    assert fitted.covariance() == pytest.approx(np.array([[variance]]), rel=1e-12)
+
+
+@pytest.mark.parametrize(("chi2", "variance"), [(0.1, 1.0 / 7.0), (12.0, 0.25)])
+def test_bounds_tell_as_much_of_a_parameter_as_a_flat_distribution(chi2, variance):
+    """Between -1 and 1 a variance of 1/3, whatever the misfit; beside the data's 1/4, which grows with it."""
+    fitted = made_fit(np.full(4, np.sqrt(chi2 / 4)), [Parameter("a", 0.0, -1.0, 1.0)], np.ones((4, 1)))
+    assert fitted.covariance() == pytest.approx(np.array([[variance]]), rel=1e-12)
+
+
+@pytest.mark.parametrize("value", [-1.0, 1.0])
+def test_what_stands_at_a_bound_takes_no_part_in_the_errors_of_the_others(value):
+    parameters = [Parameter("a", 0.0, -1.0, 1.0), Parameter("b", 0.0)]
+    slopes = np.column_stack([np.arange(4.0), np.ones(4)])
+    covariance = made_fit(np.zeros(4), parameters, slopes, [value, 0.0]).covariance()
+    np.testing.assert_allclose(covariance, [[0.0, 0.0], [0.0, 0.25]], rtol=1e-12)
+
+
+def test_a_fit_that_runs_out_of_steps_says_so():
+    model = toy({"coulomb": {"force_N": 0.4}}, seed=7)
+    few = replace(DEFAULT_SETTINGS, stopping=replace(DEFAULT_SETTINGS.stopping, max_steps=1))
+    here = Problem(model, stated_noise(model), settings=few)
+    found = fit_hypothesis(here, (candidate(model, "coulomb"),))
+    assert (found.status, found.reason) == (STOPPED, "no end after 1 steps")
+
+
+def test_a_fit_that_another_beats_ends_early():
+    model = knocking({"spring": {"stiffness_N_m": 2.0}}, clearance=1.05, seed=2)
+    here, hypothesis = problem(model), (candidate(model, "spring"),)
+    assert fit_hypothesis(here, hypothesis).status == CONVERGED
+    beaten = fit_hypothesis(here, hypothesis, sufficient_chi2=1.0)
+    assert (beaten.status, beaten.reason) == (STOPPED, "poor, and hardly better from step to step")
+
+
+@pytest.mark.parametrize("high", [np.inf, 0.0])
+def test_the_numerical_noise_is_what_next_to_no_change_of_a_parameter_changes(high):
+    """3 in one residual as soon as the parameter moves: steps are made five times as long, and chi2 is sure to 6."""
+    asked = []
+
+    def residual(values):
+        asked.append(values["a"])
+        return np.array([3.0 if values["a"] else 0.0, 1.0])
+
+    differences = FiniteDifferences(SimpleNamespace(parts=[], settings=DEFAULT_SETTINGS, residual=residual))
+    assert (differences.target, differences.numerical_noise_chi2) == (5.0, 0.0)
+    differences.probe([Parameter("a", 0.0, high=high, step=2.0)], {"a": 0.0}, np.array([0.0, 1.0]))
+    assert asked == [2e-6 if high else -2e-6]
+    assert (differences.numerical_noise, differences.target, differences.numerical_noise_chi2) == (3.0, 15.0, 6.0)

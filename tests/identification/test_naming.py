@@ -81,7 +81,7 @@ def test_a_fit_from_a_finite_size_begins_at_the_size_that_the_secant_says(size):
 
 @pytest.mark.parametrize(("sizes", "starts"), [(("a", "b"), {"a": 1.0}), (("a",), {"a": -1.0})])
 def test_finite_starts_are_of_a_single_size_above_zero(sizes, starts):
-    with pytest.raises(ValueError, match="single size"):
+    with pytest.raises(ValueError, match="single amplitude"):
         Candidate("odd", "slider", tuple(Parameter(key, 0.0) for key in sizes), sizes, (starts,))
 
 

@@ -80,9 +80,9 @@ def multistart_fit(
 ) -> Fit:
     """The best of fits from several values of the nuisances; the first that leaves noise alone ends the search.
 
-    Where joints are loose, fits may be caught in a valley that is not the deepest. So all but the first go from coarsely smoothed
-    residuals to the samples, and one that ends in the same minimum as the best before it ends the search too. Where residuals
-    cannot be smoothed all drawn values are tried.
+    Where joints are loose, fits may be caught in a valley that is not the deepest. So all but the first go from
+    coarsely smoothed residuals to the samples, and one that ends in the same minimum as the best before it ends the
+    search too. Where residuals cannot be smoothed all drawn values are tried.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def random_nuisances(problem: Problem, hypothesis: Hypothesis, count: int) -> li
 
 
 def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteDifferences:
-    """Finite differences that know the model's numerical noise at `values` (by key [SI]), if `problem` can be simulated there."""
+    """Finite differences that know the numerical noise at `values` (by key [SI]), if `problem` can be simulated."""
     differences = FiniteDifferences(problem)
     try:
         differences.probe(problem.nuisances, values, problem.residual(values))
@@ -145,7 +145,7 @@ def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteD
 
 
 def other_numerics(problem: Problem, base: Fit) -> np.ndarray:
-    """What other numerics change in the whitened residuals of the fit `base` to `problem`, shape (number of numerics, n)."""
+    """What other numerics change in the whitened residuals of the fit `base` to `problem`: (number of numerics, n)."""
     changes = []
     for i in range(len(problem.model.numerics)):
         changes.append(problem.residual(base.mapping, base.hypothesis, numerics=i + 1) - base.residual)

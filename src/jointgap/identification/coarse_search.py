@@ -1,7 +1,8 @@
-"""A second search for effects, from coarsely smoothed residuals: where none of the fits that start at the base is sufficient.
+"""A second search for effects, from coarsely smoothed residuals: where no fit that starts at the base is sufficient.
 
-The base took up what it could of an effect with its nuisances, and where impacts make valleys it may lie far from the truth: what
-effects change there says little. So the search begins again at nominal nuisances, with residuals in which impacts are smoothed.
+The base took up what it could of an effect with its nuisances, and where impacts make valleys it may lie far from the
+truth: what effects change there says little. So the search begins again at nominal nuisances, with residuals in which
+impacts are smoothed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,8 +41,9 @@ def search_singles(baseline: Baseline, limits: Thresholds) -> list[Fit]:
 def search_pairs(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> list[Fit]:
     """Fits of pairs of effects where no single one is sufficient, best first, the failed ones last.
 
-    The single effects that explain most to the first smoother to which the base leaves something visible are paired with what would
-    explain most of the rest: with one of two effects there, neither nuisances nor signatures are the base's.
+    The single effects that explain most to the first smoother to which the base leaves something visible are paired
+    with what would explain most of the rest: with one of two effects there, neither nuisances nor signatures are the
+    base's.
 
     Parameters
     ----------
@@ -152,7 +154,7 @@ def successive_elimination(
 def _first_visible(
     baseline: Baseline, hypothesis: Hypothesis, start: Mapping[str, float], smoothers: Sequence[Smoother]
 ) -> tuple[Fit, Sequence[Smoother]]:
-    """The fit with the first smoother to which a hypothesis leaves something visible, or the last; and the smoothers from there."""
+    """The fit with the first smoother that leaves something visible, or the last; and the smoothers from there."""
     for i, smoother in enumerate(smoothers):
         fit = fit_hypothesis(
             baseline.problem, hypothesis, start, None, baseline.differences, refresh=True, smoother=smoother

@@ -1,4 +1,4 @@
-"""How whitened residuals change with parameters: differences over steps that noise could just hide."""
+"""Derivatives of whitened residuals: finite differences over steps that noise could just hide."""
 
 from collections.abc import Mapping, Sequence
 
@@ -15,7 +15,9 @@ class FiniteDifferences:
     Attributes
     ----------
     numerical_noise : float
-        Length of the change of the whitened residuals that means nothing (`probe`); 0 until it is found.
+        Length of the change of the whitened residuals that means nothing (`probe`) [1]; 0 until it is found.
+    target : float
+        Length of the whitened change that a step is to make [1].
     """
 
     def __init__(self, problem: Problem):
@@ -28,18 +30,26 @@ class FiniteDifferences:
 
     @property
     def numerical_noise_chi2(self) -> float:
-        """How far chi2 wanders with the roughness: it is added to residuals of about unit length along its own direction."""
+        """Change of chi2 that numerical noise alone causes: it is added to residuals of about unit length along it."""
         return 2.0 * self.numerical_noise
 
     def probe(self, parameters: Sequence[Parameter], values: Mapping[str, float], residual: np.ndarray) -> None:
-        """Find how rough the model is: the whitened change, as a length, where parameters are changed by next to nothing.
+        """Find the numerical noise: the length of the whitened change where parameters are changed by next to nothing.
 
-        Where contacts begin and end a hair earlier, an integration takes other steps; no derivative can be had from smaller
-        changes than `numerical_noise`, and no fit is better than it.
+        Where contacts begin and end a hair earlier, an integration takes other steps; no derivative can be had from
+        smaller changes than that, and no fit is better than it.
+
+        Parameters
+        ----------
+        parameters : sequence of Parameter
+            The first ones that all runs share are changed.
+        values : mapping of str to float
+            By key [SI].
+        residual : (n,) array
+            Whitened, at `values`.
         """
-        shared = [p for p in parameters if p.run is None][: self.settings.probed_parameters] or list(
-            parameters[: self.settings.probed_parameters]
-        )
+        count = self.settings.probed_parameters
+        shared = [p for p in parameters if p.run is None][:count] or list(parameters[:count])
         changes = []
         for p in shared:
             size = self.settings.probe_step * p.step
@@ -57,9 +67,26 @@ class FiniteDifferences:
         known: Mapping[str, np.ndarray] | None = None,
         fine: bool = False,
     ) -> np.ndarray:
-        """Derivatives of the residuals at `values`, shape (size, k); columns in `known`, by key, are taken as they are.
+        """Derivatives of the residuals.
 
-        `fine`: over steps that noise could just hide, however large the residuals are.
+        Parameters
+        ----------
+        parameters : sequence of Parameter
+            k of them.
+        values : mapping of str to float
+            By key [SI].
+        residual : (n,) array
+            Whitened, at `values`.
+        hypothesis : tuple of Candidate
+        known : mapping of str to (n,) array
+            Columns by key that are taken as they are [1/SI].
+        fine : bool
+            Whether to take steps that noise could just hide, however large the residuals are.
+
+        Returns
+        -------
+        (n, k) array
+            [1/SI]
         """
         columns = [
             known[p.key] if known and p.key in known else self.column(p, values, residual, hypothesis, fine)
@@ -75,29 +102,28 @@ class FiniteDifferences:
         hypothesis: Hypothesis,
         fine: bool = False,
     ) -> np.ndarray:
-        """Derivative with respect to one parameter, shape (size,); `fine` as in `jacobian`.
+        """Derivative with respect to one parameter, (n,) [1/SI].
+
+        Parameters
+        ----------
+        parameter : Parameter
+        values, residual, hypothesis, fine
+            As in `jacobian`.
 
         Raises
         ------
         InputError, SimulationError
             The model cannot be simulated to either side.
         """
-        target = (
-            self.target
-            if fine
-            else max(self.target, self.settings.target_share_of_residual * float(np.linalg.norm(residual)))
-        )
+        settings, target = self.settings, self.target
+        if not fine:
+            target = max(target, settings.target_share_of_residual * float(np.linalg.norm(residual)))
         step = self._steps.get(parameter.key, parameter.step)
         change, step = self._change(parameter, step, values, residual, hypothesis)
-        length, near, other = (
-            float(np.linalg.norm(change)),
-            self.settings.accepted_factor,
-            self.settings.min_step_change,
-        )
-        if length > 0 and not target / near < length < target * near:
-            better = self._within(
-                parameter, step * np.clip(target / length, self.settings.min_step_ratio, self.settings.max_step_ratio)
-            )
+        length, accepted = float(np.linalg.norm(change)), settings.accepted_factor
+        if length > 0 and not target / accepted < length < target * accepted:
+            ratio = np.clip(target / length, settings.min_step_ratio, settings.max_step_ratio)
+            better, other = self._within(parameter, step * ratio), settings.min_step_change
             if abs(better) < abs(step) / other or abs(better) > abs(step) * other:
                 try:
                     change, step = self._change(parameter, abs(better), values, residual, hypothesis)

@@ -63,8 +63,8 @@ class Fit:
     def bic(self) -> float:
         """Bayesian information criterion: chi2 + k ln n (Schwarz 1978).
 
-        A nuisance that an effect replaces still counts, since the effect says that it is out of its range; otherwise replacing
-        would be cheaper than adding.
+        A nuisance that an effect replaces still counts, since the effect says that it is out of its range; otherwise
+        replacing would be cheaper than adding.
         """
         replaced = sum(len(candidate.replaces) for candidate in self.hypothesis)
         return self.chi2 + (len(self.parameters) + replaced) * np.log(self.residual.size)
@@ -77,8 +77,8 @@ class Fit:
     def covariance(self) -> np.ndarray:
         """Of the values, (k, k) [SI]; zero rows for those at a bound. Inflated where the residual is more than noise.
 
-        Flat bounds count as what they say of a parameter by themselves, a twelfth of the squared width, so that what the data
-        do not determine is no more uncertain than that.
+        Flat bounds count as what they say of a parameter by themselves, a twelfth of the squared width, so that what
+        the data do not determine is no more uncertain than that.
         """
         low, high = bounds_of(self.parameters)
         length = np.linalg.norm(self.jacobian, axis=0)
@@ -116,8 +116,8 @@ def fit_hypothesis(
 ) -> Fit:
     """Fit nuisances and the parameters of a hypothesis's effects, with few simulations.
 
-    Gauss-Newton steps within bounds, damped where they overreach; the Jacobian is made once, corrected after each step by what
-    the step found, and made anew where that no longer helps (`jointgap.identification.gauss_newton`).
+    Gauss-Newton steps within bounds, damped where they overreach; the Jacobian is made once, corrected after each step
+    by what the step found, and made anew where that no longer helps (`jointgap.identification.gauss_newton`).
 
     Parameters
     ----------
@@ -137,8 +137,8 @@ def fit_hypothesis(
     sufficient_chi2 : float
         chi2 of another hypothesis that leaves noise alone: a fit far above it that improves slowly ends early.
     smoother : function
-        Linear, from residuals or a Jacobian to what of them is to be small (`jointgap.identification.smoother`): such a fit is a
-        start for another, and takes less care.
+        Linear, from residuals or a Jacobian to what of them is to be small (`jointgap.identification.smoother`): such a
+        fit is a start for another, and takes less care.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Parts of a bounded, damped Gauss-Newton descent: the step, the correction of the Jacobian, the damping and the stopping rule.
+"""Parts of a bounded, damped Gauss-Newton descent: step, correction of the Jacobian, damping and stopping rule.
 
 `jointgap.identification.fit` puts them together; the step is also what a screening of candidates is made of.
 """
@@ -71,7 +71,7 @@ def bounded_step(
 
 
 def broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """The Jacobian made to agree with one step (Broyden 1965), measured by the columns' lengths so that units do not matter.
+    """The Jacobian made to agree with one step (Broyden 1965), in units of the columns' lengths: none is preferred.
 
     Parameters
     ----------
@@ -94,7 +94,8 @@ def broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -
 def next_damping(damping: float, gain_ratio: float, fresh: bool, settings: DampingSettings) -> float | None:
     """The damping of the next step; None where the Jacobian is to be made anew instead, undamped.
 
-    A corrected Jacobian is blamed for a bad step first; only where one made at this point predicts badly is it curvature.
+    A corrected Jacobian is blamed for a bad step first; only where one made at this point predicts badly is it
+    curvature.
 
     Parameters
     ----------
@@ -157,7 +158,7 @@ class StoppingRule:
         return max(wanted, self._numerical_noise, self._share * chi2)
 
     def poor_and_slow(self) -> bool:
-        """Whether the fit is poor and hardly improves: it will not be named. One beaten by another hypothesis ends sooner."""
+        """Whether the fit is poor and hardly improves, so that it will not be named; sooner for one that is beaten."""
         settings, chi2 = self.settings, self.chi2[-1]
         beaten = chi2 > settings.beaten_factor * self._sufficient
         window = settings.beaten_window if beaten else settings.stalled_window

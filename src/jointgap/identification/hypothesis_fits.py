@@ -1,4 +1,4 @@
-"""Fits of all hypotheses that are worth one: single effects, then pairs; by a coarse search where that is not sufficient."""
+"""Fits of all hypotheses that are worth one: single effects, then pairs; by a coarse search where need be."""
 
 import time
 from collections.abc import Sequence
@@ -27,8 +27,8 @@ TimedFits = tuple[list[Fit], list[float]]
 def fit_singles(baseline: Baseline, known: Signatures, limits: Thresholds, part: int = 0, parts: int = 1) -> TimedFits:
     """Fit every single effect of one part.
 
-    A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those of the same part
-    that stay far behind it end early: they are no rivals, but their chi2 depends on how fits are shared out.
+    A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those of the
+    same part that stay far behind it end early: they are no rivals, but their chi2 depends on how fits are shared out.
 
     Parameters
     ----------
@@ -48,8 +48,9 @@ def fit_pairs(
 ) -> TimedFits:
     """Fit every pair of one part that is worth it beside the fits of single effects.
 
-    Where none of those is sufficient, the first part makes the coarse search for single effects, and then for pairs: how far each
-    one goes there depends on all others, so it is not shared out. Single effects that it finds are among the fits then.
+    Where none of those is sufficient, the first part makes the coarse search for single effects, and then for pairs:
+    how far each one goes there depends on all others, so it is not shared out. Single effects that it finds are among
+    the fits then.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def _pairs_of_best(
 
 
 def _search(baseline: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> TimedFits:
-    """The coarse search for single effects, and pairs: of one that is sufficient now, or searched too; the best of each hypothesis."""
+    """Single effects by coarse search, and pairs: of a single that is sufficient now, or searched too."""
     begin = time.monotonic()
     # steps as nobody else left them: the result must not depend on what else ran in this process
     start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping

@@ -26,8 +26,9 @@ def fit_screened(
 ) -> Fit:
     """The fit of a screened hypothesis, from where its signatures say.
 
-    A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be several times as
-    large as they say. So it starts from the best of 1, 2, 4 ... times the linear answer, or of the amplitudes on a candidate's grid.
+    A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be
+    several times as large as they say. So it starts from the best of 1, 2, 4 ... times the linear answer, or of the
+    amplitudes on a candidate's grid.
 
     Parameters
     ----------
@@ -44,7 +45,8 @@ def fit_screened(
     Returns
     -------
     Fit
-        Failed, with the reason, where its start cannot be simulated or no amplitude on a grid comes nearer to the data than none.
+        Failed, with the reason, where its start cannot be simulated or no amplitude on a grid comes nearer to the data
+        than none.
     """
     derivatives = (known if beside is None else known.about(beside)).known(screened.signatures)
     try:
@@ -107,8 +109,9 @@ def _best_on_grid(
 ) -> tuple[dict[str, float], float]:
     """The start whose amplitude leaves the smallest chi2 once nuisances take up what they can, and that chi2.
 
-    Samples respond only to amplitudes that are right to some percent. Where over the cycle the motion departs from what it is
-    without the effect, and how far, ranks amplitudes from farther away. So that chooses on the grid, and samples beside the best.
+    Samples respond only to amplitudes that are right to some percent. Where over the cycle the motion departs from what
+    it is without the effect, and how far, ranks amplitudes from farther away. So that chooses on the grid, and samples
+    beside the best.
     """
     settings: InitialGuessSettings = problem.settings.initial_guess
     (amplitude,) = signature.amplitudes
@@ -143,7 +146,7 @@ def _best_of(
     values: Iterable[float],
     measure: Callable[[np.ndarray], float],
 ) -> tuple[dict[str, float], float]:
-    """The start with the one of `values` whose residuals measure least, and the measure; infinite where none can be simulated."""
+    """The start with that value whose residuals measure least, and the measure; infinite where all fail."""
     best, least = start, np.inf
     for value in values:
         trial = {**start, key: float(value)}
@@ -157,7 +160,7 @@ def _best_of(
 
 
 def _log_power(problem: Problem, squares: np.ndarray, bins: int) -> np.ndarray:
-    """Logarithm of the mean of the squares (n,) in bins of the cycle, of each channel of each run, one behind the other."""
+    """Logarithm of the mean of the squares (n,) in bins of the cycle; channels and runs one behind the other."""
     levels = []
     for part in problem.parts:
         angle = np.nan_to_num(part.series.angle[part.used])

@@ -1,4 +1,4 @@
-"""From a base to a decision: which hypotheses are worth a fit, and how fits are made comparable before one is chosen."""
+"""From a base to a decision: which hypotheses are worth a fit, and how fits are made comparable."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -48,7 +48,7 @@ def shortlist_singles(
 
 
 def best_sufficient(baseline: Baseline, fits: Sequence[Fit], second: Thresholds) -> Fit | None:
-    """The best of the fits of single effects that leave no more than null campaigns and other numerics do; None if none does.
+    """The best fit of a single effect that leaves no more than null campaigns and other numerics do; None if none does.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def best_sufficient(baseline: Baseline, fits: Sequence[Fit], second: Thresholds)
 def shortlist_pairs(
     known: Signatures, best: Fit, fits: Sequence[Fit], second: Thresholds, count: int
 ) -> list[Screened]:
-    """Pairs of effects that are worth a fit beside a single one that is sufficient: those that would gain beyond chance.
+    """Pairs with a sufficient single effect that are worth a fit: those that would gain beyond chance.
 
     Parameters
     ----------
@@ -91,10 +91,11 @@ def shortlist_pairs(
 def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
     """The thresholds for hypotheses of more effects, with the best single one there.
 
-    The numerics may matter more where it is there: a joint that was ideal hits and slides. What other numerics change there,
-    beyond what nuisances can take up, may remain and is no sign of a second effect, as long as it is a small part of what the
-    effect explains; of more than that, the small part is what a second effect has to gain. Where the single one is sufficient, a
-    second effect has to gain more than fits gain by ending on either side of a jump (`nonlinearity`).
+    The numerics may matter more where it is there: a joint that was ideal hits and slides. What other numerics change
+    there, beyond what nuisances can take up, may remain and is no sign of a second effect, as long as it is a small
+    part of what the effect explains; of more than that, the small part is what a second effect has to gain. Where the
+    single one is sufficient, a second effect has to gain more than fits gain by ending on either side of a jump
+    (`nonlinearity`).
 
     Parameters
     ----------
@@ -124,11 +125,11 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
 
 
 def nonlinearity(problem: Problem, fit: Fit) -> float:
-    """How far chi2, a standard error of one parameter off, is from what the residuals as far to the other side predict; the largest.
+    """How far chi2, one standard error off, is from what residuals as far to the other side predict; the largest.
 
-    Where an impact comes or does not come, chi2 jumps by more than parameters change it otherwise, and a fit ends on either side of
-    the jump: smaller differences between fits say nothing. 0 where residuals depend on parameters linearly. Parameters at a bound,
-    and those of single runs, are left out.
+    Where an impact comes or does not come, chi2 jumps by more than parameters change it otherwise, and a fit ends on
+    either side of the jump: smaller differences between fits say nothing. 0 where residuals depend on parameters
+    linearly. Parameters at a bound, and those of single runs, are left out.
 
     Parameters
     ----------
@@ -167,8 +168,8 @@ def refit_jacobian(baseline: Baseline, fit: Fit) -> Fit:
 def refit_and_decide(baseline: Baseline, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
     """Weigh the fits (`jointgap.identification.decision.decide`), the best of each hypothesis.
 
-    Where the motion has numerical noise, base and rivals are first fitted again from the best one's nuisances: a hypothesis must
-    not win by having found a deeper valley of parameters that all share.
+    Where the motion has numerical noise, base and rivals are first fitted again from the best one's nuisances: a
+    hypothesis must not win by having found a deeper valley of parameters that all share.
 
     Parameters
     ----------
@@ -263,9 +264,10 @@ def _values_without_others(fit: Fit, kept: Candidate) -> dict[str, float]:
 
 
 def _deepest(baseline: Baseline, base: Fit) -> Fit:
-    """The base or, if it is better, the best fit of it by way of smoothed residuals from several values of the nuisances.
+    """The base or, if better, its best fit by way of smoothed residuals from several values of the nuisances.
 
-    A badly converged base makes any effect look useful, so it is fitted again before an effect is called missing that hardly shows.
+    A badly converged base makes any effect look useful, so it is fitted again before an effect is called missing that
+    hardly shows.
     """
     problem, smoothers = baseline.problem, smoothers_of(baseline.problem)
     nominal = {p.key: p.nominal for p in problem.nuisances if p.run is None}
@@ -285,8 +287,9 @@ def _moved(baseline: Baseline, fit: Fit, to: Fit) -> Fit:
 def select_hypothesis(baseline: Baseline, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
     """Choose among the fits; what is chosen is fitted once more to its end, for its intervals.
 
-    What leaving out one of two effects costs is the fit of the other alone, at its best: before two effects are named each is fitted
-    alone once more, from the nuisances of the pair and from other starts, and is open to choice like all others.
+    What leaving out one of two effects costs is the fit of the other alone, at its best: before two effects are named
+    each is fitted alone once more, from the nuisances of the pair and from other starts, and is open to choice like all
+    others.
 
     Parameters
     ----------

@@ -40,7 +40,8 @@ class Problem:
     held_out : bool
         Whether to take the held-out samples instead of those for fitting.
     planned : bool
-        Whether the samples are yet to be measured: every sample counts, and what `plan` predicts stands for its value.
+        Whether the samples are yet to be measured: every sample counts, and what the nominal model
+        predicts stands for its value.
     settings : IdentificationSettings
         The tuned numbers of everything that works on this problem.
     """
@@ -100,7 +101,22 @@ class Problem:
     def predict(
         self, run: str, values: Mapping[str, float], hypothesis: Hypothesis = (), numerics: int = 0
     ) -> Mapping[str, np.ndarray]:
-        """What the model reads in `run`, by channel; `values` by key, absent nuisances at nominal."""
+        """What the sensors would read in one run.
+
+        Parameters
+        ----------
+        run : str
+        values : mapping of str to float
+            By key of `parameters` [SI]; absent nuisances are at nominal.
+        hypothesis : tuple of Candidate
+        numerics : int
+            As in `Model.simulate`.
+
+        Returns
+        -------
+        mapping of str to (n,) array
+            By channel [unit of the channel].
+        """
         nuisances = {p.name: values.get(p.key, p.nominal) for p in self.model.nuisances if p.run in (None, run)}
         effects = [
             (candidate, {p.name: values[f"{candidate.label}.{p.key}"] for p in candidate.coordinates_in((run,))})
@@ -122,7 +138,7 @@ class Problem:
         Parameters
         ----------
         values : mapping of str to float
-            By key of `parameters`.
+            By key of `parameters` [SI].
         hypothesis : tuple of Candidate
         runs : sequence of str, optional
             Simulate these alone; the others' residuals stay as in `out`.
@@ -136,13 +152,13 @@ class Problem:
         InputError, SimulationError
             These values cannot be simulated.
         """
-        found = np.empty(self.size) if out is None else out.copy()
+        residual = np.empty(self.size) if out is None else out.copy()
         for run in self.runs if runs is None else runs:
             predicted = self.predict(run, values, hypothesis, numerics)
             for part in self.parts:
                 if part.series.run == run:
-                    found[part.place] = self._whitened(part, predicted[part.series.channel])
-        return found
+                    residual[part.place] = self._whitened(part, predicted[part.series.channel])
+        return residual
 
     def _whitened(self, part: Part, predicted: np.ndarray) -> np.ndarray:
         if not np.isfinite(predicted[part.used]).all():
@@ -151,7 +167,7 @@ class Problem:
         return whiten(np.where(part.used, value - predicted, np.nan), part.noise)[part.used]
 
     def with_noise(self, noise: Mapping[tuple[str, str], Noise]) -> "Problem":
-        """The same samples measured by another noise."""
+        """The same problem with other noise of its samples, by (run, channel)."""
         other = object.__new__(Problem)
         other.__dict__ = {
             **self.__dict__,

@@ -1,4 +1,4 @@
-"""What the naming of effects asks of a model: simulate with parameters and effects, and say how what was measured compares.
+"""What the naming of effects asks of a model: to simulate with parameters and effects, and what was measured.
 
 Nothing here or in the modules beside it knows a mechanism. A model is any object that follows `Model`; the slider-crank
 (`jointgap.slider_crank`) is one, ``examples/emps`` another.
@@ -57,32 +57,35 @@ class Candidate:
     name, site : str
         As a verdict states them.
     coordinates : tuple of Parameter
-        What a fit varies; those with a run belong to that run alone, such as a phase. Near the effect's absence the motion should depend on the `amplitudes` about linearly: an amplitude with
-        a phase has two coordinates, its cosine and sine parts.
+        What a fit varies; those with a run belong to that run alone, such as a phase. Near the effect's absence the
+        motion should depend on the `amplitudes` about linearly, so an amplitude with a phase has two coordinates, its
+        cosine and sine parts.
     amplitudes : tuple of str
-        Keys of the coordinates that are 0 where the effect is absent; the rest are shapes (an exponent, a frequency).
+        Keys of the coordinates that are 0 where the effect is absent; the rest are shape parameters (an exponent, a
+        frequency).
     initial_guesses : tuple of mappings
-        Values of all shapes to start from; one empty mapping where there are none. Where the motion does not depend on a size
-        about linearly from 0 on, such as the clearance of a joint that was ideal, starts hold the size too, if it is the only
-        one: what the effect changes is then told from there.
-    is_perturbation : bool
-        Whether its size is the change of something known, such as a clearance, down to the lower bound where nothing is left of
-        that: small changes then say little of large ones. Both bounds are finite.
-    grid : tuple of float
-        Of an effect with one size on which the motion depends so roughly that a fit comes to an end from near by alone: values to
-        begin from, growing, each 1.35 times the one before or nearer.
+        Values of all shape parameters to start from; one empty mapping where there are none. Where the motion is not
+        about linear in an amplitude from 0 on, such as the clearance of a joint that was ideal, guesses hold the
+        amplitude too, if it is the only one: finite amplitudes are then simulated, and fits start there.
     parameters : function
         From values of the coordinates to the parameters that a verdict states. The coordinates themselves by default.
     replaces : mapping of str to str
-        Nuisances that are this effect's own parameter, and the size that stands for each: a nuisance is held at nominal where the
-        effect is fitted, and the size is what it is beyond that.
+        Nuisances that are this effect's own parameter, and the amplitude that stands for each: a nuisance is held at
+        nominal where the effect is fitted, and the amplitude is what it is beyond that.
     sensor : bool
         Whether it is a fault of a sensor: it acts on what is read, not on the motion.
     has_site : bool
         Whether the effect could be at another site too, so that its label needs the site.
     steady_counterpart : str
-        Label of a steady effect that this one is, but for swinging at its shape ``frequency_Hz``: its sizes are the parts with
-        the cosine and with the sine. Frequencies to start from are then sought in the residual.
+        Label of a steady effect that this one is, but for swinging at its shape parameter ``frequency_Hz``: its
+        amplitudes are the parts with the cosine and with the sine. Frequencies to start from are then searched in the
+        residual.
+    is_perturbation : bool
+        Whether its amplitude is the change of a known quantity, such as a clearance, down to the lower bound where
+        nothing is left of that: small changes then say little of large ones. Both bounds are finite.
+    grid : tuple of float
+        Of an effect with one amplitude on which the motion depends so roughly that a fit converges from near by alone:
+        values to begin from, growing, each 1.35 times the one before or nearer.
     """
 
     name: str
@@ -99,16 +102,17 @@ class Candidate:
     grid: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse finite sizes that nothing could be told from."""
-        finite = [start[key] for start in self.initial_guesses for key in self.amplitudes if key in start] + list(
-            self.grid
-        )
+        """Refuse finite amplitudes that nothing could be derived from."""
+        finite = [*self.grid]
+        finite += [guess[key] for guess in self.initial_guesses for key in self.amplitudes if key in guess]
         if finite and (len(self.amplitudes) > 1 or min(finite) <= 0.0):
-            raise ValueError(f"{self.name}: starts and grids hold values of a single size, above 0; got {finite}")
+            raise ValueError(
+                f"{self.name}: initial_guesses and grid hold values of a single amplitude, above 0; got {finite}"
+            )
         if self.is_perturbation and not all(
             np.isfinite((p.low, p.high)).all() for p in self.coordinates if p.name in self.amplitudes
         ):
-            raise ValueError(f"{self.name}: the change of something known needs finite bounds")
+            raise ValueError(f"{self.name}: the perturbation of a known quantity needs finite bounds")
 
     @property
     def label(self) -> str:
@@ -181,7 +185,7 @@ class Model(Protocol):
 
     @property
     def numerics(self) -> Sequence[str]:
-        """Other numerics that are as good as the usual ones, in words; `simulate` takes their places, counted from 1."""
+        """Other numerics that are as good as the usual ones, in words; `simulate` takes their index from 1."""
 
     def simulate(
         self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0

@@ -1,8 +1,9 @@
 """The tuned numbers of naming, by subject: what each means, its unit, and why it has this value.
 
-Many of them trade simulations for certainty. "(experience)" marks those that were set by what worked on development trials,
-campaigns with a hidden effect; nothing is derived there, and another value near by may do as well. A problem carries its settings (`Problem.settings`), so that trials can
-vary them: ``replace(DEFAULT_SETTINGS, fitting=replace(DEFAULT_SETTINGS.fitting, max_steps=40))``.
+Many of them trade simulations for certainty. "(experience)" marks those that were set by what worked on development
+trials, campaigns with a hidden effect; nothing is derived there, and another value near by may do as well. A problem
+carries its settings (`Problem.settings`), so that trials can vary them:
+``replace(DEFAULT_SETTINGS, stopping=replace(DEFAULT_SETTINGS.stopping, max_steps=40))``.
 """
 
 from dataclasses import dataclass, field
@@ -17,21 +18,24 @@ class FiniteDifferenceSettings:
     Attributes
     ----------
     target_length : float
-        [1] Length of the change over one step, so a step is about five standard errors of its parameter. Smaller steps meet the
-        numerical noise of impacts, larger ones curvature (experience).
+        [1] Length of the change over one step, so a step is about five standard errors of its parameter. Smaller
+        steps meet the numerical noise of impacts, larger ones curvature (experience).
     target_share_of_residual : float
-        [1] The target is at least this share of the residual's length: far from the solution, impacts that pass samples make the
-        motion rough on a small scale. With much larger shares the fit of a film does not converge (experience).
+        [1] The target is at least this share of the residual's length: far from the solution, impacts that pass
+        samples make the motion rough on a small scale. With much larger shares the fit of a film does not converge
+        (experience).
     target_per_statistic : float
-        [1] The target is at least this times the root of the number of statistics of chaotic motion: each scatters by about 1,
-        and half as much again keeps the derivative above that.
+        [1] The target is at least this times the root of the number of statistics of chaotic motion: each scatters by
+        about 1, and half as much again keeps the derivative above that.
     target_over_numerical_noise : float
-        [1] The target is at least this times the numerical noise: an error of a fifth in a derivative still gives a descent.
+        [1] The target is at least this times the numerical noise: an error of a fifth in a derivative still gives a
+        descent.
     probe_step : float
-        [1, of a parameter's step] A change so small that what it changes in the motion is numerical noise: its true effect is
-        5e-6 of the noise.
+        [1, of a parameter's step] A change so small that what it changes in the motion is numerical noise: its true
+        effect is about a millionth of what noise could hide.
     probed_parameters : int
-        How many parameters are changed so; the largest change counts. Two, because a single one may not move any contact.
+        How many parameters are changed so; the largest change counts. Two, because a single one may not move any
+        contact.
     accepted_factor : float
         [1] A change within this factor of the target is good enough: another simulation would buy little accuracy.
     min_step_ratio, max_step_ratio : float
@@ -66,7 +70,8 @@ class DampingSettings:
     trusted_gain_ratio : float
         [1] Above it the Jacobian predicts well enough to declare convergence with; half of a perfect prediction.
     good_gain_ratio : float
-        [1] Above it damping is reduced, below it the Jacobian is made anew or damping is raised; the usual quarter (Fletcher 1971).
+        [1] Above it damping is reduced, below it the Jacobian is made anew or damping is raised; the usual quarter
+        (Fletcher 1971).
     factor : float
         [1] By which damping is raised and lowered; the usual ten (Marquardt 1963).
     first : float
@@ -74,7 +79,8 @@ class DampingSettings:
     negligible : float
         [1] Damping at or below it becomes 0 at the next good step: it no longer shortens a step noticeably.
     rough : float
-        [1] Steps damped more are so short that a decrease predicted and not found is numerical noise: the fit stops, not converged.
+        [1] Steps damped more are so short that a decrease predicted and not found is numerical noise: the fit stops,
+        not converged.
     """
 
     trusted_gain_ratio: float = 0.5
@@ -92,22 +98,26 @@ class StoppingSettings:
     Attributes
     ----------
     min_decrease : float
-        [chi2] A predicted decrease below this is not worth a step where the fit is good: a two-hundredth of the 10 that tell two
-        hypotheses apart in BIC. It grows with the square of chi2 per sample, because poor fits need less care.
+        [chi2] A predicted decrease below this is not worth a step where the fit is good: a two-hundredth of the 10
+        that tell two hypotheses apart in BIC. It grows with the square of chi2 per sample, because poor fits need
+        less care.
     max_steps : int
         Valleys of loose joints may be long; this is a guard, not the usual end (experience).
     stalled_window : int
         Steps over which progress is measured.
     poor_chi2_per_sample : float
-        [1] Above it a fit is poor, and ends where it improves by less than `poor_progress` in the window: it will not be named.
+        [1] Above it a fit is poor, and ends where it improves by less than `poor_progress` in the window: it will not
+        be named.
     poor_progress : float
         [1, of chi2] As above; at 2 % in four steps it takes more than a hundred to halve chi2.
     creeping_after : int
-        Steps after which a fit with a corrected Jacobian that creeps has its Jacobian made anew: Broyden's corrections wear out.
+        Steps after which a fit with a corrected Jacobian that creeps has its Jacobian made anew: Broyden's
+        corrections wear out.
     creeping_decrease : float
         [chi2] A decrease below this over the window is creeping; below what a BIC decides on, above `min_decrease`.
     beaten_factor : float
-        [1] A fit whose chi2 is this times that of a sufficient hypothesis is beaten: no rival any more, so it may end early.
+        [1] A fit whose chi2 is this times that of a sufficient hypothesis is beaten: no rival any more, so it may end
+        early.
     beaten_window, beaten_progress : int, float
         As `stalled_window` and `poor_progress` for beaten fits, which get less patience (experience).
     smoothed_decrease : float
@@ -137,12 +147,13 @@ class BaselineSettings:
     Attributes
     ----------
     max_starts : int
-        Values of the shared nuisances that a fit starts from where it does not leave noise alone: the given ones, and drawn ones.
-        (Experience; each costs a fit.)
+        Values of the shared nuisances that a fit starts from where it does not leave noise alone: the given ones, and
+        drawn ones. (Experience; each costs a fit.)
     same_minimum : float
         [1, of chi2] Two fits that differ by less have reached the same minimum.
     noise_sigmas : float
-        [standard deviations of chi2] A fit within this of its degrees of freedom leaves noise alone (one in a thousand by chance).
+        [standard deviations of chi2] A fit within this of its degrees of freedom leaves noise alone (one in a
+        thousand by chance).
     """
 
     max_starts: int = 3
@@ -162,7 +173,8 @@ class SmoothingSettings:
     kernel_reach : float
         [standard deviations] Where the weights are cut off: 0.3 % of a Gaussian lies beyond.
     undetermined_error : float
-        [1, of the parameter's range] A standard error beyond it leaves a parameter undetermined; a flat range by itself has 0.29.
+        [1, of the parameter's range] A standard error beyond it leaves a parameter undetermined; a flat range by
+        itself has 0.29.
     min_influence : float
         [1, of the noise, over all samples] A parameter that changes less over its whole range is not scanned.
     scan_points : int
@@ -189,16 +201,18 @@ class InitialGuessSettings:
     Attributes
     ----------
     max_multiple : float
-        [1, of the linear answer] How far an amplitude is doubled: a loose joint answers a small force more than in proportion,
-        so an effect may be several times as large as small steps say.
+        [1, of the linear answer] How far an amplitude is doubled: a loose joint answers a small force more than in
+        proportion, so an effect may be several times as large as small steps say.
     cycle_bins : int
         Bins of the cycle over which the departure of an amplitude on a grid is compared: 15 deg each (experience).
     max_departure_share : float
-        [1, of the departure without the effect] A grid whose best amplitude stays above is dropped: it explains nothing.
+        [1, of the departure without the effect] A grid whose best amplitude stays above is dropped: it explains
+        nothing.
     refinement_factor : float
         [1] How far around the best amplitude on the grid samples are compared: one step of a grid (`Candidate.grid`).
     refinement_points : int
-        Amplitudes in that comparison: 2 % apart, since samples respond only to amplitudes that are right to some percent.
+        Amplitudes in that comparison: 2 % apart, since samples respond only to amplitudes that are right to some
+        percent.
     """
 
     max_multiple: float = 16.0
@@ -217,16 +231,18 @@ class CoarseSearchSettings:
     max_singles : int
         Candidates searched, beside those of which small amplitudes say little (experience).
     survivors : tuple of int
-        How many hypotheses go on from each smoothing width to the next finer one. Where nothing can be smoothed, the first
-        number is how many pairs are fitted (experience).
+        How many hypotheses go on from each smoothing width to the next finer one. Where nothing can be smoothed, the
+        first number is how many pairs are fitted (experience).
     refitted : int
         Of the best, how many are fitted once more with all undetermined coordinates scanned, where none is sufficient.
     leading_singles, partners_per_single : int
-        Single effects that are paired where none is sufficient, and the partners of each: a pair costs some fifty simulations.
+        Single effects that are paired where none is sufficient, and the partners of each: a pair costs some fifty
+        simulations.
     visible_chi2_per_sample : float
         [1] chi2 per sample in smoothed residuals above which there is something to be seen; noise alone leaves 1.
     eliminated_factor : float
-        [1, of the best chi2] Hypotheses beyond are eliminated: too far behind to catch up on a finer level (experience).
+        [1, of the best chi2] Hypotheses beyond are eliminated: too far behind to catch up on a finer level
+        (experience).
     """
 
     max_singles: int = 8
@@ -247,23 +263,24 @@ class ModelSelectionSettings:
     max_singles : int
         Candidates that are fitted alone, beside those that are searched on a grid (experience).
     unexplained_share : float
-        [1, of the misfit] Where the best signature would leave more, candidates with a grid are fitted too: their signatures
-        say little of them.
+        [1, of the misfit] Where the best signature would leave more, candidates with a grid are fitted too: their
+        signatures say little of them.
     max_delta_bic : float
-        [BIC] Where the baseline leaves no more than noise, effects are small and signatures nearly exact: candidates this much
-        behind the best are not fitted. Three times the 10 of a very strong preference.
+        [BIC] Where the baseline leaves no more than noise, effects are small and signatures nearly exact: candidates
+        this much behind the best are not fitted. Three times the 10 of a very strong preference.
     min_gain_share : float
-        [1, of the gain that is called an effect] There, candidates that promise less than half of it are not fitted either.
+        [1, of the gain that is called an effect] There, candidates that promise less than half of it are not fitted
+        either.
     min_singles : int
         Candidates that are fitted there in any case, so that the best one has a rival to be compared with.
     partners : int
-        Partners of a sufficient effect that are fitted, rivals that are fitted again from the best one's nuisances, and swaps of
-        each effect of a pair.
+        Partners of a sufficient effect that are fitted, rivals that are fitted again from the best one's nuisances,
+        and swaps of each effect of a pair.
     smooth_numerical_noise : float
         [chi2] With less numerical noise chi2 has no valleys between which fits could differ.
     baseline_starts : int
-        Values of the nuisances from which the baseline is fitted again before an effect is named that hardly shows. A clearance
-        some percent off has impacts at other instants and a valley of its own.
+        Values of the nuisances from which the baseline is fitted again before an effect is named that hardly shows. A
+        clearance some percent off has impacts at other instants and a valley of its own.
     """
 
     max_singles: int = 8
@@ -320,14 +337,17 @@ class DecisionSettings:
     Attributes
     ----------
     min_delta_bic : float
-        [BIC] Two explanations whose BIC differ by less are not told apart: odds of 150 to 1 (Kass and Raftery 1995: very strong).
+        [BIC] Two explanations whose BIC differ by less are not told apart: odds of 150 to 1 (Kass and Raftery 1995:
+        very strong).
     min_explained_share : float
-        [1, of the misfit] What an explanation has to explain where it leaves more than noise; the rest is a small part of it.
+        [1, of the misfit] What an explanation has to explain where it leaves more than noise; the rest is a small
+        part of it.
     tolerated_reduced_chi2 : float
-        [1] chi2 over its degrees of freedom up to which nothing is called missing unless an effect is found: a gap of 1.05.
+        [1] chi2 over its degrees of freedom up to which nothing is called missing unless an effect is found: a gap of
+        1.05.
     max_share_of_wrong_misfit : float
-        [1] Such an explanation must leave less than this part of what it would leave if the effect most like it were the cause:
-        half way between right and wrong.
+        [1] Such an explanation must leave less than this part of what it would leave if the effect most like it were
+        the cause: half way between right and wrong.
     """
 
     min_delta_bic: float = 10.0
@@ -345,15 +365,15 @@ class DisagreementSettings:
     bins : int
         Bins of the crank angle: 10 deg each, about the width of what an impact leaves.
     min_size : float
-        [standard deviations of the noise] Disagreements that are estimated to be smaller are not flagged, however significant:
-        no one would look for their cause.
+        [standard deviations of the noise] Disagreements that are estimated to be smaller are not flagged, however
+        significant: no one would look for their cause.
     ljung_box_lags : int
         Lags over which whitened residuals are tested for correlation; the usual ten (Ljung and Box 1978).
     highest_order : float
         [cycles per turn] The highest order of the crank in the spectrum; above it motions of a linkage hold little.
     scaling_sigmas : float
-        [standard deviations] By how much a disagreement has to exceed noise to count in the growth with speed: a logarithm is
-        taken of it.
+        [standard deviations] By how much a disagreement has to exceed noise to count in the growth with speed: a
+        logarithm is taken of it.
     """
 
     bins: int = 36

@@ -1,9 +1,10 @@
 """Residuals smoothed over the cycle, and fits that go from coarsely smoothed residuals to the samples.
 
-Impacts make spikes. Where a parameter is a percent off, spikes miss each other by some samples, and by how much they do says nothing
-of the direction: the valley around the truth is narrow, and elsewhere there are others. Smoothed over the cycle, a residual counts
-what an impact does to the motion rather than at which sample. Fits go from the coarsest smoother to the samples, each from where
-the one before ended; parameters that a coarse one leaves undetermined are scanned in the next one.
+Impacts make spikes. Where a parameter is a percent off, spikes miss each other by some samples, and by how much they do
+says nothing of the direction: the valley around the truth is narrow, and elsewhere there are others. Smoothed over the
+cycle, a residual counts what an impact does to the motion rather than at which sample. Fits go from the coarsest
+smoother to the samples, each from where the one before ended; parameters that a coarse one leaves undetermined are
+scanned in the next one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,14 +29,15 @@ class Smoother:
     Attributes
     ----------
     kernels : tuple of ((a, b), (m,) array)
-        Place of each series among the residuals and its weights, whose squares sum to 1; a single one leaves a series as it is.
+        Place of each series among the residuals and its weights, whose squares sum to 1; a single one leaves a series
+        as it is.
     """
 
     kernels: tuple[tuple[slice, np.ndarray], ...]
 
     @property
     def overlap(self) -> float:
-        """By how much neighbours that share samples make the errors of slow parameters larger than independent ones would."""
+        """Factor on the errors of slow parameters: neighbours share samples, so they are not independent."""
         return float(np.mean([weights.sum() for _, weights in self.kernels]))
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
@@ -83,7 +85,7 @@ def coarse_to_fine_fit(
     differences: FiniteDifferences,
     smoothers: Sequence[Smoother],
 ) -> Fit:
-    """The fit to the residuals of the last smoother, by way of all before it; what each leaves undetermined is scanned in the next.
+    """The fit with the last smoother by way of all before it; what each leaves undetermined is scanned in the next.
 
     Parameters
     ----------
@@ -98,8 +100,8 @@ def coarse_to_fine_fit(
     Returns
     -------
     Fit
-        Its residual is that of the samples, and so is its Jacobian, which may be from near by: good for a fit that starts there.
-        The last one that could be simulated; failed where the start cannot be.
+        Its residual is that of the samples, and so is its Jacobian, which may be from near by: good for a fit that
+        starts there. The last one that could be simulated; failed where the start cannot be.
     """
     result, known = None, None
     for smoother, finer in zip(smoothers, (*smoothers[1:], None), strict=True):
@@ -135,7 +137,7 @@ def fit_via_smoothers(
 def coordinate_scan(
     problem: Problem, fit: Fit, smoother: Smoother, finer: Smoother | None, amplitudes_only: bool = False
 ) -> dict[str, float] | None:
-    """Better values by key, from scans of the parameters that a fit leaves undetermined, one after the other; None if none are.
+    """Better values by key, from scans of undetermined parameters one after the other; None if none are better.
 
     At each value of a scan the other parameters take up what they can linearly; chi2 is that of the finer smoother.
 
@@ -184,8 +186,8 @@ def _undetermined(
 ) -> list[tuple[int, np.ndarray]]:
     """Which parameters are to be scanned, and at what values.
 
-    Those are nuisances and shapes that the smoother leaves uncertain though they matter to the finer one, and perturbations of
-    known quantities, of which small ones say little of large ones.
+    Those are nuisances and shapes that the smoother leaves uncertain though they matter to the finer one, and
+    perturbations of known quantities, of which small ones say little of large ones.
     """
     if not fit.parameters:
         return []

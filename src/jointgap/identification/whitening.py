@@ -37,8 +37,8 @@ class Noise:
 def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
     """Residuals as independent numbers of variance 1 if nothing but noise is in them.
 
-    From each sample its prediction from the samples before it, back to the last gap, is subtracted: exact for an autoregressive
-    process.
+    From each sample its prediction from the samples before it, back to the last gap, is subtracted: exact for an
+    autoregressive process.
 
     Parameters
     ----------
@@ -59,9 +59,10 @@ def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
 
 
 def autoregression(autocorrelation: Sequence[float]) -> list[tuple[np.ndarray, float]]:
-    """Weights of the last 0, 1, ..., p samples that predict the next, and the standard deviation that remains (Levinson).
+    """Weights of the last 0, 1, ..., p samples that predict the next, and the remaining sd (Levinson).
 
-    Each (weights, sd) is of shapes (order,) and (), in standard deviations of the process; `autocorrelation` is at lags 1 ... p.
+    Each (weights, sd) is of shapes (order,) and (), in standard deviations of the process; `autocorrelation` is at lags
+    1 ... p.
     """
     rho = np.concatenate(([1.0], autocorrelation))
     weights, variance = np.empty(0), 1.0
