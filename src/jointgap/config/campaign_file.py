@@ -43,7 +43,8 @@ class CampaignRun(Section):
     file: str = Field(min_length=1, description="table of samples, CSV or Parquet, from the campaign file's folder")
     speed: PositiveAngularSpeed = Field(description="nominal speed of the crank")
     role: Literal["identify", "confirm", "split"] = Field(
-        description="identify: for fitting and choosing; confirm: takes no part in either; split: its last third does not"
+        description="identify: for fitting and choosing; confirm: takes no part in either; split: its last third "
+        "does not"
     )
     start: Literal["settled", "at_rest", "dead_centre", "unknown"] = Field(
         "settled", description="how the motion began before the first sample"
@@ -79,7 +80,7 @@ class Csv(Section):
 
 
 class Campaign(Section):
-    """Everything that the naming of effects is told of a rig but the samples."""
+    """Everything that the naming of effects knows of a rig but the samples."""
 
     name: Word = Field(description="name of the campaign, and of its folder of results")
     mechanism: Mechanism = Field(description="the mechanism as it is simulated so far")
@@ -151,12 +152,13 @@ class Campaign(Section):
                     raise ValueError(f"runs: two have the id '{run.id}'; give each its own")
                 if other.file == run.file:
                     raise ValueError(
-                        f"runs: '{other.id}' and '{run.id}' both read {run.file}; give two files, or one run with role split"
+                        f"runs: '{other.id}' and '{run.id}' both read {run.file}; give two files, or one run with "
+                        "role split"
                     )
         roles = {run.role for run in self.runs}
-        for needed, mend in (("identify", "fitting"), ("confirm", "confirming what is found")):
+        for needed, purpose in (("identify", "fitting"), ("confirm", "confirming what is found")):
             if not roles & {needed, "split"}:
-                raise ValueError(f"runs: none is for {mend}; give one the role {needed} (or split, for both)")
+                raise ValueError(f"runs: none is for {purpose}; give one the role {needed} (or split, for both)")
         return self
 
     @model_validator(mode="after")
@@ -196,7 +198,8 @@ class Campaign(Section):
             nominals = tuple(run.speed for run in self.runs) if key == "speed" else nominal_values(self.mechanism, key)
             if key in SHARED and len(set(nominals)) > 1:
                 raise ValueError(
-                    f"nuisance: {key} of both pins would be one number, but is {nominals[0]:g} in {PINS[0]} and {nominals[1]:g} in "
+                    f"nuisance: {key} of both pins would be one number, but is {nominals[0]:g} in {PINS[0]} and "
+                    f"{nominals[1]:g} in "
                     f"{PINS[1]}; list {key}_{PINS[0]} and {key}_{PINS[1]}"
                 )
             for nominal in nominals:
@@ -207,10 +210,11 @@ class Campaign(Section):
                     )
                 if not low <= nominal <= high:
                     raise ValueError(
-                        f"nuisance: {key} is {nominal:g}, outside of [{low:g}, {high:g}]; widen them or correct the value"
+                        f"nuisance: {key} is {nominal:g}, outside of [{low:g}, {high:g}]; widen them or correct the "
+                        "value"
                     )
-                said = as_written(self.nuisance[key])
-                check_possible(key, low, high, f"nuisance: {key} = {said} of {nominal:g}")
+                source = f"nuisance: {key} = {as_written(self.nuisance[key])} of {nominal:g}"
+                check_possible(key, low, high, source)
         return self
 
     def bounds(self, key: str, nominal: float) -> tuple[float, float]:
@@ -224,7 +228,7 @@ class Campaign(Section):
 
     @property
     def idle_nuisances(self) -> tuple[str, ...]:
-        """Nuisances that are left out: those that have nothing to act on, and a speed that the records themselves tell."""
+        """Nuisances that are left out: those that have nothing to act on, and a speed that the records contain."""
         recorded = {"time", "crank_angle"} <= self.channels.keys()
         return tuple(
             key for key in self.nuisance if (recorded if key == "speed" else not nominal_values(self.mechanism, key))

@@ -26,7 +26,7 @@ CHANNELS = {
 """SI unit of every channel that a rig can have."""
 
 
-_HINTS = {
+_UNIT_HINTS = {
     "g": "g is the gram; the standard acceleration of gravity is g_n",
     "Nm": "write N*m",
     "nm": "nm is the nanometre; a torque is N*m",
@@ -71,7 +71,7 @@ class Channel(Section):
             unit_factor(unit, unit)
         except Exception as error:  # what pint makes of text that is no unit is of a dozen kinds
             raise ValueError(
-                _HINTS.get(unit, "is not a unit; write one such as s, deg, mm, g_n, N*m or rpm")
+                _UNIT_HINTS.get(unit, "is not a unit; write one such as s, deg, mm, g_n, N*m or rpm")
             ) from error
         return unit
 
@@ -113,5 +113,5 @@ def channel_factor(name: str, unit: str) -> float:
     try:
         return unit_factor(unit, base)
     except ValueError as error:
-        hint = _HINTS.get(unit)
+        hint = _UNIT_HINTS.get(unit)
         raise ValueError(f"{name}.unit = '{unit}' {error}{f'; {hint}' if hint else ''}") from error

@@ -1,4 +1,4 @@
-"""What is wrong with a configuration, in words that name the key, the value and the mend."""
+"""What is wrong with a configuration, in words that name the key, the value and the fix."""
 
 import re
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from jointgap.errors import did_you_mean
 
 _UNION_ERRORS = {"union_tag_invalid", "union_tag_not_found"}
 _LONGEST = 200  # characters of a value that are shown
-_KINDS = {"name": "effect", "kind": "kind"}  # keys by which sections in one place are told apart, and what they tell
+_KINDS = {"name": "effect", "kind": "kind"}  # keys that say of which kind a section is, and what they are called
 _ALSO = {"mechanism": "the path of a mechanism file, or ", "contact": "the name of an entry of contacts, or "}
 
 # pydantic's types of errors whose own words speak of Python
@@ -32,12 +32,12 @@ _COUNTED = re.compile(r" after validation, not \d+$")
 
 
 def complaints(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """All that pydantic found wrong with a `model`, one line each, none twice."""
+    """What pydantic reports as wrong with a `model` in its `error`, one line each, none twice."""
     items = error.errors()
-    told = {found for item in items if (found := _within("contacts", item, 2))}
+    reported = {problem for item in items if (problem := _within("contacts", item, 2))}
     lines = []
     for item in items:
-        if _within("contact", item, 1) in told:
+        if _within("contact", item, 1) in reported:
             continue  # the joint only repeats what its entry of contacts says
         if item["type"] == "too_short" and len(item["input"]) >= item["ctx"]["min_length"]:
             continue  # pydantic counts entries that are wrong, of which it complains by themselves, as absent
@@ -125,7 +125,7 @@ def _sections(annotation: object) -> Iterator[type[BaseModel]]:
 
 
 def _kind(section: type[BaseModel]) -> set[str]:
-    """The words by which a section is told from others in its place."""
+    """The words that distinguish a section from others in its place."""
     return {
         word for key in _KINDS if key in section.model_fields for word in get_args(section.model_fields[key].annotation)
     }

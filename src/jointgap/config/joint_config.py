@@ -33,8 +33,9 @@ Law = Literal[
 FrictionLaw = Literal["coulomb", "threlfall", "ambrosio", "bengisu_akay", "lugre"]
 
 FIRM_FORCE, FIRM_PENETRATION = 1e3, 1e-9
-"""A force [N] that must press a journal into its bearing by more than this [m]: atoms are a fifth of it apart, so that a
-contact that yields less is rigid for all that continuum mechanics can say."""
+"""A force [N] that must press a journal into its bearing by more than this [m].
+
+Atoms are a fifth of it apart: a contact that yields less is rigid for all that continuum mechanics can say."""
 
 STRIBECK_SPEED = 0.01
 """[m/s] Default of stribeck_speed: friction has fallen from its static to its kinetic value some times above it."""
@@ -43,7 +44,7 @@ BRISTLE_STIFFNESS = 1e5
 """[1/m] Default of bristle_stiffness: friction 0.1 is reached after a micrometre, the size of asperities."""
 
 BRISTLE_ACCELERATION = 1e4
-"""[m/s^2] Default bristle_damping is critical for a body that is pressed on with this force per mass (1 kN on 0.1 kg)."""
+"""[m/s^2] Default bristle_damping is critical for a body pressed on with this force per mass (1 kN on 0.1 kg)."""
 
 # Which friction laws read a key beyond `friction`.
 _READ_BY = {
@@ -71,7 +72,8 @@ class Contact(Section):
     )
     least_approach_speed: PositiveSpeed = Field(
         0.001,
-        description="a slower impact is damped as one at this speed, for the laws' damping has no bound as the speed goes to zero",
+        description="a slower impact is damped as one at this speed, for the laws' damping has no bound as the speed "
+        "goes to zero",
     )
     penalty_damping: quantity("N*s/m", ge=0, le=1e9) | None = Field(
         None,
@@ -92,11 +94,13 @@ class Contact(Section):
     )
     friction_speed: PositiveSpeed = Field(
         0.001,
-        description="sliding speed over which friction is regularised around zero, e.g. friction * tanh(v / friction_speed)",
+        description="sliding speed over which friction is regularised around zero, e.g. friction * tanh(v / "
+        "friction_speed)",
     )
     dead_band_speed: quantity("m/s", ge=0) | None = Field(
         None,
-        description="ambrosio: no friction below it, full friction above friction_speed; null: a tenth of friction_speed",
+        description="ambrosio: no friction below it, full friction above friction_speed; null: a tenth of "
+        "friction_speed",
     )
     static_friction: quantity("", ge=0, le=1) | None = Field(
         None, description="bengisu_akay, lugre: coefficient of static friction; null: as friction"
@@ -136,7 +140,8 @@ class Contact(Section):
         for key, laws in _READ_BY.items():
             if getattr(self, key) is not None and self.friction_law not in laws:
                 raise ValueError(
-                    f"{key} is read by friction_law {' and '.join(laws)} alone, not by {self.friction_law}; leave it out or set it to null"
+                    f"{key} is read by friction_law {' and '.join(laws)} alone, not by {self.friction_law}; leave it "
+                    "out or set it to null"
                 )
         if self.static_friction is not None and self.static_friction < self.friction:
             raise ValueError(
@@ -144,7 +149,8 @@ class Contact(Section):
             )
         if self.dead_band_speed is not None and self.dead_band_speed >= self.friction_speed:
             raise ValueError(
-                f"dead_band_speed {self.dead_band_speed:g} m/s is not below friction_speed {self.friction_speed:g} m/s; lower it"
+                f"dead_band_speed {self.dead_band_speed:g} m/s is not below friction_speed {self.friction_speed:g} "
+                "m/s; lower it"
             )
         return self
 
@@ -152,7 +158,8 @@ class Contact(Section):
     def _hertz_has_one_exponent(self):
         if self.stiffness is None and self.exponent != 1.5:
             raise ValueError(
-                f"exponent {self.exponent:g} needs stiffness in N/m^{self.exponent:g}; Hertz's, which is taken where stiffness is "
+                f"exponent {self.exponent:g} needs stiffness in N/m^{self.exponent:g}; Hertz's, which is taken where "
+                "stiffness is "
                 "null, holds for exponent 1.5 alone"
             )
         return self
@@ -162,8 +169,10 @@ class Contact(Section):
         stiffest = FIRM_FORCE / FIRM_PENETRATION**self.exponent
         if self.stiffness is not None and self.stiffness > stiffest:
             raise ValueError(
-                f"stiffness {self.stiffness:g} N/m^{self.exponent:g} makes the contact infinitely stiff: {FIRM_FORCE:g} N would "
-                f"press it in by less than {FIRM_PENETRATION:g} m, a few atoms; give {stiffest:.3g} N/m^{self.exponent:g} at most "
+                f"stiffness {self.stiffness:g} N/m^{self.exponent:g} makes the contact infinitely stiff: "
+                f"{FIRM_FORCE:g} N would "
+                f"press it in by less than {FIRM_PENETRATION:g} m, a few atoms; give {stiffest:.3g} "
+                f"N/m^{self.exponent:g} at most "
                 "(Hertz for steel pins has some 1e10 N/m^1.5)"
             )
         return self
@@ -188,7 +197,7 @@ class Contact(Section):
 
 
 SOFT_SHARE = 0.5
-"""Share of the journal's radius by which `FIRM_FORCE` may press it into its bearing: laws of contact are for small depths."""
+"""Share of the journal's radius by which `FIRM_FORCE` may press it in: laws of contact are for small depths."""
 
 
 class Joint(Section):
@@ -204,7 +213,8 @@ class Joint(Section):
     def _journal_fits_its_bearing(self):
         if self.loose and self.journal_radius >= self.bearing_radius:
             raise ValueError(
-                f"journal_radius {self.journal_radius:g} m is not smaller than bearing_radius {self.bearing_radius:g} m; "
+                f"journal_radius {self.journal_radius:g} m is not smaller than bearing_radius "
+                f"{self.bearing_radius:g} m; "
                 "a loose joint needs a journal smaller than its bearing"
             )
         return self

@@ -73,21 +73,23 @@ def load_mechanism(path: Path | str) -> Mechanism:
     return validate(Mechanism, read_yaml(path), str(path))
 
 
-def _found(path: str, folders: tuple[Path, ...], key: str) -> Path:
+def _existing_file(path: str, folders: tuple[Path, ...], key: str) -> Path:
     """The file at `path`, looked for in `folders`."""
     for folder in folders:
         if os.path.isfile(folder / path):  # a Path's own is_file fails on a name that is too long
             return folder / path
-    looked = ", ".join(str(folder) for folder in folders)
-    raise InputError(f"{key}: no file '{path}' (looked in {looked}); give a path relative to one of these")
+    places = ", ".join(str(folder) for folder in folders)
+    raise InputError(f"{key}: no file '{path}' (looked in {places}); give a path relative to one of these")
 
 
 def _mechanism_data(mechanism: Any, folders: tuple[Path, ...], source: str = "") -> Any:
     """The content of a mechanism given by its path, looked for in `folders`; anything else as it is."""
-    return read_yaml(_found(mechanism, folders, f"{source}mechanism")) if isinstance(mechanism, str) else mechanism
+    return (
+        read_yaml(_existing_file(mechanism, folders, f"{source}mechanism")) if isinstance(mechanism, str) else mechanism
+    )
 
 
-def with_mechanism(data: dict[str, Any], folders: tuple[Path, ...], source: str = "") -> dict[str, Any]:
+def _with_mechanism(data: dict[str, Any], folders: tuple[Path, ...], source: str = "") -> dict[str, Any]:
     """`data` with the content of the mechanism that it gives by a path, looked for in `folders`."""
     return data | {"mechanism": _mechanism_data(data["mechanism"], folders, source)} if "mechanism" in data else data
 
@@ -99,8 +101,8 @@ def _with_found_drive(data: dict[str, Any], folders: tuple[Path, ...]) -> dict[s
     file = drive.get("file") if isinstance(drive, Mapping) else None
     if not isinstance(file, str):
         return data
-    found = str(_found(file, folders, "simulate.drive.file"))
-    return data | {"simulate": dict(simulate) | {"drive": dict(drive) | {"file": found}}}
+    path = str(_existing_file(file, folders, "simulate.drive.file"))
+    return data | {"simulate": dict(simulate) | {"drive": dict(drive) | {"file": path}}}
 
 
 _NOT_OF_SCENARIOS = ("run", "scenarios", "campaigns", "fit_parts")
@@ -114,8 +116,8 @@ def resolve(
     Parameters
     ----------
     config : mapping
-        Base sections, ``scenarios`` (overrides by name) and ``run`` (names to run; all when absent); ``campaigns`` and ``fit_parts``
-        are passed over.
+        Base sections, ``scenarios`` (overrides by name) and ``run`` (names to run; all when absent); ``campaigns`` and
+        ``fit_parts`` are passed over.
     folders : tuple of Path
         Where mechanism files are looked for, first found wins.
     source : str
@@ -170,10 +172,10 @@ def load_campaign(path: Path | str) -> Campaign:
     Raises
     ------
     InputError
-        No such file, unknown key, wrong type or unit, runs without a use; all with key, value and mend.
+        No such file, unknown key, wrong type or unit, runs without a use; all with key, value and fix.
     """
     path = Path(path)
-    data = with_mechanism(read_yaml(path), (path.parent,), f"{path}: ")
+    data = _with_mechanism(read_yaml(path), (path.parent,), f"{path}: ")
     if isinstance(data.get("folder", ""), str):
         data = data | {"folder": path.parent / data.get("folder", "")}
     return validate(Campaign, data, str(path))
@@ -195,7 +197,7 @@ def parse_options(options: str) -> Scenario:
 
 
 def parse_json(text: str, source: str) -> Any:
-    """What a JSON `text` holds; InputError where it is not JSON, or has a number that is none."""
+    """What a JSON `text` holds; an InputError that names its `source` where it is no JSON, or has a NaN."""
 
     def refuse(constant: str) -> float:
         raise InputError(f"{source}: holds {constant}, which is not a number; remove it")

@@ -46,12 +46,12 @@ _RANGES = {
     "speed": _above_0("rad/s"),
 }
 
-NUISANCES = {key: one.unit for key, one in _RANGES.items()}
+NUISANCES = {key: limits.unit for key, limits in _RANGES.items()}
 """SI unit of every quantity that may be listed under ``nuisance``; ``''`` for pure numbers."""
 
 
 def share_or_bounds(key: str, value: Any) -> float | tuple[float, float]:
-    """What a campaign says of a nuisance: a share of its nominal value, or its lowest and highest value [SI].
+    """The `value` of the nuisance `key` in a campaign file: a share of its nominal value, or its bounds [SI].
 
     Raises
     ------
@@ -76,11 +76,11 @@ def share_or_bounds(key: str, value: Any) -> float | tuple[float, float]:
     return low, high
 
 
-def check_possible(key: str, low: float, high: float, said: str) -> None:
-    """ValueError, beginning with what is `said`, where one of the bounds [SI] of a nuisance cannot be simulated."""
+def check_possible(key: str, low: float, high: float, source: str) -> None:
+    """ValueError, beginning with the `source`, where `low` or `high` [SI] of the nuisance `key` cannot be simulated."""
     _, least, most, words = _RANGES[key]
     if low < least or high > most:
-        raise ValueError(f"{said} reaches from {low:g} to {high:g} and leaves what is possible, {words}; narrow it")
+        raise ValueError(f"{source} reaches from {low:g} to {high:g} and leaves what is possible, {words}; narrow it")
 
 
 def _percent(text: str) -> float:
@@ -112,7 +112,10 @@ def check_keys(given: Mapping[str, Any]) -> None:
 
 
 def nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
-    """What the mechanism says of a nuisance but the speed, one value or one per pin; () where it has nothing to act on."""
+    """Values [SI] of the nuisance `key` in a `mechanism`, one or one per pin; () where it has nothing to act on.
+
+    Not of the speed, which the runs have.
+    """
     plain = {
         "slider_mass": mechanism.slider.mass,
         "rod_mass": mechanism.rod.mass,

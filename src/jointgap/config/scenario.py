@@ -103,7 +103,8 @@ class Simulate(Section):
     samples_per_revolution: SampleCount = Field(3600, description="samples, uniform in crank angle")
     tolerance: quantity("m", gt=0, le=1e-7) = Field(
         1e-12,
-        description="local error of positions that an integration step may make; 1e-4 of the smallest clearance at most",
+        description="local error of positions that an integration step may make; 1e-4 of the smallest clearance at "
+        "most",
     )
 
     @model_validator(mode="after")
@@ -111,7 +112,8 @@ class Simulate(Section):
         samples = self.revolutions * self.samples_per_revolution
         if samples > MOST_SAMPLES:
             raise ValueError(
-                f"revolutions {self.revolutions} times samples_per_revolution {self.samples_per_revolution} is more than "
+                f"revolutions {self.revolutions} times samples_per_revolution {self.samples_per_revolution} is more "
+                "than "
                 f"{MOST_SAMPLES:g} samples, which memory does not hold; lower one of them"
             )
         return self
@@ -137,8 +139,10 @@ def check_tolerance(mechanism: Mechanism, options: Simulate) -> None:
     clearance = mechanism.clearance(name)
     if options.tolerance > TOLERANCE_SHARE * clearance * (1 + _CLEARANCE_ROUNDING):
         raise InputError(
-            f"simulate.tolerance {options.tolerance:g} m is more than {TOLERANCE_SHARE:g} of the clearance {clearance:g} m of "
-            f"{name}, the smallest of the loose joints: steps would jump over contacts; give {TOLERANCE_SHARE * clearance:.3g} m "
+            f"simulate.tolerance {options.tolerance:g} m is more than {TOLERANCE_SHARE:g} of the clearance "
+            f"{clearance:g} m of "
+            f"{name}, the smallest of the loose joints: steps would jump over contacts; give "
+            f"{TOLERANCE_SHARE * clearance:.3g} m "
             "at most, or make the joint ideal"
         )
 
@@ -197,7 +201,8 @@ class Box(Section):
         _check_order("rod_length", *self.rod_length)
         if self.crank_length[1] >= self.rod_length[0]:
             raise ValueError(
-                f"crank_length reaches {self.crank_length[1]:g} m and rod_length goes down to {self.rod_length[0]:g} m: "
+                f"crank_length reaches {self.crank_length[1]:g} m and rod_length goes down to {self.rod_length[0]:g} "
+                "m: "
                 "the crank could not turn; keep every rod longer than every crank"
             )
         return self
@@ -390,8 +395,10 @@ class Scenario(Section):
             return self  # a stage that reads one of them alone is given that one alone
         if samples % intervals or samples < 5 * intervals:
             raise ValueError(
-                f"simulate.samples_per_revolution {samples} must be a multiple of surrogate.training_points - 1 = {intervals}, "
-                "five times it at least, so that the held-out grid is finer than the training points and shares none of them"
+                f"simulate.samples_per_revolution {samples} must be a multiple of surrogate.training_points - 1 = "
+                f"{intervals}, "
+                "five times it at least, so that the held-out grid is finer than the training points and shares none "
+                "of them"
             )
         return self
 
@@ -406,7 +413,8 @@ class Scenario(Section):
             if all(low - _LENGTH_ROUNDING <= length <= high + _LENGTH_ROUNDING for length, (low, high) in bounds):
                 return self
         raise ValueError(
-            f"optimise.boxes ({', '.join(self.optimise.boxes)}): none holds the mechanism's own lengths, crank {1e3 * crank:g} mm and "
+            f"optimise.boxes ({', '.join(self.optimise.boxes)}): none holds the mechanism's own lengths, crank "
+            f"{1e3 * crank:g} mm and "
             f"rod {1e3 * rod:g} mm; give bounds around them, and set boxes that are of no use to null"
         )
 

@@ -88,7 +88,8 @@ class Cycles:
             flight, impact, contact = (100.0 * rows[f"share_{mode}"].mean() for mode in ("flight", "impact", "contact"))
             lines.append(
                 f"{joint}: flight {flight:.1f} %, impact {impact:.1f} %, contact {contact:.1f} % of the time; "
-                f"{rows['contacts'].mean():.1f} contacts begin a revolution; peak force {rows['peak_force'].max():.4g} N"
+                f"{rows['contacts'].mean():.1f} contacts begin a revolution; peak force "
+                f"{rows['peak_force'].max():.4g} N"
             )
         return "\n".join(lines)
 
@@ -150,8 +151,8 @@ def contacts(events: pd.DataFrame, joint: str) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        begin, end [s], crank_angle at the beginning [rad], approach_speed [m/s], impulse [N s], peak_force [N], maxima of
-        the penetration. A contact that lasts to the end of the run has no end and none of the last three (NaN).
+        begin, end [s], crank_angle at the beginning [rad], approach_speed [m/s], impulse [N s], peak_force [N], maxima
+        of the penetration. A contact that lasts to the end of the run has no end and none of the last three (NaN).
     """
     own = events[events["joint"] == joint]
     begins, ends = (own[own["event"] == kind].reset_index(drop=True) for kind in ("impact", "separation"))
@@ -206,10 +207,7 @@ def _joint_revolutions(
 
 
 def _impact_distribution(events: pd.DataFrame, joints: Iterable[str], begin: float, revolutions: int) -> pd.DataFrame:
-    """How approach speeds, impulses and peak forces of contacts from `begin` [s] on, over so many revolutions, are distributed.
-
-    The table `jointgap.tables.IMPACT_DISTRIBUTION`.
-    """
+    """Distributions of contacts from `begin` [s] on: the table `jointgap.tables.IMPACT_DISTRIBUTION`."""
     rows = []
     for joint in joints:
         frame = contacts(events, joint)

@@ -133,7 +133,8 @@ def _paths(data: dict, key: str) -> list[tuple[str, ...]]:
     path = tuple(key.split("."))
     if path[:2] == ("mechanism", "contacts"):
         raise InputError(
-            f"ensemble.vary.{key}: contacts are copied into the joints; vary mechanism.joints.<joint>.contact.{path[-1]}"
+            f"ensemble.vary.{key}: contacts are copied into the joints; vary "
+            f"mechanism.joints.<joint>.contact.{path[-1]}"
         )
     if len(path) < 2:
         raise InputError(
@@ -221,9 +222,9 @@ class Written:
 def write_ensemble(runs: Iterable[Run], folder: Path | str, workers: int | None = None) -> Written:
     """Simulate runs and write their samples, events and what became of them to three Parquet files in `folder`.
 
-    The files are `SAMPLES`, `EVENTS` and `RUNS`, tables as in `jointgap.tables.ensemble_tables`, rows in order of the runs
-    whatever the number of workers. They appear when all is written. A run that fails is in the table of runs with its
-    reason, and has no samples.
+    The files are `SAMPLES`, `EVENTS` and `RUNS`, tables as in `jointgap.tables.ensemble_tables`, rows in order of the
+    runs whatever the number of workers. They appear when all is written. A run that fails is in the table of runs with
+    its reason, and has no samples.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ def draw_study(points: pd.DataFrame, scenario: Scenario) -> dict[str, Drawing]:
 
 
 def _study_map(points: pd.DataFrame, measure: str) -> Drawing:
-    """One measure over clearance and speed, a panel for each friction; points that only statistics describe are underlined."""
+    """One measure over clearance and speed, a panel for each friction; where only statistics hold, underlined."""
     shown = SHOWN[measure]
     quantity, factor = Quantity(shown.quantity, shown.unit), shown.factor
     frictions = sorted(points["friction"].unique())
@@ -145,7 +145,7 @@ def _order_lines(points: pd.DataFrame, scenario: Scenario) -> Drawing:
 
 
 def ideal_orders(scenario: Scenario, speed: float) -> np.ndarray:
-    """Amplitudes of the slider's acceleration of a `scenario` without clearance at `speed` [rad/s], (ORDERS,) [m/s^2]."""
+    """Amplitudes (ORDERS,) [m/s^2] of the slider's acceleration in a `scenario` without clearance at `speed` [rad/s]."""
     mechanism = scenario.mechanism.applied()
     angle = np.arange(720) * (2.0 * np.pi / 720)
     height = mechanism.slider.offset - mechanism.crank.length * np.sin(angle)

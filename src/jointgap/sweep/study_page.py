@@ -25,16 +25,19 @@ def summary(points: pd.DataFrame, scenario: Scenario) -> str:
     """
     study, loose = scenario.study, ", ".join(scenario.mechanism.applied().loose)
     introduction = (
-        f"Loose joints: {loose}. Each of the {len(points)} points is simulated from {study.members} starts, all but the first "
+        f"Loose joints: {loose}. Each of the {len(points)} points is simulated from {study.members} starts, all but "
+        "the first "
         f"changed by {study.perturbation:g} of the clearance; {study.transient_revolutions} revolutions pass, "
         f"{study.settled_revolutions} count. Numbers are medians over the starts."
     )
     meaning = (
-        "From the smallest to the largest value, all else equal, a number becomes so many times as large (median, and range "
+        "From the smallest to the largest value, all else equal, a number becomes so many times as large (median, "
+        "and range "
         "in brackets, over the other two axes):"
     )
     files = (
-        "Figures: `study_<measure>.png`, a map for each measure; `study_orders.png`, the slider's acceleration by order. All "
+        "Figures: `study_<measure>.png`, a map for each measure; `study_orders.png`, the slider's acceleration by "
+        "order. All "
         "numbers: `points.parquet` (`jointgap describe` explains the columns)."
     )
     findings = (_sensitive(points), _spreads(points), _failures(points), files)
@@ -48,7 +51,7 @@ def summary(points: pd.DataFrame, scenario: Scenario) -> str:
 
 
 def _effects(points: pd.DataFrame) -> TableBlock:
-    """By measure: its range, and what it becomes from the smallest to the largest value of each axis, all else equal."""
+    """By measure: its range, and its ratio from the smallest to the largest value of each axis, all else equal."""
     axes = [axis for axis in _AXES if points[axis].nunique() > 1]
     heads = [f"{_AXES[axis][0]} {_ends(points, axis)}" for axis in axes]
     rows = []
@@ -92,8 +95,10 @@ def _sensitive(points: pd.DataFrame) -> str:
         for friction, part in decided.groupby("friction")
     ]
     return (
-        f"At {len(sensitive)} of {len(decided)} points a small change of the start grows beyond a thousandth of the clearance "
-        f"(largest factor {sensitive['growth'].max():.2g}): the motion is chaotic there or has not settled, and only statistics "
+        f"At {len(sensitive)} of {len(decided)} points a small change of the start grows beyond a thousandth of the "
+        "clearance "
+        f"(largest factor {sensitive['growth'].max():.2g}): the motion is chaotic there or has not settled, and only "
+        "statistics "
         f"can be compared. They are {', '.join(by_friction)}."
     )
 

@@ -82,7 +82,8 @@ def join_points(parts: Iterable[pd.DataFrame], study: Study) -> pd.DataFrame:
     given = list(points[keys].itertuples(index=False, name=None))
     if sorted(given) != sorted(wanted):
         raise InputError(
-            f"study: the given parts hold {len(given)} points, {len(wanted - set(given))} of the {len(wanted)} wanted ones "
+            f"study: the given parts hold {len(given)} points, {len(wanted - set(given))} of the {len(wanted)} "
+            "wanted ones "
             "are missing; simulate the parts again with these options"
         )
     return points.sort_values(keys, ignore_index=True)
@@ -134,7 +135,7 @@ def _row(values: tuple[float, float, float], outcomes: list[Outcome], study: Stu
 def samples_per_revolution(mechanism: Mechanism, speed: float) -> int:
     """Samples that resolve the ringing of the contacts under the slider's inertia force, at `speed` [rad/s].
 
-    Linearised about the penetration under that load; the masses of slider and rod of `mechanism` move against each other.
+    Linearised about the penetration under that load; slider and rod of `mechanism` move against each other.
     """
     load = mechanism.slider.mass * mechanism.crank.length * speed**2
     mass = 1.0 / (1.0 / mechanism.slider.mass + 1.0 / mechanism.rod.mass)

@@ -1,4 +1,4 @@
-"""The naming on one trial, in a folder that holds the campaign alone; and what baseline methods name on the same data."""
+"""The naming on one trial, in a folder that holds the campaign alone; and what baseline methods name."""
 
 import shutil
 import tempfile

@@ -84,7 +84,7 @@ def _read_text(path: Path, option: str, command: str) -> str:
 def cached_record(
     path: Path, code: str, make: Callable[[], dict[str, Any]], required: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """The record that `make` gives: from the file `path` where the same code has written it, else made and written there.
+    """The record that `make` gives: read from `path` where the same code has written it, else made and written there.
 
     What ended in an ``error`` is made again: another machine, or the same with more memory, may do better.
 

@@ -1,4 +1,4 @@
-"""The campaign of a virtual rig as users have one: campaign file, mechanism file, tables of samples in various units."""
+"""The campaign of a virtual rig as users have one: campaign and mechanism file, samples in various units."""
 
 import math
 import os

@@ -1,8 +1,8 @@
 """The slider-crank with ideal joints and effects in Exudyn (https://exudyn.readthedocs.io).
 
-Bodies, constraints, loads and springs are Exudyn's own: three rigid bodies in the plane, in steps of equal length by its
-implicit integrator (generalised alpha). The crank's angle is a constraint at velocity level, whose multiplier is the
-drive's torque; the slider's guide is a constraint too.
+Bodies, constraints, loads and springs are Exudyn's own: three rigid bodies in the plane, in steps of equal length by
+its implicit integrator (generalised alpha). The crank's angle is a constraint at velocity level, whose multiplier is
+the drive's torque; the slider's guide is a constraint too.
 """
 
 import math

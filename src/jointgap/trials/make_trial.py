@@ -222,7 +222,7 @@ def ar1_noise(rng: np.random.Generator, count: int, correlation: float) -> np.nd
 def _base_difference(
     rig: VirtualRig, calibrator: SizeCalibrator, effects: Sequence[tuple[Hidden, float]]
 ) -> dict[str, dict[str, list[float | None]]]:
-    """RMS noise-free difference of the recalibrated base over the noise, by run, channel and piece of the crank angle."""
+    """RMS noise-free difference of the recalibrated base over the noise, by run, channel and piece of crank angle."""
     _, residual = calibrator.residual(effects)
     differences: dict[str, dict[str, list[float | None]]] = {}
     for part in calibrator.channel_noises:

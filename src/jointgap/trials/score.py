@@ -238,8 +238,8 @@ def _is_the_force(truth: Mapping, verdict: Mapping) -> bool:
 def _size_errors(truth: Mapping, verdict: Mapping) -> dict[str, float]:
     """Relative error of the sizes of effects named right, and the share of them within their intervals.
 
-    The size of an effect is its first parameter in the seal. One whose estimate has no interval, since it came to a bound,
-    is not covered.
+    The size of an effect is its first parameter in the seal. One whose estimate has no interval, since it came to a
+    bound, is not covered.
     """
     if verdict["verdict"] not in NAMED or truth["kind"] == "off_list":
         return {}
@@ -299,8 +299,8 @@ def _windows(truth: Mapping, verdict: Mapping) -> dict[str, float]:
 def _difference(truth: Mapping, run: str, channel: str) -> Sequence[float | None] | None:
     """Noise-free difference over the noise by piece of the crank angle; None where it is not known.
 
-    That of the crank angle is not: the seal's base turns as the encoder says, but the analyst's is fitted to all channels
-    and may turn off it where it cannot follow the others. Where nothing is hidden, it can.
+    That of the crank angle is not: the seal's base turns as the encoder says, but the analyst's is fitted to all
+    channels and may turn off it where it cannot follow the others. Where nothing is hidden, it can.
     """
     if channel == "crank_angle":
         return None if truth["effects"] else [0.0] * ANGLE_PIECES

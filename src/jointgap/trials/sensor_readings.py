@@ -105,7 +105,7 @@ def simulate_signals(
     Returns
     -------
     dict of str to (n,) array
-        By column of `jointgap.dynamics.solver.sampling` [SI]; the crank angle counts from time 0, where it is the phase.
+        By column of `jointgap.dynamics.solver.sampling` [SI]; the crank angle is the phase at time 0.
     """
     begin = -(run.phase + 2 * math.pi * settling) / run.speed
     signals = integrate(_compile(content, run.speed, numerics), run.times - begin, numerics.tolerance, perturbation)

@@ -129,7 +129,7 @@ class SizeCalibrator:
         return free
 
     def residual(self, effects: InjectedEffects) -> tuple[np.ndarray, np.ndarray]:
-        """Noise-free differences (size,) of a truth with `effects` from the recalibrated base, whitened and over the noise."""
+        """Differences (size,) of a truth with `effects` from the recalibrated base: whitened, and over the noise."""
         rig, readings, base = self.rig, {}, {}
         for run in self.runs:
             crank = rig.runs[run]
@@ -189,7 +189,7 @@ class StatisticsSizeCalibrator:
     def _statistics(
         self, run: str, content: dict, crank: CrankRun, effects: InjectedEffects = ()
     ) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
-        """Statistics (channels * 2 * BINS,), their standard errors in one run, and the channels' standard deviations."""
+        """Statistics (channels * 2 * BINS,), their standard errors in one run, the channels' standard deviations."""
         channels, values, errors, spread = tuple(self.rig.sensors), [], [], {}
         later = 2 * math.pi * 7  # seven revolutions: enough for the motions to have parted
         motions = [
@@ -268,8 +268,8 @@ def calibrate_size(
 ) -> tuple[float, float]:
     """Size of an effect at which its gap is about `target`, and that gap; the nearest possible where none is.
 
-    Secants in the logarithms of size and excess, kept between sizes that are too small and too large. Sizes that cannot be
-    simulated are too large.
+    Secants in the logarithms of size and excess, kept between sizes that are too small and too large. Sizes that cannot
+    be simulated are too large.
 
     Parameters
     ----------

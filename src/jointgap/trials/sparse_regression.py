@@ -1,9 +1,9 @@
 """A baseline method: sparse regression of the residual, as for the identification of dynamics.
 
-With the crank at constant speed w the power that the model misses is that of a force F on the slider and of a torque M
-on the crank: w dT = -v F - w M, with the crank torque's residual dT. Without a measured torque the slider's acceleration
-gives F = m da, or its velocity and position do, differentiated. The library holds those of the list of effects that such
-a balance can show; pysindy's sequentially thresholded least squares choose from it.
+With the crank at constant speed w the power that the model misses is that of a force F on the slider and of a torque
+M on the crank: w dT = -v F - w M, with the crank torque's residual dT. Without a measured torque the slider's
+acceleration gives F = m da, or its velocity and position do, differentiated. The library holds those of the list of
+effects that such a balance can show; pysindy's sequentially thresholded least squares choose from it.
 
 S. L. Brunton, J. L. Proctor and J. N. Kutz, PNAS 113 (2016) 3932-3937.
 """

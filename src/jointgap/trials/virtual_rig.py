@@ -14,13 +14,13 @@ FORCES = ("crank_torque", "guide_force", "frame_force_x", "frame_force_y")
 ACCELERATIONS = ("slider_acceleration", "rod_acceleration_x", "rod_acceleration_y")
 
 BASES = ("ideal", "loose", "chaotic")
-"""How the motion without an effect is: ideal joints, loose joints that settle to a cycle, a motion that never repeats."""
+"""The motion without an effect: of ideal joints, of loose joints that settle to a cycle, or never repeating."""
 
 _JOURNALS = {"crank_pivot": "crank", "crank_pin": "crank", "piston_pin": "slider"}
 _LOOSE_CHOICES = (PINS, PINS, PINS, ("piston_pin",), ("piston_pin",), ("crank_pin",))
 
 _REPEATS_BELOW = 3e-3
-"""Share of a channel's standard deviation by which revolutions of a settled motion may differ: far below any sensor noise."""
+"""Share of a channel's standard deviation by which settled revolutions may differ: far below any sensor noise."""
 
 _CHAOTIC_ABOVE = 0.05
 """The same share above which samples cannot be compared, so that only statistics can."""
