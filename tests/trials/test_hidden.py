@@ -11,7 +11,7 @@ from jointgap.config import EFFECTS
 from jointgap.config.load import load_campaign
 from jointgap.recordings import read_measurements
 from jointgap.trials.batches import cached_record, folder_digest
-from jointgap.trials.injected_effects import LISTED, OFF_LIST, Hidden
+from jointgap.trials.injected_effects import LISTED, OFF_LIST, InjectedEffect
 from jointgap.trials.make_trial import ar1_noise, draw_trial, make_trial, parameters_beyond_nominal
 from jointgap.trials.sensor_readings import CrankRun, faulty_reading, noise_free_readings
 from jointgap.trials.size_calibration import GAP_TOLERANCE, SIZING_NUMERICS, SizeCalibrator, calibrate_size
@@ -159,7 +159,7 @@ def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(tmp_
     off = truth["nuisances"]["slider_mass"] - file["slider"]["mass"]
     assert stated["parameters"]["mass_kg"] == pytest.approx(hidden.parameters(size)["mass_kg"] + off, rel=1e-12)
     assert abs(off) > 1e-4
-    lengths = Hidden("link_length_error", "crank, rod", lambda size: {"rod_m": size}, 1e-4, 0.02)
+    lengths = InjectedEffect("link_length_error", "crank, rod", lambda size: {"rod_m": size}, 1e-4, 0.02)
     known = parameters_beyond_nominal(made, lengths, 1e-3)
     assert list(known) == ["rod_m", "crank_m"]
     assert known["rod_m"] == 1e-3 + made.true["rod"]["length"] - made.nominal["rod"]["length"]

@@ -6,12 +6,13 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import binom
 
 from jointgap import tables
 from jointgap.errors import InputError
 from jointgap.trials.analyse_trial import greedy_names
 from jointgap.trials.make_trial import ANGLE_PIECES
-from jointgap.trials.score import TRIALS, effect_label, score_batches, score_trial
+from jointgap.trials.score import LEAST_GAP, TRIALS, effect_label, score_batches, score_trial
 from jointgap.trials.trial_figures import draw_score
 from jointgap.trials.trials_report import markdown, metrics, rates, share_interval
 
@@ -185,16 +186,22 @@ def test_greedy_steps_follow_the_least_bic_whatever_remains():
     assert greedy_names(frame[:1]) == []
 
 
-def test_intervals_are_those_of_the_tables():
-    assert share_interval(0, 10) == (0.0, pytest.approx(0.3085, abs=1e-4))
-    assert share_interval(5, 10) == pytest.approx((0.1871, 0.8129), abs=1e-4)
-    assert share_interval(10, 10) == (pytest.approx(0.6915, abs=1e-4), 1.0)
+def test_the_interval_of_a_share_is_clopper_and_pearsons():
+    assert share_interval(0, 10) == (0.0, pytest.approx(1 - 0.025**0.1, rel=1e-9))  # (1 - p)^10 = 0.025
+    assert share_interval(10, 10) == (pytest.approx(0.025**0.1, rel=1e-9), 1.0)
+    assert share_interval(5, 10) == pytest.approx((0.187086, 0.812914), abs=1e-6)
+    assert share_interval(1, 20) == pytest.approx((0.00126509, 0.248733), rel=1e-5)
+    low, high = share_interval(3, 7)
+    assert binom.sf(2, 7, low) == pytest.approx(0.025, rel=1e-6)  # so many or more are as rare as half the error allows
+    assert binom.cdf(3, 7, high) == pytest.approx(0.025, rel=1e-6)
 
 
-def test_the_interval_of_a_median_lies_between_the_sorted_values_of_the_tables():
-    frame = trials_of(seconds=np.arange(1.0, 21.0))
+@pytest.mark.parametrize(("count", "ranks"), [(1, (1, 1)), (5, (1, 5)), (6, (1, 6)), (9, (2, 8)), (20, (6, 15))])
+def test_the_interval_of_a_median_lies_between_the_order_statistics_of_the_tables(count, ranks):
+    frame = trials_of(seconds=np.arange(1.0, count + 1.0))
     row = rates(frame).set_index(["what", "group"]).loc[("seconds, median", "base ideal")]
-    assert (row["low"], row["value"], row["high"]) == (6.0, 10.5, 15.0)  # 6th and 15th of 20: 95.9 %
+    assert (row["low"], row["value"], row["high"]) == (ranks[0], (count + 1) / 2, ranks[1])
+    assert row["count"] == count
 
 
 def trials_of(seconds) -> pd.DataFrame:
@@ -267,6 +274,115 @@ def test_a_wrong_name_counts_where_the_effect_is_undetectable_too(tmp_path):
     assert score["wrong name", "all"] == 0.0
     assert score["wrong name, effect undetectable", "all"] == 1.0
     assert (score["right name", "all"], score["right, of which ambiguous as foreseen", "all"]) == (1.0, 0.5)
+
+
+def rows_of(*rows) -> pd.DataFrame:
+    """A table of trials of kind, base, size, gap caused, detectable, foreseen, verdict and outcome; numbers by hand."""
+    names = ("kind", "base", "size", "gap_caused", "detectable", "foreseen", "verdict", "outcome")
+    frame = pd.DataFrame([dict(zip(names, row, strict=True)) for row in rows])
+    numbers = {"error": 0.1, "covered": 0.5, "closed": 0.9, "gap_after": 1.1, "seconds": 1.0}
+    numbers |= {"windows": 4.0, "false_windows": 1.0, "bins_off": 10.0, "missed_bins": 3.0}
+    return frame.assign(hidden="gravity", named="gravity", greedy="wrong", sparse="not asked", **numbers)
+
+
+def test_every_rate_counts_the_trials_that_it_says():
+    frame = rows_of(
+        ("single", "ideal", 5.0, 5.0, True, False, "named", "right"),
+        ("single", "ideal", 5.0, 5.7, True, False, "ambiguous", "right"),
+        ("single", "loose", 5.0, 6.0, True, False, "named", "wrong"),  # larger than asked for
+        ("single", "chaotic", 1.5, 1.5, True, False, "ambiguous", "ambiguous"),
+        ("exudyn", "ideal", 1.5, 1.4, True, False, "no_disagreement", "missed"),
+        ("single", "ideal", 1.5, 1.1, False, False, "named", "wrong"),  # too small
+        ("single", "ideal", 1.5, 1.5, False, True, "named", "right"),  # foreseen
+        ("pair", "ideal", 5.0, 5.0, True, False, "named", "partly"),
+        ("pair", "ideal", 5.0, 5.0, True, False, "named", "wrong"),
+        ("off_list", "ideal", 5.0, 5.0, True, False, "unexplained", "unexplained"),
+        ("off_list", "ideal", 5.0, 5.0, True, False, "named", "right"),
+        ("off_list", "ideal", 5.0, 5.0, True, False, "named", "wrong"),
+        ("off_list", "loose", 5.0, 5.0, True, False, "ambiguous", "ambiguous"),
+        ("nothing", "ideal", 0.0, np.nan, False, False, "no_disagreement", "right"),
+        ("nothing", "ideal", 0.0, np.nan, False, False, "failed", "failed"),
+    )
+    found = rates(frame).set_index(["what", "group"])
+    shares = {key: (round(row["value"] * row["count"]), row["count"]) for key, row in found.iterrows()}
+    assert {key: shares[key] for key in shares if key[0] == "right name"} == {
+        ("right name", "all"): (2, 5),
+        ("right name", "base ideal"): (2, 3),
+        ("right name", "base loose"): (0, 1),
+        ("right name", "base chaotic"): (0, 1),
+        ("right name", "gap 1.5"): (0, 2),
+        ("right name", "gap 5"): (2, 2),
+        ("right name", "gap larger than asked for"): (0, 1),
+        ("right name", "from Exudyn"): (0, 1),
+    }
+    assert {key[0]: shares[key] for key in shares if key[1] == "all" and "median" not in key[0]} == {
+        "right name": (2, 5),
+        "right, of which ambiguous as foreseen": (1, 5),
+        "right, small effects too that preflight does not exclude": (2, 6),
+        "wrong name": (1, 5),
+        "wrong name, effect undetectable": (1, 2),
+        "ambiguous": (1, 5),
+        "unexplained": (0, 5),
+        "missed": (1, 5),
+        "wrong name, effect off the list": (1, 4),
+        "unexplained or the force found, effect off the list": (2, 4),
+        "ambiguous or missed, effect off the list": (1, 4),
+        "nothing found, nothing hidden": (1, 2),
+        "both named and no third": (0, 2),
+        "wrong name, two effects": (1, 2),
+        "undetectable": (2, 9),
+        "undetectable, as preflight says": (1, 9),
+        "failed": (1, 15),
+        "size within the 90 % interval": (2, 5),  # five halves, to the even number
+        "false windows": (15, 60),
+        "bins missed": (45, 150),
+        "greedy BIC: right name": (0, 5),
+        "greedy BIC: wrong name": (5, 5),
+        "greedy BIC: false alarm": (2, 2),
+        "greedy BIC: wrong name, effect off the list": (4, 4),
+    }
+
+
+def test_a_trial_is_detectable_from_the_least_gap_on_and_by_its_smallest_effect():
+    assert pytest.approx(1.5 * 0.84) == LEAST_GAP
+    assert score_trial(truth(DRAG, gap=LEAST_GAP), analysis())["detectable"]
+    assert not score_trial(truth(DRAG, gap=LEAST_GAP - 1e-9), analysis())["detectable"]
+    both = truth(DRAG, SPRING, kind="pair") | {"gaps": [5.0, 1.2]}
+    row = score_trial(both, analysis())
+    assert (row["gap_caused"], row["detectable"]) == (1.2, False)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "closed"), [(3.0, 1.0, 1.0), (3.0, 3.0, 0.0), (3.0, 5.0, -2.0), (1.500001, 1.0, 1.0)]
+)
+def test_the_share_closed_is_that_of_the_excess_of_the_mean_square(before, after, closed):
+    row = score_trial(truth(DRAG), analysis(effects=[named(DRAG)], gap=(before, after)))
+    assert (row["gap_before"], row["gap_after"], row["closed"]) == (before, after, pytest.approx(closed))
+
+
+def test_a_gap_of_one_and_a_half_before_is_too_small_for_a_share():
+    assert math.isnan(score_trial(truth(DRAG), analysis(effects=[named(DRAG)], gap=(1.5, 1.0)))["closed"])
+
+
+def test_errors_of_a_pair_are_averaged_and_ends_of_an_interval_belong_to_it():
+    effects = [named(DRAG, 1.0, 0.5, 2.0), named(SPRING, 110.0, 101.0, 120.0)]
+    row = score_trial(truth(DRAG, SPRING, kind="pair"), analysis(effects=effects))
+    assert (row["error"], row["covered"]) == (pytest.approx((0.5 + 0.1) / 2), 0.5)  # 2.0 is covered, 100 is not
+
+
+def test_a_baseline_that_names_too_much_is_wrong_and_one_of_two_is_partly_right():
+    def outcomes(sealed, names):
+        row = score_trial(sealed, analysis(greedy=names, sparse=names))
+        assert row["greedy"] == row["sparse"]
+        return row["greedy"]
+
+    assert outcomes(truth(DRAG), ["slider_quadratic_drag"]) == "right"
+    assert outcomes(truth(DRAG), ["slider_quadratic_drag", "gravity"]) == "wrong"
+    assert outcomes(truth(DRAG, SPRING, kind="pair"), ["slider_spring"]) == "partly"
+    assert outcomes(truth(DRAG), []) == "missed"
+    assert outcomes(truth(), []) == "right"
+    assert outcomes(truth(), ["gravity"]) == "wrong"
+    assert outcomes(truth(DRAG, kind="off_list"), ["slider_quadratic_drag"]) == "wrong"
 
 
 def test_a_verdict_without_its_truth_is_refused(tmp_path):

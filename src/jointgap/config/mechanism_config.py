@@ -81,8 +81,10 @@ class Mechanism(Section):
         clearances = sum(self.clearance(name) for name in self.loose)
         if self.crank.length + abs(self.slider.offset) + clearances >= self.rod.length:
             raise ValueError(
-                f"crank.length {self.crank.length:g} m plus offset {abs(self.slider.offset):g} m plus clearances {clearances:g} m "
-                f"is not shorter than rod.length {self.rod.length:g} m: the crank cannot turn; shorten the crank or lengthen the rod"
+                f"crank.length {self.crank.length:g} m plus offset {abs(self.slider.offset):g} m plus clearances "
+                f"{clearances:g} m "
+                f"is not shorter than rod.length {self.rod.length:g} m: the crank cannot turn; shorten the crank or "
+                "lengthen the rod"
             )
         return self
 
@@ -149,6 +151,6 @@ class Mechanism(Section):
             raise InputError(f"with the effects {names}: {problems}" if names else problems) from error
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
-        """The mechanism with other link lengths [m]; mass centres keep their share, masses and inertias stay."""
+        """The mechanism with other `crank_length` and `rod_length` [m]; mass centres keep their share, all else stays."""
         links = {"crank": self.crank.with_length(crank_length), "rod": self.rod.with_length(rod_length)}
         return self.model_copy(update=links)

@@ -148,7 +148,7 @@ def check_tolerance(mechanism: Mechanism, options: Simulate) -> None:
 
 
 def check_drive(mechanism: Mechanism, options: Simulate) -> None:
-    """Whether the effects go with the drive.
+    """Whether the effects of a `mechanism` go with the drive of the simulation `options`.
 
     Raises
     ------

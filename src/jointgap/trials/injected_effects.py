@@ -1,7 +1,7 @@
-"""Effects that a blind trial can hide: how large at first, how large at most, and what a mechanism file says of them.
+"""Effects that a trial can inject: how large at first, how large at most, and their entries in a mechanism file.
 
-One number is the size, zero where the effect is absent; what else an effect has (a rest position, a frequency, a phase) is
-drawn once and stays.
+One number is the size, zero where the effect is absent; further parameters (a rest position, a frequency, a phase) are
+drawn once and stay.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,18 +17,30 @@ Parameters = dict[str, float]
 
 
 @dataclass(frozen=True)
-class Rig:
-    """What the sizes of effects go by: a mechanism file's content, its largest speed [rad/s], loose joints, channels."""
+class RigScales:
+    """The scales of a rig that the sizes of effects follow.
+
+    Attributes
+    ----------
+    mechanism : mapping
+        Content of a mechanism file.
+    speed : float
+        Largest of the runs [rad/s].
+    loose, channels : tuple of str
+        Loose joints, measured channels.
+    spread : mapping of str to float
+        Standard deviation of each channel in the fastest run [SI].
+    """
 
     mechanism: Mapping
     speed: float
     loose: tuple[str, ...]
     channels: tuple[str, ...]
-    spread: Mapping[str, float]  # typical standard deviation of each channel, SI
+    spread: Mapping[str, float]
 
     @property
     def force(self) -> float:
-        """The slider's largest force of inertia [N], about."""
+        """The slider's largest inertia force [N], about."""
         return self.mechanism["slider"]["mass"] * self.mechanism["crank"]["length"] * self.speed**2
 
     @property
@@ -43,23 +55,24 @@ class Rig:
 
 
 @dataclass(frozen=True)
-class Hidden:
-    """One effect that acts.
+class InjectedEffect:
+    """One effect that acts, at a size still open.
 
     Attributes
     ----------
     name, site : str
-        As a verdict states them; of one that is on nobody's list, its own name.
+        As in a verdict; of an effect that is not on the list, its own name.
     parameters : function
-        From the size to the parameters that a verdict states.
+        From the size to the parameters of a verdict [SI].
     first, most, least : float
         Size to begin with, largest and smallest size.
     listed : bool
-        Whether the analyst knows it.
+        Whether it is among the candidates of the naming.
     sensor : str
         Channel of a sensor's fault, else empty.
     formula : tuple of (kind, text), optional
-        ``discovered_slider_force`` or ``discovered_crank_torque`` and the formula in which s is the size, of a law on nobody's list.
+        Of a law that is not on the list: ``discovered_slider_force`` or ``discovered_crank_torque``, and the formula,
+        in which s is the size.
     """
 
     name: str
@@ -83,29 +96,30 @@ class Hidden:
         return [{"name": self.name, **choice, "parameters": self.parameters(size)}]
 
 
-Make = Callable[[Rig, np.random.Generator], Hidden | None]
+DrawEffect = Callable[[RigScales, np.random.Generator], InjectedEffect | None]
+"""Draws an effect for a rig; None where it cannot act."""
 
 
-def _effect(page: type[Effect], site: str) -> Make:
-    def make(rig: Rig, rng: np.random.Generator) -> Hidden | None:
+def _effect(page: type[Effect], site: str) -> DrawEffect:
+    def make(rig: RigScales, rng: np.random.Generator) -> InjectedEffect | None:
         size = page.trial(TrialContext(rig, rng, site))
-        return None if size is None else Hidden(page.NAME, site or page.SITE, *size)
+        return None if size is None else InjectedEffect(page.NAME, site or page.SITE, *size)
 
     return make
 
 
-def _fault(fault: SensorFault) -> Make:
-    def make(rig: Rig, rng: np.random.Generator) -> Hidden:
+def _fault(fault: SensorFault) -> DrawEffect:
+    def make(rig: RigScales, rng: np.random.Generator) -> InjectedEffect:
         encoder = fault.name == ENCODER_OFFSET
         channel = "crank_angle" if encoder else str(rng.choice(rig.channels))
         sign = random_sign(rng) if fault.either_sign else max(random_sign(rng), 1.0)
         size = TrialSize.of(fault.parameter, *fault.trial(rig, channel), sign)
-        return Hidden(fault.name, "sensor" if encoder else channel, *size, sensor=channel)
+        return InjectedEffect(fault.name, "sensor" if encoder else channel, *size, sensor=channel)
 
     return make
 
 
-LISTED: dict[str, Make] = {
+LISTED: dict[str, DrawEffect] = {
     **{
         f"{page.NAME}:{site}" if site else page.NAME: _effect(page, site)
         for page in EFFECTS.values()
@@ -114,75 +128,85 @@ LISTED: dict[str, Make] = {
     },
     **{fault.name: _fault(fault) for fault in FAULTS.values()},
 }
-"""Effects of the list by name, with the site where there is a choice: functions of the rig, None where they cannot act."""
+"""Effects of the list by name, with the site where there is a choice."""
 
 
-def _law(
-    name: str, kind: str, text: Callable[[Rig, np.random.Generator], str], first: Callable[[Rig], float]
-) -> Callable:
-    site = "slider" if kind == "discovered_slider_force" else "crank"
+_FORCE, _TORQUE = "discovered_slider_force", "discovered_crank_torque"
 
-    def make(rig: Rig, rng) -> Hidden:
-        formula = text(rig, rng)
-        return Hidden(
-            name,
-            site,
-            lambda size: {"s": size},
-            first(rig),
-            LARGEST_SIZE * first(rig),
-            listed=False,
-            formula=(kind, formula),
+# Kind, formula and first size of laws that are not on the list.
+_UNLISTED_LAWS: dict[str, tuple[str, Callable[[RigScales, np.random.Generator], str], Callable[[RigScales], float]]] = {
+    "stribeck_friction": (
+        _FORCE,
+        lambda rig, rng: f"-s*tanh(v/0.01)*exp(-|v|/{0.1 * rig.velocity:.6g})",
+        lambda rig: 0.2 * rig.force,
+    ),
+    "fifth_power_drag": (
+        _FORCE,
+        lambda rig, rng: f"-s*v*|v|^4/{rig.velocity**5:.6g}",
+        lambda rig: 0.1 * rig.force,
+    ),
+    "friction_by_position": (
+        _FORCE,
+        lambda rig, rng: f"-s*tanh(v/0.01)*(1+cos({3 / rig.stroke[1]:.6g}*(x-{rig.stroke[0]:.6g})))/2",
+        lambda rig: 0.1 * rig.force,
+    ),
+    "end_stop": (
+        _FORCE,
+        lambda rig, rng: (lambda x: f"-s*(x-{x:.6g}+|x-{x:.6g}|)/2")(rig.stroke[0] + 0.6 * rig.stroke[1]),
+        lambda rig: 0.5 * rig.force / rig.stroke[1],
+    ),
+    "cubic_spring": (
+        _FORCE,
+        lambda rig, rng: f"-s*(x-{rig.stroke[0]:.6g})^3",
+        lambda rig: 0.1 * rig.force / rig.stroke[1] ** 3,
+    ),
+    "torque_ripple": (
+        _TORQUE,
+        lambda rig, rng: f"s*cos({int(rng.integers(3, 7))}*theta+{rng.uniform(0, 6):.4g})",
+        lambda rig: 0.1 * rig.force * rig.stroke[1],
+    ),
+    "crank_friction_by_angle": (
+        _TORQUE,
+        lambda rig, rng: f"-s*(1+sin(theta-{rng.uniform(0, 6):.4g}))^2/4",
+        lambda rig: 0.1 * rig.force * rig.stroke[1],
+    ),
+}
+
+# First and largest size of sensor faults that are not on the list, and whether they are shares of the channel's spread.
+_UNLISTED_FAULTS = {
+    "drift": (0.1, 5.0, True),
+    "quantisation": (0.1, 2.0, True),
+    "saturation": (0.05, 0.9, False),
+    "cubic_sensor": (0.02, 0.5, False),
+}
+
+
+def _unlisted_law(name: str) -> DrawEffect:
+    kind, text, first = _UNLISTED_LAWS[name]
+    site = "slider" if kind == _FORCE else "crank"
+
+    def make(rig: RigScales, rng: np.random.Generator) -> InjectedEffect:
+        size, law = first(rig), (kind, text(rig, rng))
+        return InjectedEffect(name, site, lambda s: {"s": s}, size, LARGEST_SIZE * size, listed=False, formula=law)
+
+    return make
+
+
+def _unlisted_fault(name: str) -> DrawEffect:
+    first, most, of_spread = _UNLISTED_FAULTS[name]
+
+    def make(rig: RigScales, rng: np.random.Generator) -> InjectedEffect:
+        channel = str(rng.choice(rig.channels))
+        unit = rig.spread[channel] if of_spread else 1.0
+        return InjectedEffect(
+            name, channel, lambda size: {name: size * unit}, first, most, listed=False, sensor=channel
         )
 
     return make
 
 
-def _odd_fault(name: str, first: float, most: float, relative: Callable[[Rig, str], float]) -> Callable:
-    def make(rig: Rig, rng) -> Hidden:
-        channel = str(rng.choice(rig.channels))
-        unit = relative(rig, channel)
-        return Hidden(
-            name, channel, lambda size: {name: size * unit}, first, most, listed=False, sensor=channel
-        )  # fmt: skip
-
-    return make
-
-
-_FORCE, _TORQUE = "discovered_slider_force", "discovered_crank_torque"
-
-OFF_LIST: dict[str, Callable[[Rig, np.random.Generator], Hidden | None]] = {
-    "stribeck_friction": _law(
-        "stribeck_friction", _FORCE,
-        lambda rig, rng: f"-s*tanh(v/0.01)*exp(-|v|/{0.1 * rig.velocity:.6g})", lambda rig: 0.2 * rig.force,
-    ),
-    "fifth_power_drag": _law(
-        "fifth_power_drag", _FORCE, lambda rig, rng: f"-s*v*|v|^4/{rig.velocity**5:.6g}", lambda rig: 0.1 * rig.force
-    ),
-    "friction_by_position": _law(
-        "friction_by_position", _FORCE,
-        lambda rig, rng: f"-s*tanh(v/0.01)*(1+cos({3 / rig.stroke[1]:.6g}*(x-{rig.stroke[0]:.6g})))/2",
-        lambda rig: 0.1 * rig.force,
-    ),
-    "end_stop": _law(
-        "end_stop", _FORCE,
-        lambda rig, rng: (lambda x: f"-s*(x-{x:.6g}+|x-{x:.6g}|)/2")(rig.stroke[0] + 0.6 * rig.stroke[1]),
-        lambda rig: 0.5 * rig.force / rig.stroke[1],
-    ),
-    "cubic_spring": _law(
-        "cubic_spring", _FORCE, lambda rig, rng: f"-s*(x-{rig.stroke[0]:.6g})^3", lambda rig: 0.1 * rig.force / rig.stroke[1] ** 3
-    ),
-    "torque_ripple": _law(
-        "torque_ripple", _TORQUE,
-        lambda rig, rng: f"s*cos({int(rng.integers(3, 7))}*theta+{rng.uniform(0, 6):.4g})",
-        lambda rig: 0.1 * rig.force * rig.stroke[1],
-    ),
-    "crank_friction_by_angle": _law(
-        "crank_friction_by_angle", _TORQUE, lambda rig, rng: f"-s*(1+sin(theta-{rng.uniform(0, 6):.4g}))^2/4",
-        lambda rig: 0.1 * rig.force * rig.stroke[1],
-    ),
-    "drift": _odd_fault("drift", 0.1, 5.0, lambda rig, channel: rig.spread[channel]),
-    "quantisation": _odd_fault("quantisation", 0.1, 2.0, lambda rig, channel: rig.spread[channel]),
-    "saturation": _odd_fault("saturation", 0.05, 0.9, lambda rig, channel: 1.0),
-    "cubic_sensor": _odd_fault("cubic_sensor", 0.02, 0.5, lambda rig, channel: 1.0),
-}  # fmt: skip
-"""Effects on nobody's list, likewise: force laws, torques, and sensors that err in other ways."""
+OFF_LIST: dict[str, DrawEffect] = {
+    **{name: _unlisted_law(name) for name in _UNLISTED_LAWS},
+    **{name: _unlisted_fault(name) for name in _UNLISTED_FAULTS},
+}
+"""Effects that are not on the list, likewise: force laws, torques, and sensors that err in other ways."""

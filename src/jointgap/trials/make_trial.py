@@ -15,7 +15,7 @@ from jointgap.effects import EFFECTS
 from jointgap.formula import Program, compile_formula
 from jointgap.trials.campaign_writer import write_campaign
 from jointgap.trials.exudyn_model import FRICTION_ZONE, STEPS, simulate
-from jointgap.trials.injected_effects import LISTED, OFF_LIST, Hidden
+from jointgap.trials.injected_effects import LISTED, OFF_LIST, InjectedEffect
 from jointgap.trials.sensor_readings import (
     SETTLING_REVOLUTIONS,
     CrankRun,
@@ -55,7 +55,7 @@ class TrialDraw:
 
     rig: VirtualRig
     calibrator: SizeCalibrator | StatisticsSizeCalibrator
-    effects: list[tuple[Hidden, float]]
+    effects: list[tuple[InjectedEffect, float]]
     gaps: list[float]
 
 
@@ -164,7 +164,7 @@ def _truth_record(plan: TrialPlan, draw: TrialDraw) -> dict:
     }
 
 
-def parameters_beyond_nominal(rig: VirtualRig, effect: Hidden, size: float) -> dict[str, float]:
+def parameters_beyond_nominal(rig: VirtualRig, effect: InjectedEffect, size: float) -> dict[str, float]:
     """An effect's parameters as an analyst can know them, the drawn one first.
 
     A mass that is added to one that is not exactly known, and likewise a length, is known by their sum alone: it counts
@@ -220,7 +220,7 @@ def ar1_noise(rng: np.random.Generator, count: int, correlation: float) -> np.nd
 
 
 def _base_difference(
-    rig: VirtualRig, calibrator: SizeCalibrator, effects: Sequence[tuple[Hidden, float]]
+    rig: VirtualRig, calibrator: SizeCalibrator, effects: Sequence[tuple[InjectedEffect, float]]
 ) -> dict[str, dict[str, list[float | None]]]:
     """RMS noise-free difference of the recalibrated base over the noise, by run, channel and piece of crank angle."""
     _, residual = calibrator.residual(effects)
@@ -236,7 +236,7 @@ def _base_difference(
     return differences
 
 
-def _effect_record(rig: VirtualRig, effect: Hidden, size: float) -> dict:
+def _effect_record(rig: VirtualRig, effect: InjectedEffect, size: float) -> dict:
     record = {
         "name": effect.name,
         "site": effect.site,
@@ -246,7 +246,7 @@ def _effect_record(rig: VirtualRig, effect: Hidden, size: float) -> dict:
     return record | {"force": _force_over_states(rig, effect, size)} if effect.formula else record
 
 
-def _force_over_states(rig: VirtualRig, effect: Hidden, size: float) -> dict:
+def _force_over_states(rig: VirtualRig, effect: InjectedEffect, size: float) -> dict:
     """A law that is not on the list over the states that the motion visits, for a formula to be compared with."""
     kind, text = effect.formula
     program = compile_formula(text, {"s": size})

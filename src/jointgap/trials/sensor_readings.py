@@ -13,9 +13,9 @@ from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.parameters import Parameters
 from jointgap.slider_crank.sensor_faults import FAULTS
 from jointgap.trials.independent_integrator import integrate
-from jointgap.trials.injected_effects import Hidden
+from jointgap.trials.injected_effects import InjectedEffect
 
-InjectedEffects = Sequence[tuple[Hidden, float]]
+InjectedEffects = Sequence[tuple[InjectedEffect, float]]
 """Effects, each with its size."""
 
 SETTLING_REVOLUTIONS = 4

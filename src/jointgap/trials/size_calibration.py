@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.whitening import Noise, whiten
-from jointgap.trials.injected_effects import Hidden
+from jointgap.trials.injected_effects import InjectedEffect
 from jointgap.trials.sensor_readings import CrankRun, InjectedEffects, Numerics, noise_free_readings
 from jointgap.trials.virtual_rig import VirtualRig, with_nuisances
 
@@ -264,7 +264,7 @@ def _inward_step(value: float, lower: float, upper: float, share: float) -> floa
 
 
 def calibrate_size(
-    calibrator: SizeCalibrator | StatisticsSizeCalibrator, effect: Hidden, target: float
+    calibrator: SizeCalibrator | StatisticsSizeCalibrator, effect: InjectedEffect, target: float
 ) -> tuple[float, float]:
     """Size of an effect at which its gap is about `target`, and that gap; the nearest possible where none is.
 

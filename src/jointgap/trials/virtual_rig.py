@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointgap.joints import PINS
-from jointgap.trials.injected_effects import Rig
+from jointgap.trials.injected_effects import RigScales
 from jointgap.trials.sensor_readings import SETTLING_REVOLUTIONS, CrankRun, Numerics, simulate_signals
 
 KINEMATIC = ("slider_position", "slider_velocity", "rod_angle", "rod_angular_velocity")
@@ -100,9 +100,9 @@ class VirtualRig:
         """Ids of the runs that are not held out."""
         return [run for run in self.runs if run != self.confirm_run]
 
-    def scales(self, spread: dict[str, float]) -> Rig:
+    def scales(self, spread: dict[str, float]) -> RigScales:
         """What the sizes of effects go by; `spread` is the standard deviation by channel [SI]."""
-        return Rig(self.true, max(self.nominal_speeds.values()), self.loose, tuple(self.sensors), spread)
+        return RigScales(self.true, max(self.nominal_speeds.values()), self.loose, tuple(self.sensors), spread)
 
 
 def _draw_mechanism(rng: np.random.Generator, base: str, needed: str) -> dict:
