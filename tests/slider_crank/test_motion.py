@@ -9,9 +9,11 @@ from jointgap.slider_crank import build_model
 from jointgap.slider_crank import channel_kinematics as motion
 from jointgap.slider_crank.driven_run import constant_speed_run
 from jointgap.slider_crank.modified_mechanism import with_effects
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 TURN = 2 * np.pi
+TOLERANCE = DEFAULT_SETTINGS.simulation.tolerance_m
 SEEN = ("slider_acceleration", "crank_torque", "guide_force", "frame_force_y")
 
 
@@ -19,12 +21,12 @@ def driven(loose, effects=(), **keys):
     own = campaign(mechanism(loose, effects=effects), **keys)
     plan = build_model(own, recorded(own, kept=5)).plans["slow"]
     mechanism_ = with_effects(own.mechanism, ()).applied()
-    return constant_speed_run(mechanism_, plan.run, plan.samples, {}, 0.0, motion.TOLERANCE)
+    return constant_speed_run(mechanism_, plan.run, plan.samples, {}, 0.0, TOLERANCE)
 
 
 def integrated(p, angles):
     """Every sample of the record simulated, one after the other."""
-    result = integrate_to_angles(p, start_state(p), np.append(p.drive.start_angle, angles), motion.TOLERANCE)
+    result = integrate_to_angles(p, start_state(p), np.append(p.drive.start_angle, angles), TOLERANCE)
     return {name: values[1:] for name, values in result.observed(p).items()} | {"time": result.times[1:]}
 
 
@@ -49,7 +51,7 @@ def marches(monkeypatch):
 def test_one_settled_revolution_stands_for_the_record(loose, marches):
     run = driven(loose)
     marches.clear()
-    found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
+    found = motion.channels_at(run.numbers, run.angles, TOLERANCE)
     assert marches == [pytest.approx(3.0, abs=0.1)]
     later = integrated(run.numbers, np.sort(run.angles) + 6 * TURN)  # long after the start nothing else is seen
     assert apart(found, later) < 2e-3
@@ -61,7 +63,7 @@ def test_a_force_with_a_frequency_of_its_own_is_simulated_throughout(marches):
     effect = {"name": "harmonic_force", "parameters": {"force_N": 20.0, "frequency_Hz": 7.3, "phase_rad": 0.0}}
     run = driven(("piston_pin",), [effect])
     marches.clear()
-    found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
+    found = motion.channels_at(run.numbers, run.angles, TOLERANCE)
     assert len(marches) == 1 and marches[0] > 6.5
     assert apart(found, integrated(run.numbers, run.angles)) < 1e-6
 
@@ -69,9 +71,9 @@ def test_a_force_with_a_frequency_of_its_own_is_simulated_throughout(marches):
 def test_a_motion_that_does_not_repeat_is_simulated_throughout(marches):
     own = campaign(mechanism(("crank_pin", "piston_pin"), friction=0.0))
     plan = build_model(own, recorded(own)).plans["slow"]
-    run = constant_speed_run(own.mechanism.applied(), plan.run, plan.samples, {}, 0.0, motion.TOLERANCE)
+    run = constant_speed_run(own.mechanism.applied(), plan.run, plan.samples, {}, 0.0, TOLERANCE)
     marches.clear()
-    found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
+    found = motion.channels_at(run.numbers, run.angles, TOLERANCE)
     assert len(marches) == 2
     assert apart(found, integrated(run.numbers, run.angles)) < 1e-6
 
@@ -79,7 +81,7 @@ def test_a_motion_that_does_not_repeat_is_simulated_throughout(marches):
 def test_a_record_from_the_start_shows_how_the_motion_settles(marches):
     run = driven(("piston_pin",), run={"start": "dead_centre"})
     marches.clear()
-    found = motion.observed(run.numbers, run.angles, motion.TOLERANCE)
+    found = motion.channels_at(run.numbers, run.angles, TOLERANCE)
     assert len(marches) == 1
     assert apart(found, integrated(run.numbers, run.angles)) < 1e-6
 
@@ -98,5 +100,5 @@ def test_a_film_answers_smoothly_to_a_mass():
             update={"slider": model.slider.model_copy(update={"mass": model.slider.mass * (1 + share)})}
         )
         run = constant_speed_run(heavier, plan.run, plan.samples, {}, 0.0, motion.tolerance_for(heavier))
-        seen.append(motion.observed(run.numbers, run.angles, motion.tolerance_for(heavier)))
+        seen.append(motion.channels_at(run.numbers, run.angles, motion.tolerance_for(heavier)))
     assert apart(*seen) < 2e-3  # a tenth of a noise of 2 %

@@ -6,7 +6,7 @@ import pytest
 
 from jointgap.dynamics.model.friction import FRICTION_LAWS, coulomb, threlfall
 from jointgap.joints import JOINTS
-from jointgap.slider_crank.other_numerics import NUMERICS, otherwise
+from jointgap.slider_crank.run_simulation import NUMERICS, other_numerics
 
 SPEED = 1e-3  # m/s, of the usual law
 
@@ -19,7 +19,7 @@ def joints(law: str) -> SimpleNamespace:
 
 def test_the_other_friction_law_has_the_same_slope_at_zero_speed_and_the_same_end():
     other = joints("coulomb")
-    tolerance, change = otherwise(1)
+    tolerance, change = other_numerics(1)
     change(other)
     assert tolerance == 1.0
     for name in JOINTS:
@@ -34,19 +34,19 @@ def test_the_other_friction_law_has_the_same_slope_at_zero_speed_and_the_same_en
 @pytest.mark.parametrize("law", [name for name in FRICTION_LAWS if name != "coulomb"])
 def test_a_law_that_is_stated_stays_as_it_is(law):
     other = joints(law)
-    otherwise(1)[1](other)
+    other_numerics(1)[1](other)
     assert other == joints(law)
 
 
 def test_the_last_numerics_are_a_tenth_of_the_tolerance_with_all_else_the_same():
     other = joints("coulomb")
-    tolerance, change = otherwise(len(NUMERICS))
+    tolerance, change = other_numerics(len(NUMERICS))
     change(other)
     assert (tolerance, other) == (0.1, joints("coulomb"))
 
 
 def test_the_usual_numerics_change_nothing():
     other = joints("coulomb")
-    tolerance, change = otherwise(0)
+    tolerance, change = other_numerics(0)
     change(other)
     assert (tolerance, other) == (1.0, joints("coulomb"))

@@ -6,12 +6,14 @@ import pytest
 from jointgap.joints import PINS
 from jointgap.recordings import Measurements, Recording
 from jointgap.slider_crank import build_model
-from jointgap.slider_crank.cycle_statistics import BINS, CycleStatistics, cycle_variance, persistence
+from jointgap.slider_crank.cycle_statistics import CycleStatistics, cycle_variance, persistence
 from jointgap.slider_crank.run_simulation import RunPlan, channels_read
 from jointgap.slider_crank.sample_grid import sample_grid
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS
 from tests.slider_crank.rigs import campaign, mechanism
 
 TURN = 2 * np.pi
+BINS = DEFAULT_SETTINGS.statistics.bins
 NOISE = {"slider_position": 1e-3, "slider_acceleration": 2.0, "crank_torque": 0.1}
 
 

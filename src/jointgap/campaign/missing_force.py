@@ -1,5 +1,6 @@
 """The force that the effects of a verdict add, along the motion of each run."""
 
+import math
 from collections.abc import Collection, Mapping
 
 import pandas as pd
@@ -10,7 +11,6 @@ from jointgap.dynamics.model.effect_laws import crank_losses, slider_force
 from jointgap.dynamics.simulation import simulate
 from jointgap.slider_crank.channel_kinematics import tolerance_for
 from jointgap.slider_crank.modified_mechanism import mirrored
-from jointgap.slider_crank.sample_grid import TURN
 
 _SAMPLES = 360  # of the one revolution that is shown
 _SETTLES = 2  # revolutions
@@ -48,7 +48,7 @@ def missing_force(
             parts.append(_along(run, base, augmented, speed))
             continue
         behind = _along(run, mirrored(base.applied()), mirrored(augmented.applied()), speed).iloc[::-1]
-        turned = {"crank_angle": TURN - behind["crank_angle"], "crank_torque": -behind["crank_torque"]}
+        turned = {"crank_angle": math.tau - behind["crank_angle"], "crank_torque": -behind["crank_torque"]}
         parts.append(behind.assign(**turned))
     return pd.concat(parts, ignore_index=True)
 
@@ -69,7 +69,7 @@ def _along(run: str, base: Mechanism, augmented: Mechanism, speed: float) -> pd.
     return pd.DataFrame(
         {
             "run": run,
-            "crank_angle": samples["crank_angle"].to_numpy() - TURN * _SETTLES,
+            "crank_angle": samples["crank_angle"].to_numpy() - math.tau * _SETTLES,
             "slider_position": places[:, 0],
             "slider_velocity": places[:, 1],
             "slider_force": pushes,

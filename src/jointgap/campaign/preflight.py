@@ -1,7 +1,7 @@
 """Stage preflight: what a campaign can show and tell apart, from its plan, and what would help most.
 
 Nothing that was measured is looked at but how much there is of it: of runs whose files are there, as many samples and (where the
-motion is chaotic) revolutions count as these hold. Others are planned with `jointgap.slider_crank.sample_grid.PLANNED_REVOLUTIONS`.
+motion is chaotic) revolutions count as these hold. Others are planned with `jointgap.slider_crank.settings.SampleGridSettings`.
 """
 
 import math
@@ -27,7 +27,6 @@ from jointgap.identification.advice import Preflight, advise, preflight
 from jointgap.identification.protocol import Model
 from jointgap.recordings import Recording, read_measurements
 from jointgap.slider_crank import build_model
-from jointgap.slider_crank.sample_grid import TURN
 
 _FASTER, _SLOWER = 1.5, 0.5
 """Further speeds that are tried, as shares of the fastest and of the slowest."""
@@ -93,7 +92,7 @@ def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict
     found = {}
     for run, one in recordings.items():
         angle = one.crank_angle if one.has_angle else speeds[run] * one.time
-        found[run] = float(np.ptp(angle[np.isfinite(angle)])) / TURN * angle.size / (angle.size - 1)
+        found[run] = float(np.ptp(angle[np.isfinite(angle)])) / math.tau * angle.size / (angle.size - 1)
     return found
 
 

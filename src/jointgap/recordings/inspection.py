@@ -30,11 +30,11 @@ def inspect(campaign: Campaign, measurements: Measurements) -> "tuple[pd.DataFra
     Returns
     -------
     numbers : DataFrame
-        One row per run and channel: run, channel, unit (SI), role, samples, gaps (samples without a value), cycles (whole
-        revolutions), samples_per_revolution, mean_speed and speed_spread (standard deviation of the cycles' speeds) [rad/s; NaN
-        unless both time and crank angle were measured, and of less than two cycles], low, high (extremes), scatter (standard
-        deviation of a cycle from the one before, over sqrt(2): noise, and whatever does not repeat; NaN of less than two cycles),
-        stated_noise [SI of the channel; NaN where none is stated].
+        One row per run and channel: run, channel, unit (SI), role, samples, gaps (samples without a value), cycles
+        (whole revolutions), samples_per_revolution, mean_speed and speed_spread (standard deviation of the cycles'
+        speeds) [rad/s; NaN unless both time and crank angle were measured, and of less than two cycles], low, high
+        (extremes), scatter (standard deviation of a cycle from the one before, over sqrt(2): noise, and whatever does
+        not repeat; NaN of less than two cycles), stated_noise [SI of the channel; NaN where none is stated].
     figures : dict of str to Drawing
         By run: every channel over the crank angle, cycles on top of each other.
 
@@ -47,7 +47,7 @@ def inspect(campaign: Campaign, measurements: Measurements) -> "tuple[pd.DataFra
 
 
 def _turned(run: CampaignRun, recording: Recording) -> np.ndarray:
-    """Crank angle [rad] of every sample (n,): measured, gaps bridged; else from times and the nominal speed, from 0 on."""
+    """Crank angle (n,) [rad]: measured, gaps bridged; else from times and the nominal speed, from 0 on."""
     if not recording.has_angle:
         return run.speed * (recording.time - recording.time[0])
     angle = recording.crank_angle
@@ -60,7 +60,7 @@ def _turned(run: CampaignRun, recording: Recording) -> np.ndarray:
 
 
 def _steady_rotation(recording: Recording) -> np.ndarray:
-    """Crank angle [rad] of every sample (n,) if the crank turned steadily: the straight line nearest to the measured ones."""
+    """Crank angle (n,) [rad] if the crank turned steadily: the straight line nearest to the measured ones."""
     known = np.isfinite(recording.crank_angle)
     time = recording.time - recording.time[0]  # times since an epoch would leave no digits
     return np.polyval(np.polyfit(time[known], recording.crank_angle[known], 1), time)
@@ -125,7 +125,7 @@ def _scatter(angle: np.ndarray, values: np.ndarray) -> float:
 
 
 def _draw(run: CampaignRun, recording: Recording) -> "Drawing":
-    """Every channel of a run over the crank angle, cycles on top of each other; a crank angle as its departure from steady speed."""
+    """Every channel over the crank angle, cycles on top of each other; the angle as departure from steady rotation."""
     from jointgap.figures import style
     from jointgap.figures.sheet import CRANK_ANGLE, Quantity, Sheet
 

@@ -1,11 +1,11 @@
-"""The limits beyond which a measured file is refused or remarked upon: what each means, its unit, and why it has this value."""
+"""The limits beyond which a measured file is refused or remarked upon, with meaning, unit and reason."""
 
 from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
 class RecordingLimits:
-    """Limits of plausibility. Noise, steps of an encoder and impacts stay within them; mistaken units and columns do not.
+    """Limits that noise, steps of an encoder and impacts stay within, and mistaken units and columns do not.
 
     Attributes
     ----------
@@ -18,19 +18,23 @@ class RecordingLimits:
     min_samples_per_revolution : float
         Fewer cannot tell whether the angle rises or falls.
     speed_ratios : dict of drive to (float, float)
-        [1] Mean speed over nominal speed beyond which something other than the speed is wrong; a motor may start from rest.
+        [1] Mean speed over nominal speed beyond which something other than the speed is wrong; a motor may start from
+        rest.
     speed_tolerance : float
         [1, of the nominal speed] So near must the speed in another unit come for the unit to be proposed.
     clipped_share, clipped_count : float, int
         [1, of the samples] and samples: an extreme value that occurs less often may be chance.
     clipped_excess : float
-        [1] How many times as often as the next value an extreme one occurs where it is clipped; a sine's rounded crest has 1.4.
+        [1] How many times as often as the next value an extreme one occurs where it is clipped; a sine's rounded crest
+        has 1.4.
     outlier_interquartile_ranges : float
         [1] A value farther from the median is doubted; impacts come some ten times less far.
     angle_outlier_rad : float
-        [rad] A crank angle that misses the line between its neighbours by more is doubted; an encoder's noise is far smaller.
+        [rad] A crank angle that misses the line between its neighbours by more is doubted; an encoder's noise is far
+        smaller.
     angle_outlier_medians : float
-        [1, median distances] It has to miss by this much more than usual too: coarse encoders miss by a step everywhere.
+        [1, median distances] It has to miss by this much more than usual too: coarse encoders miss by a step
+        everywhere.
     comparable_correlation : float
         [1] From this correlation on a factor between two channels means something.
     unrelated_correlation : float

@@ -146,7 +146,7 @@ def _changes(
 def _doubt(
     campaign: Campaign, name: str, reference: str, expected: np.ndarray, values: np.ndarray, limits: RecordingLimits
 ) -> str | None:
-    """What is wrong with a channel that should be about `expected` but for a constant; None if nothing is, or nobody can tell."""
+    """What is wrong with `values` that should be `expected` but for a constant; None if nothing is known to be."""
     if expected.size < 8:
         return None
     if name != "crank_speed":  # of a steady rotation nothing is left beside the mean

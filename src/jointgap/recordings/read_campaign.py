@@ -21,8 +21,8 @@ _IDLE = {"speed": "follows from time and crank_angle"}
 def read_measurements(campaign: Campaign, limits: RecordingLimits = DEFAULT_LIMITS) -> Measurements:
     """All samples of a campaign.
 
-    A sample without a time stamp, where times are measured, is no datum; nor is one without a crank angle where times are
-    not. They are left out, and a remark says how many.
+    A sample without a time stamp, where times are measured, is no datum; nor is one without a crank angle where times
+    are not. They are left out, and a remark says how many.
 
     Parameters
     ----------
@@ -33,8 +33,8 @@ def read_measurements(campaign: Campaign, limits: RecordingLimits = DEFAULT_LIMI
     Raises
     ------
     InputError
-        What cannot be read, is no number, has no time that rises, holds less than a revolution, or does not change; with file,
-        column, row and what to do.
+        What cannot be read, is no number, has no time that rises, holds less than a revolution, or does not change;
+        with file, column, row and what to do.
     """
     remarks = [
         f"nuisance {key} {_IDLE.get(key, 'has nothing to act on in this mechanism')} and is left out"
@@ -64,8 +64,8 @@ def _recording(file: RunFile, remarks: list[str]) -> Recording:
             )
     if "time" in values and "crank_angle" in values and (places := angle_outliers(time, angle, limits)).size:
         remarks.append(
-            f"{file.place('crank_angle', rows[places[0]])}: the angle is far off its neighbours' (so {_are(places.size)}); "
-            "leave the cell empty if the encoder misread it"
+            f"{file.place('crank_angle', rows[places[0]])}: the angle is far off its neighbours' "
+            f"(so {_are(places.size)}); leave the cell empty if the encoder misread it"
         )
     recording = Recording(run.id, time, angle, channels, noise_of(campaign, run.id), _held_out(file, turned))
     remarks += [f"{file.path}: {remark}" for remark in inconsistent(campaign, run, recording, turned, limits)]
@@ -79,8 +79,8 @@ def _held_out(file: RunFile, turned: np.ndarray) -> np.ndarray:
     total = turned[-1] - turned[0]
     if total < 1.5 * tau * file.limits.min_revolutions:
         raise InputError(
-            f"{file.path}: {total / tau:.4g} revolutions leave less than one for fitting when the last third of the run "
-            f"'{file.run.id}' is held out; give a longer record, or another role than split"
+            f"{file.path}: {total / tau:.4g} revolutions leave less than one for fitting when the last third of the "
+            f"run '{file.run.id}' is held out; give a longer record, or another role than split"
         )
     return turned > turned[0] + 2.0 / 3.0 * total
 
@@ -104,7 +104,7 @@ def _check_units(file: RunFile, columns: Columns, remarks: list[str]) -> None:
 
 
 def _in_si(file: RunFile, columns: Columns, remarks: list[str]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Channels in SI without the samples that have no place in time (or angle), and the rows of the file that remain."""
+    """Channels in SI without the samples that have no time (or angle), and the rows of the file that remain."""
     values = {}
     for name, channel in file.campaign.channels.items():
         written = columns.values[channel.column]
@@ -112,8 +112,8 @@ def _in_si(file: RunFile, columns: Columns, remarks: list[str]) -> tuple[dict[st
             values[name] = written * file.campaign.factor(name)
         if (huge := np.flatnonzero(np.abs(values[name]) > file.limits.max_value_si)).size:
             raise InputError(
-                f"{file.place(name, columns.rows[huge[0]])}: {written[huge[0]]:g} {channel.unit} is more than any sensor reads; "
-                "correct it, or leave the cell empty where nothing was measured"
+                f"{file.place(name, columns.rows[huge[0]])}: {written[huge[0]]:g} {channel.unit} is more than any "
+                "sensor reads; correct it, or leave the cell empty where nothing was measured"
             )
     place = "time" if "time" in values else "crank_angle"
     kept = np.isfinite(values[place])

@@ -18,13 +18,13 @@ class Recording:
     time : (n,) array
         As measured [s], rising; all NaN where the campaign has no channel time.
     crank_angle : (n,) array
-        [rad], continuous over turns and rising on the whole; of a clockwise crank the mirror image. NaN in gaps, all NaN where
-        the campaign has no such channel.
+        [rad], continuous over turns and rising on the whole; of a clockwise crank the mirror image. NaN in gaps, all
+        NaN where the campaign has no such channel.
     channels : dict of str to (n,) array
         The other channels, SI, with the signs that the file has; NaN in gaps.
     noise : dict of str to float or None
-        Stated standard deviation of every channel but time, SI; None where it is to be estimated. Where an encoder's step is
-        stated but no noise, that of its rounding: step / sqrt(12).
+        Stated standard deviation of every channel but time, SI; None where it is to be estimated. Where an encoder's
+        step is stated but no noise, that of its rounding: step / sqrt(12).
     held_out : (n,) bool array
         Samples that take no part in fitting or choosing: all of a run to confirm with, the last third of a split one.
     """
@@ -86,8 +86,8 @@ def to_frame(measurements: Measurements) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns run, channel, sample (from 0), time [s], crank_angle [rad], value [SI of the channel], held_out. The crank angle
-        is also a channel of its own where it was measured.
+        Columns run, channel, sample (from 0), time [s], crank_angle [rad], value [SI of the channel], held_out. The
+        crank angle is also a channel of its own where it was measured.
     """
     parts = [
         {"run": recording.run, "channel": channel, "sample": np.arange(values.size), "time": recording.time}

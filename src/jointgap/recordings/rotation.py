@@ -48,8 +48,8 @@ class RunFile:
 def continuous_angle(time: np.ndarray | None, angle: np.ndarray, speed: float) -> np.ndarray:
     """Continuous crank angles from an encoder's, which fall back after one turn or several, or are continuous already.
 
-    Every step is known but for whole turns. With times, the number of turns is the one nearest to what the mean speed lets
-    expect, so that gaps and few samples a turn do no harm. Without, a step is taken as less than half a turn.
+    Every step is known but for whole turns. With times, the number of turns is the one nearest to what the mean speed
+    lets expect, so that gaps and few samples a turn do no harm. Without, a step is taken as less than half a turn.
 
     Parameters
     ----------
@@ -105,8 +105,8 @@ def checked_rotation(
     time, crank_angle : (n,) array
         [s]; [rad], continuous, mirrored where the crank turns clockwise.
     turned : (n,) array
-        Angle since the first sample [rad], rising on the whole, without gaps: from the angles where there are no times, else from
-        times and the mean speed.
+        Angle since the first sample [rad], rising on the whole, without gaps: from the angles where there are no times,
+        else from times and the mean speed.
 
     Raises
     ------
@@ -164,8 +164,8 @@ def _check_time_alone(file: RunFile, time: np.ndarray, least: float) -> None:
         fitting = [unit for unit in UNITS["time"] if fits(file.in_unit("time", unit))]
         raise InputError(
             f"{file.place('time')}: {time.size} samples over {span:.4g} s are {turns:.4g} revolutions at the "
-            f"nominal {_rpm(file.run.speed)}; at least one revolution and {limits.min_samples_per_revolution:g} samples in each are "
-            f"needed; {_proposal(file, 'time', fitting)}"
+            f"nominal {_rpm(file.run.speed)}; at least one revolution and "
+            f"{limits.min_samples_per_revolution:g} samples in each are needed; {_proposal(file, 'time', fitting)}"
         )
 
 
@@ -176,8 +176,9 @@ def _check_angle_alone(file: RunFile, read: np.ndarray, angle: np.ndarray, rows:
     odd = jumps & (np.abs(steps - np.median(steps)) > max(1.0, 5.0 * float(np.median(np.abs(steps)))))
     if jumps.mean() > 0.2 or odd.any():
         row = int(np.flatnonzero(jumps)[0]) + 1
+        step = math.degrees(read[row] - read[row - 1])
         raise InputError(
-            f"{file.place('crank_angle', rows[row])}: the angle steps by {math.degrees(read[row] - read[row - 1]):.4g} deg, neither "
+            f"{file.place('crank_angle', rows[row])}: the angle steps by {step:.4g} deg, neither "
             f"less than half a turn nor a fall by whole turns; {_proposal(file, 'crank_angle', ())}"
         )
     total = angle[-1] - angle[0]
@@ -201,8 +202,8 @@ def _check_speed(file: RunFile, time: np.ndarray, angle: np.ndarray, speed: floa
         if abs(in_unit / nominal - 1.0) < file.limits.speed_tolerance:
             fitting.append(unit)
     raise InputError(
-        f"{file.place('crank_angle')}: with the column {file.campaign.channels['time'].column} it makes a mean speed of "
-        f"{_rpm(speed)}, but the run's is {_rpm(nominal)}; {_proposal(file, 'crank_angle', fitting)}"
+        f"{file.place('crank_angle')}: with the column {file.campaign.channels['time'].column} it makes a mean "
+        f"speed of {_rpm(speed)}, but the run's is {_rpm(nominal)}; {_proposal(file, 'crank_angle', fitting)}"
     )
 
 
@@ -229,12 +230,12 @@ def _turns_back(file: RunFile, angle: np.ndarray) -> InputError:
     known = np.degrees(angle[np.isfinite(angle)])
     if file.run.direction == "clockwise":
         return InputError(
-            f"{file.place('crank_angle')}: the angle rises from {-known[0]:.6g} to {-known[-1]:.6g} deg, but run '{file.run.id}' has "
-            "'direction: clockwise'; remove it, or change the sign of the angles"
+            f"{file.place('crank_angle')}: the angle rises from {-known[0]:.6g} to {-known[-1]:.6g} deg, but run "
+            f"'{file.run.id}' has 'direction: clockwise'; remove it, or change the sign of the angles"
         )
     return InputError(
-        f"{file.place('crank_angle')}: the angle falls from {known[0]:.6g} to {known[-1]:.6g} deg; if the crank turns clockwise, give "
-        "the run 'direction: clockwise', else change the sign of the angles"
+        f"{file.place('crank_angle')}: the angle falls from {known[0]:.6g} to {known[-1]:.6g} deg; if the crank turns "
+        "clockwise, give the run 'direction: clockwise', else change the sign of the angles"
     )
 
 

@@ -190,8 +190,8 @@ def _decimal(path: Path, cells: dict[str, list[str]], rows: np.ndarray) -> str:
                 point = (column, row, text)
     if comma and point:
         raise InputError(
-            f"{path}, column {comma[0]}, row {comma[1]}: '{comma[2]}' has a decimal comma, but '{point[2]}' in column {point[0]}, "
-            f"row {point[1]} a point; write one of them throughout"
+            f"{path}, column {comma[0]}, row {comma[1]}: '{comma[2]}' has a decimal comma, but '{point[2]}' in column "
+            f"{point[0]}, row {point[1]} a point; write one of them throughout"
         )
     return "," if comma else "."
 

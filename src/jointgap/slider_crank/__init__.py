@@ -6,5 +6,6 @@
 from jointgap.slider_crank.model import SliderCrankModel
 from jointgap.slider_crank.model_from_campaign import build_model
 from jointgap.slider_crank.modified_mechanism import augmented_mechanism
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
 
-__all__ = ["SliderCrankModel", "augmented_mechanism", "build_model"]
+__all__ = ["DEFAULT_SETTINGS", "SliderCrankModel", "SliderCrankSettings", "augmented_mechanism", "build_model"]

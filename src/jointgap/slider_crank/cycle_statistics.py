@@ -1,53 +1,60 @@
 """Chaotic runs: statistics over the crank angle's cycles in place of samples.
 
-Frictionless impacts amplify differences, so that no simulation follows a rig for more than a few revolutions. What is
-compared then are means over cycles, in bins of the crank angle, of two functions of what a channel reads beside its usual
-course: the deviation itself, and its size. Deviations are bent, k tanh(u / k), for rare spikes would otherwise hold nearly all of a
-mean's scatter. Neighbouring bins and channels scatter together; each statistic is therefore compared with what a
-linear prediction from a few others (the bins before it, the same bins and their neighbours of the channels before) lets expect, so that what is
-left is independent.
+Frictionless impacts amplify differences, so that no simulation follows a test rig for more than a few revolutions. What
+is compared then are means over cycles, in bins of the crank angle, of two functions of a channel's deviation from its
+median course: the deviation itself, and its size. Deviations u are compressed, k tanh(u / k), for rare spikes would
+otherwise hold nearly all of a mean's scatter. Neighbouring bins and channels scatter together; each statistic is
+therefore compared with what a linear prediction from a few others (the bins before it, the same bins and their
+neighbours of the channels before) lets expect, so that what is left is independent.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import tau
 
 import numpy as np
 
-BINS = 24
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS, CycleStatisticsSettings
+
 KINDS = ("mean", "spread")
-_FINE = 144  # angles of the usual course
-_BENT = 3.0  # mean sizes of a deviation
-_BEFORE = 2  # bins that a prediction looks back
-_EDGE = 1e-6  # of a bin, within which a sample lies on its edge and counts for the bin that begins
-_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
 class CycleStatistics:
     """Statistics of the channels of one run.
 
+    A row of statistics, shape (m,), holds the bins of the first channel's mean, of its spread, of the second channel's
+    mean, and so on.
+
     Attributes
     ----------
     channels : tuple of str
     angles : (a,) array
-        Crank angles of the usual course, growing over somewhat more than a revolution [rad].
+        Crank angles of the median course, growing over somewhat more than a revolution [rad].
     course : (channels, a) array
-        Usual course of each channel [unit].
-    bend : (channels,) array
-        k [unit].
+        Median course of each channel [SI].
+    compression : (channels,) array
+        k [SI].
     weights : list of (places, weights)
         For every statistic, which others predict it and how.
+    settings : CycleStatisticsSettings
     """
 
     channels: tuple[str, ...]
     angles: np.ndarray
     course: np.ndarray
-    bend: np.ndarray
+    compression: np.ndarray
     weights: list[tuple[np.ndarray, np.ndarray]]
+    settings: CycleStatisticsSettings = DEFAULT_SETTINGS.statistics
 
     @classmethod
     def of(
-        cls, channels: Sequence[str], angle: np.ndarray, values: Sequence[np.ndarray], finer: int = 1
+        cls,
+        channels: Sequence[str],
+        angle: np.ndarray,
+        values: Sequence[np.ndarray],
+        finer: int = 1,
+        settings: CycleStatisticsSettings = DEFAULT_SETTINGS.statistics,
     ) -> "CycleStatistics":
         """Learnt from many simulated cycles.
 
@@ -55,65 +62,87 @@ class CycleStatistics:
         ----------
         channels : sequence of str
         angle : (n,) array
-            [rad], running on.
+            [rad], continuous.
         values : sequence of (n,) arrays
-            By channel.
+            By channel [SI].
         finer : int
             Samples for each that is measured: the course is learnt from all, predictions from every `finer`-th.
+        settings : CycleStatisticsSettings
         """
-        turned = _turned(angle)
-        fine = np.minimum((turned * (_FINE / _TURN)).astype(int), _FINE - 1)
-        known = np.unique(fine)
+        within = _within_revolution(angle, settings)
+        count = settings.median_angles
+        fine = np.minimum((within * (count / tau)).astype(int), count - 1)
         # a bin's medians belong to its samples' angle: where these keep to a few angles, that is not its middle
         angles, *course = (
-            np.array([np.median(value[fine == place]) for place in known]) for value in (turned, *values)
+            np.array([np.median(value[fine == place]) for place in np.unique(fine)]) for value in (within, *values)
         )
-        angles = np.concatenate([[angles[-1] - _TURN], angles, [angles[0] + _TURN]])
-        course = np.array([np.concatenate([one[-1:], one, one[:1]]) for one in course])
-        found = cls(tuple(channels), angles, course, np.ones(len(channels)), [])
-        away = [np.abs(value - one) for value, one in zip(values, found._usual(angle), strict=True)]
-        bend = np.array([max(_BENT * float(np.mean(one)), 1e-300) for one in away])
-        found = replace(found, bend=bend)
-        rows = found.cycles(angle[::finer], [one[::finer] for one in values])
-        return replace(found, weights=_predictions(rows, len(channels)))
+        angles = np.concatenate([[angles[-1] - tau], angles, [angles[0] + tau]])
+        course = np.array([np.concatenate([medians[-1:], medians, medians[:1]]) for medians in course])
+        learnt = cls(tuple(channels), angles, course, np.ones(len(channels)), [], settings)
+        sizes = [np.abs(value - median) for value, median in zip(values, learnt._medians(angle), strict=True)]
+        compression = np.array([max(settings.compression_mean_sizes * float(np.mean(size)), 1e-300) for size in sizes])
+        learnt = replace(learnt, compression=compression)
+        rows = learnt.cycles(angle[::finer], [value[::finer] for value in values])
+        return replace(learnt, weights=_predictions(rows, len(channels), settings))
 
-    def _usual(self, angle: np.ndarray) -> list[np.ndarray]:
-        return [np.interp(_turned(angle), self.angles, one) for one in self.course]
+    def _medians(self, angle: np.ndarray) -> list[np.ndarray]:
+        return [np.interp(_within_revolution(angle, self.settings), self.angles, course) for course in self.course]
 
     def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
-        """Statistics of every cycle, shape (cycles, channels * 2 * BINS); NaN where a bin has no sample."""
-        first = np.floor(np.min(angle) / _TURN)
-        place = np.floor((angle / _TURN - first) * BINS + _EDGE).astype(int)
-        count = int(place.max()) // BINS + 1
-        rows = np.full((count, len(self.channels), 2, BINS), np.nan)
-        for i, (value, usual) in enumerate(zip(values, self._usual(angle), strict=True)):
+        """Statistics of every cycle, shape (cycles, m); NaN where a bin has no sample.
+
+        Parameters
+        ----------
+        angle : (n,) array
+            [rad], continuous.
+        values : sequence of (n,) arrays
+            By channel [SI]; NaN in gaps.
+        """
+        bins = self.settings.bins
+        first = np.floor(np.min(angle) / tau)
+        place = np.floor((angle / tau - first) * bins + self.settings.edge_share_of_bin).astype(int)
+        count = int(place.max()) // bins + 1
+        rows = np.full((count, len(self.channels), len(KINDS), bins), np.nan)
+        for i, (value, median, k) in enumerate(zip(values, self._medians(angle), self.compression, strict=True)):
             used = np.isfinite(value)
-            bent = self.bend[i] * np.tanh((value[used] - usual[used]) / self.bend[i])
-            at = place[used]
-            number = np.bincount(at, minlength=count * BINS)
+            compressed = k * np.tanh((value[used] - median[used]) / k)
+            number = np.bincount(place[used], minlength=count * bins)
             with np.errstate(invalid="ignore"):
-                for kind, deviation in enumerate((bent, np.abs(bent))):
-                    sums = np.bincount(at, deviation, minlength=count * BINS)
-                    rows[:, i, kind, :] = (sums / number).reshape(count, BINS)
+                for kind, deviation in enumerate((compressed, np.abs(compressed))):
+                    sums = np.bincount(place[used], deviation, minlength=count * bins)
+                    rows[:, i, kind, :] = (sums / number).reshape(count, bins)
         rows = rows.reshape(count, -1)
         return rows[np.isfinite(rows).any(axis=1)]
 
     def independent(self, rows: np.ndarray) -> np.ndarray:
-        """Statistics less what those before them let expect, of one row or several, shape as `rows`."""
-        found = rows.copy()
+        """Statistics `rows` (..., m) less what those before them let expect, of the same shape."""
+        independent = rows.copy()
         for place, (others, weights) in enumerate(self.weights):
             if others.size:
-                found[..., place] = rows[..., place] - rows[..., others] @ weights
-        return found
+                independent[..., place] = rows[..., place] - rows[..., others] @ weights
+        return independent
 
-    def noise(self, angle, measured, simulated_angle, simulated) -> np.ndarray:
-        """Standard deviation [unit] of noise: what measured channels spread beyond noise-free simulated ones.
+    def noise(
+        self,
+        angle: np.ndarray,
+        measured: Sequence[np.ndarray],
+        simulated_angle: np.ndarray,
+        simulated: Sequence[np.ndarray],
+    ) -> np.ndarray:
+        """Standard deviation (channels,) [SI] of noise: what measured channels spread beyond noise-free simulated ones.
 
         Bins count by how well they tell, so that the quiet ones do.
+
+        Parameters
+        ----------
+        angle, simulated_angle : (n,), (k,) array
+            [rad], continuous.
+        measured, simulated : sequence of (n,), (k,) arrays
+            By channel [SI].
         """
         squares, variances = [], []
-        for at, values in ((angle, measured), (simulated_angle, simulated)):
-            rows = self.cycles(at, values).reshape(-1, len(self.channels), 2, BINS)[:, :, 1]
+        for angles, values in ((angle, measured), (simulated_angle, simulated)):
+            rows = self.cycles(angles, values).reshape(-1, len(self.channels), len(KINDS), self.settings.bins)[:, :, 1]
             mean = np.nanmean(rows, axis=0)
             squares.append(mean**2)
             variances.append(4.0 * mean**2 * cycle_variance(rows) / np.isfinite(rows).sum(axis=0))
@@ -122,41 +151,44 @@ class CycleStatistics:
         return np.sqrt(np.maximum(excess, 0.0) * (np.pi / 2.0))  # of a normal number's mean size
 
     def split(self, row: np.ndarray) -> dict[str, np.ndarray]:
-        """Statistics by the name of their series, (BINS,) each."""
-        parts = row.reshape(len(self.channels), 2, BINS)
+        """Statistics `row` (m,) by the name of their series, (bins,) each."""
+        parts = row.reshape(len(self.channels), len(KINDS), self.settings.bins)
         return {
             f"{channel} {kind}": parts[i, k] for i, channel in enumerate(self.channels) for k, kind in enumerate(KINDS)
         }
 
 
-def _turned(angle: np.ndarray) -> np.ndarray:
+def _within_revolution(angle: np.ndarray, settings: CycleStatisticsSettings) -> np.ndarray:
     """Crank angles within a revolution [rad]; those on its edge begin one, whichever way they were rounded."""
-    return np.mod(angle + _EDGE * _TURN / BINS, _TURN)
+    return np.mod(angle + settings.edge_share_of_bin * tau / settings.bins, tau)
 
 
-def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.ndarray]]:
+def _predictions(
+    rows: np.ndarray, channels: int, settings: CycleStatisticsSettings
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """For each statistic the least-squares weights of those that may predict it."""
-    places = np.arange(rows.shape[1]).reshape(channels, 2, BINS)
+    bins = settings.bins
+    places = np.arange(rows.shape[1]).reshape(channels, len(KINDS), bins)
     centred = rows - np.nanmean(rows, axis=0)
     sizes = np.maximum(np.nanstd(rows, axis=0), 1e-300)
     centred = np.nan_to_num(centred / sizes)
-    found = []
+    predictions = []
     for i, kind, place in np.ndindex(places.shape):
-        others = [places[i, kind, place - back] for back in range(1, _BEFORE + 1) if place >= back]
-        others += [places[j, kind, (place + near) % BINS] for j in range(i) for near in (-1, 0, 1)]
+        others = [places[i, kind, place - back] for back in range(1, settings.predicting_bins + 1) if place >= back]
+        others += [places[j, kind, (place + near) % bins] for j in range(i) for near in (-1, 0, 1)]
         others += [places[i, 0, place]] if kind else []
         chosen, own = np.array(others, dtype=int), places[i, kind, place]
         weights = np.linalg.lstsq(centred[:, chosen], centred[:, own], rcond=1e-6)[0]
-        found.append((chosen, weights * sizes[own] / sizes[chosen]))
-    return found
+        predictions.append((chosen, weights * sizes[own] / sizes[chosen]))
+    return predictions
 
 
 def cycle_variance(rows: np.ndarray) -> np.ndarray:
-    """Variance from cycle to cycle of statistics (cycles, m), shape (m,)."""
+    """Variance (m,) from cycle to cycle of statistics `rows` (cycles, m)."""
     return np.maximum(np.nanvar(rows, axis=0, ddof=1), 1e-300)
 
 
-def persistence(rows: np.ndarray, block: int) -> np.ndarray:
+def persistence(rows: np.ndarray, block: int, bins: int = DEFAULT_SETTINGS.statistics.bins) -> np.ndarray:
     """How many times the variance of the mean of many cycles is what it would be if they were independent.
 
     Parameters
@@ -164,12 +196,14 @@ def persistence(rows: np.ndarray, block: int) -> np.ndarray:
     rows : (cycles, m) array
     block : int
         Cycles of one block; blocks are taken for independent.
+    bins : int
+        Of each channel's mean, and of its spread.
 
     Returns
     -------
     (m,) array
-        The same for all bins of a channel's mean, or of its spread.
+        [1] The same for all bins of a channel's mean, or of its spread.
     """
     blocks = np.nanmean(rows[: len(rows) // block * block].reshape(-1, block, rows.shape[1]), axis=1)
     ratio = block * np.nanvar(blocks, axis=0, ddof=1) / cycle_variance(rows)
-    return np.repeat(np.maximum(np.nanmean(ratio.reshape(-1, BINS), axis=1), 1.0), BINS)
+    return np.repeat(np.maximum(np.nanmean(ratio.reshape(-1, bins), axis=1), 1.0), bins)

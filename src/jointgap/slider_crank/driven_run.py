@@ -1,8 +1,9 @@
-"""From a run's record and its nuisances to a simulation that passes the samples when the rig did."""
+"""From a run's record and its nuisances to a simulation that passes the samples when the test rig did."""
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import tau
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -16,13 +17,9 @@ from jointgap.dynamics.model.prescribed_drive import crank_times
 from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError
-from jointgap.slider_crank.channel_kinematics import DROPPED, options_of, prescribed_angles
-from jointgap.slider_crank.sample_grid import TURN, SampleGrid
-
-_MOST_DROPPED = 30
-_SETTLED = 7.0  # time constants in which a transient falls to a thousandth
-_COARSE = 60  # samples per revolution from which a motor's angle over time is told
-_AT_REST = 1e-3  # rad/s: a motor's least speed
+from jointgap.slider_crank.channel_kinematics import options_of, prescribed_angles
+from jointgap.slider_crank.sample_grid import SampleGrid
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SimulationSettings
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ class DrivenRun:
     begin : float
         Time [s] of the simulation at the run's first sample.
     at : function
-        Crank angles at times since the first sample.
+        Crank angles (m,) [rad] at times (m,) [s] since the first sample.
     """
 
     numbers: Parameters
@@ -46,15 +43,21 @@ class DrivenRun:
     at: Callable[[np.ndarray], np.ndarray]
 
 
-def dropped(run: CampaignRun, mechanism: Mechanism, speed: float) -> int:
+def starts_with_record(run: CampaignRun) -> bool:
+    """Whether the first sample is the start of the motion, so that nothing is simulated before it."""
+    return run.start in ("at_rest", "dead_centre")
+
+
+def _settling_revolutions(run: CampaignRun, mechanism: Mechanism, speed: float, settings: SimulationSettings) -> int:
     """Revolutions to simulate before the first sample: more than usual where a bending rod rings for long."""
-    if run.start in ("at_rest", "dead_centre"):
+    if starts_with_record(run):
         return 0
     bending = mechanism.effect("rod_flexibility")
     if bending is None:
-        return DROPPED
-    decay = max(bending.damping_ratio * TURN * bending.frequency_Hz, 1e-6)
-    return min(max(DROPPED, math.ceil(_SETTLED / decay * speed / TURN)), _MOST_DROPPED)
+        return settings.settling_revolutions
+    decay_rate = max(bending.damping_ratio * tau * bending.frequency_Hz, 1e-6)
+    needed = math.ceil(settings.settling_time_constants / decay_rate * speed / tau)
+    return min(max(settings.settling_revolutions, needed), settings.max_settling_revolutions)
 
 
 def constant_speed_run(
@@ -64,6 +67,7 @@ def constant_speed_run(
     values: Mapping[str, float],
     offset: float,
     tolerance: float,
+    settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
 ) -> DrivenRun:
     """A crank of prescribed speed, steady or fluctuating.
 
@@ -73,14 +77,16 @@ def constant_speed_run(
     run : CampaignRun
     samples : SampleGrid
     values : mapping of str to float
-        ``speed`` and ``first_angle`` where they are nuisances; of the straight line through the angles where these were read.
+        ``speed`` [rad/s] and ``first_angle`` [rad] where they are nuisances; of the straight line through the angles
+        where these were read.
     offset : float
         What an encoder reads too much [rad].
     tolerance : float
         Local error of a step [m].
+    settings : SimulationSettings
     """
     first, speed = values.get("first_angle", samples.first_angle) - offset, values.get("speed", samples.speed)
-    back = TURN * dropped(run, mechanism, speed)
+    back = tau * _settling_revolutions(run, mechanism, speed, settings)
     if not samples.timed:
         angles = samples.angle + (first - samples.first_angle)
         p = parameters(mechanism, options_of(speed, angles.min() - back, tolerance))
@@ -93,10 +99,10 @@ def constant_speed_run(
     begin = back / (w0 * slowed)
     if fluctuation and samples.encoded:
         for _ in range(4):  # until the straight line through the angles is the one that was read
-            found, slope = samples.line(prescribed_angles(p, begin + samples.elapsed))
+            line_first, slope = samples.line(prescribed_angles(p, begin + samples.elapsed))
             p.drive.speed *= speed / slope
             begin = back / (p.drive.speed * slowed)
-            p.drive.start_angle += first - found
+            p.drive.start_angle += first - line_first
 
     def at(elapsed: np.ndarray) -> np.ndarray:
         return prescribed_angles(p, begin + elapsed)
@@ -107,23 +113,31 @@ def constant_speed_run(
 def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) -> tuple[np.ndarray, float]:
     """A measured angle made smooth, as pieces (see `jointgap.dynamics.model.parameters.knots_record`), and its end [s].
 
-    The record is led in by `back` revolutions like its first one; time 0 is where they begin.
+    The record is led in by revolutions like its first one; time 0 is where they begin.
+
+    Parameters
+    ----------
+    samples : SampleGrid
+    resolution : float or None
+        Step of the encoder [rad].
+    back : int
+        Revolutions of the lead-in.
     """
     known = np.isfinite(samples.read)
     time, angle = samples.elapsed[known], samples.read[known]
-    turn = float(np.interp(angle[0] + TURN, angle, time))
+    turn = float(np.interp(angle[0] + tau, angle, time))
     first = time < turn
-    lead = [(time[first] - k * turn, angle[first] - k * TURN) for k in range(back + 1, 0, -1)]
+    lead = [(time[first] - k * turn, angle[first] - k * tau) for k in range(back + 1, 0, -1)]
     time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), strict=True))
-    kept = time > -(back + 0.5) * turn
+    kept = time > -(back + 0.5) * turn  # the smooth angle is weak at its ends: half a revolution more than is simulated
     time, angle = time[kept], angle[kept]
     smooth = smooth_angle(time - time[0], angle, resolution)
     begin = -time[0] - back * turn
     pieces = np.unique(np.append(smooth.x[smooth.x > begin], begin))[:-1]
     if len(pieces) > MOST_KNOTS:
         raise InputError(
-            f"channels: the smooth crank angle needs {len(pieces)} pieces, more than {MOST_KNOTS}; give crank_angle its "
-            "resolution, or shorter runs"
+            f"channels: the smooth crank angle needs {len(pieces)} pieces, more than {MOST_KNOTS}; "
+            "give crank_angle its resolution, or shorter runs"
         )
     table = np.zeros((len(pieces), 7))
     table[:, 0] = pieces - begin
@@ -135,7 +149,17 @@ def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) ->
 def measured_angle_run(
     mechanism: Mechanism, samples: SampleGrid, pieces: tuple[np.ndarray, float], offset: float, tolerance: float
 ) -> DrivenRun:
-    """A crank that follows the measured angle."""
+    """A crank that follows the measured angle.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    samples : SampleGrid
+    pieces : (k, 7) array and float
+        As `measured_pieces` returns them.
+    offset, tolerance : float
+        As for `constant_speed_run` [rad], [m].
+    """
     table, begin = pieces[0].copy(), pieces[1]
     table[:, 6] -= offset
     p = parameters(mechanism, options_of(samples.speed, float(table[0, 6]), tolerance))
@@ -156,35 +180,47 @@ def motor_run(
     values: Mapping[str, float],
     offset: float,
     tolerance: float,
+    settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
 ) -> DrivenRun:
-    """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean."""
+    """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Has the motor's data.
+    mechanism, run, samples, values, offset, tolerance, settings
+        As for `constant_speed_run`.
+    """
     motor, speed = campaign.motor, values.get("speed", run.speed)
     first = values.get("first_angle", samples.first_angle) - offset
     start_speed, back = speed, 0.0
     if run.start == "at_rest":
-        start_speed = _AT_REST
-    elif run.start != "dead_centre":
+        start_speed = settings.rest_speed_rad_s
+    elif not starts_with_record(run):
         crank = mechanism.crank
-        moved = (
+        reciprocating = (
             mechanism.slider.mass + mechanism.rod.mass
-        ) * crank.length**2  # more than the mean of what the crank feels
-        inertia = motor.inertia + crank.inertia + crank.mass * crank.mass_centre**2 + moved
-        slow = _SETTLED * inertia * motor.no_load_speed / motor.stall_torque
-        back = TURN * min(max(DROPPED, math.ceil(slow * speed / TURN)), _MOST_DROPPED)
+        ) * crank.length**2  # more than its mean at the crank
+        inertia = motor.inertia + crank.inertia + crank.mass * crank.mass_centre**2 + reciprocating
+        settling_time = settings.settling_time_constants * inertia * motor.no_load_speed / motor.stall_torque
+        needed = max(settings.settling_revolutions, math.ceil(settling_time * speed / tau))
+        back = tau * min(needed, settings.max_settling_revolutions)
     p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
-    reach = 1.05 * max(samples.elapsed[-1] * motor.no_load_speed, TURN)
-    count = math.ceil((back + reach) / TURN * _COARSE)
-    coarse = p.drive.start_angle + np.arange(count + 1) * (TURN / _COARSE)
-    course = CubicSpline(integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse)
-    begin = float(np.interp(first, coarse, course.x))
+    # a little more than the crank turns at no load, the fastest that it can be
+    reach = 1.05 * max(samples.elapsed[-1] * motor.no_load_speed, tau)
+    per_revolution = settings.motor_samples_per_revolution
+    count = math.ceil((back + reach) / tau * per_revolution)
+    coarse = p.drive.start_angle + np.arange(count + 1) * (tau / per_revolution)
+    angle_over_time = CubicSpline(integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse)
+    begin = float(np.interp(first, coarse, angle_over_time.x))
     if samples.encoded and back:
         for _ in range(4):
             known = np.isfinite(samples.read)
             shift = samples.first_angle - values.get("first_angle", samples.first_angle) + offset
-            away = course(begin + samples.elapsed[known]) + shift - samples.read[known]
+            away = angle_over_time(begin + samples.elapsed[known]) + shift - samples.read[known]
             begin = max(begin - float(np.mean(away)) / speed, 0.0)
 
     def at(elapsed: np.ndarray) -> np.ndarray:
-        return course(begin + elapsed)
+        return angle_over_time(begin + elapsed)
 
     return DrivenRun(p, at(samples.elapsed), begin, at)

@@ -1,8 +1,8 @@
 """Terms of which a force law on nobody's list may be made, as candidates for `jointgap.identification.force_law`.
 
-The formulas are those of `jointgap.formula`: v, x of the slider, w, theta of the crank. Positions count from mid-stroke, so that odd
-and even powers are told apart; the sign of v has the width that the slider's friction has. The slider's acceleration is no
-variable of a formula: a force in proportion to it is the effect ``added_slider_mass``.
+The formulas are those of `jointgap.formula`: v, x of the slider, w, theta of the crank. Positions count from
+mid-stroke, so that odd and even powers are told apart; the sign of v has the width that the slider's friction has. The
+slider's acceleration is no variable of a formula: a force in proportion to it is the effect ``added_slider_mass``.
 """
 
 import numpy as np
@@ -23,7 +23,8 @@ def library(model: SliderCrankModel) -> tuple[Candidate, ...]:
     Returns
     -------
     tuple of Candidate
-        Called ``effect[term]``, such as ``discovered_slider_force[v^3]``; the one coordinate is the term's ``coefficient``.
+        Called ``effect[term]``, such as ``discovered_slider_force[v^3]``; the one coordinate is the term's
+        ``coefficient``.
     """
     mean_speed = float(np.mean([plan.samples.speed for plan in model.plans.values()]))
     scale = MotionScale.of(model.campaign.mechanism, mean_speed)

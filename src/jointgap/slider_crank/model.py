@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
+from math import tau
 
 import numpy as np
 
@@ -17,12 +18,13 @@ from jointgap.slider_crank.chaotic_channels import (
     measured_statistics,
     simulated_statistics,
 )
-from jointgap.slider_crank.cycle_statistics import BINS
 from jointgap.slider_crank.nuisances import of_run, shared
-from jointgap.slider_crank.other_numerics import NUMERICS
-from jointgap.slider_crank.run_simulation import RunPlan, channels_read
-from jointgap.slider_crank.sample_grid import TURN
+from jointgap.slider_crank.run_simulation import NUMERICS, RunPlan, channels_read
 from jointgap.slider_crank.sensor_faults import sensor_candidates
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
+
+PLANNED_ORDER = 1.37
+"""Order [1] of a force that swings by itself, before data tell one: near no harmonic of the crank."""
 
 
 class SliderCrankModel:
@@ -34,18 +36,26 @@ class SliderCrankModel:
     plans : mapping of str to RunPlan
         By run.
     measured : mapping of run to mapping of channel to (n,) array
-        NaN where nothing was measured.
+        [SI]; NaN where nothing was measured.
     noise : mapping of run to mapping of channel to float or None
-        As stated.
+        As stated [SI].
     held_out : mapping of run to (n,) bool array
     searched : frozenset of str
         Runs whose first angle was found by a search, so that a fit has to go on with it.
+    settings : SliderCrankSettings
     """
 
     def __init__(
-        self, campaign: Campaign, plans: Mapping[str, RunPlan], measured, noise, held_out, searched=frozenset()
+        self,
+        campaign: Campaign,
+        plans: Mapping[str, RunPlan],
+        measured: Mapping[str, Mapping[str, np.ndarray]],
+        noise: Mapping[str, Mapping[str, float | None]],
+        held_out: Mapping[str, np.ndarray],
+        searched: frozenset[str] = frozenset(),
+        settings: SliderCrankSettings = DEFAULT_SETTINGS,
     ):
-        self.campaign, self.plans, self.name = campaign, plans, campaign.name
+        self.campaign, self.plans, self.name, self.settings = campaign, plans, campaign.name, settings
         own = [p for run, plan in plans.items() for p in of_run(campaign, plan.run, plan.samples, run in searched)]
         self.nuisances: tuple[Parameter, ...] = (*shared(campaign), *own)
         self.numerics = NUMERICS
@@ -54,14 +64,14 @@ class SliderCrankModel:
             values = self.nominal(run)
             if channels := chaotic_channels(campaign, plan, values, noise[run]):
                 kept = ~held_out[run] | held_out[run].all()
-                told = {channel: np.where(kept, measured[run][channel], np.nan) for channel in channels}
-                self._chaotic[run] = chaotic_run(campaign, plan, channels, values, told, noise[run])
+                known = {channel: np.where(kept, measured[run][channel], np.nan) for channel in channels}
+                self._chaotic[run] = chaotic_run(campaign, plan, channels, values, known, noise[run])
         self.series = tuple(
             series for run in plans for series in self._all_series(run, measured[run], noise[run], held_out[run])
         )
 
     def nominal(self, run: str) -> dict[str, float]:
-        """Nominal values of every nuisance that a run has, by name."""
+        """Nominal values [SI] of every nuisance that a run has, by name."""
         return {p.name: p.nominal for p in self.nuisances if p.run in (None, run)}
 
     def chaotic(self, run: str) -> tuple[str, ...]:
@@ -69,27 +79,24 @@ class SliderCrankModel:
         return self._chaotic[run].statistics.channels if run in self._chaotic else ()
 
     def _all_series(self, run: str, measured, noise, held_out) -> list[Series]:
-        samples, found = self.plans[run].samples, []
+        samples, series = self.plans[run].samples, []
         for channel in self.plans[run].channels:
             if channel not in self.chaotic(run):
-                value, known = measured[channel], noise.get(channel)
-                stated = None if known is None else np.full(value.size, known)
-                found.append(
-                    Series(run, channel, CHANNELS[channel], value, samples.time, samples.angle, held_out, stated)
-                )
-        return found + (self._statistics(run, measured, held_out) if run in self._chaotic else [])
+                value, sd = measured[channel], noise.get(channel)
+                stated = None if sd is None else np.full(value.size, sd)
+                unit = CHANNELS[channel]
+                series.append(Series(run, channel, unit, value, samples.time, samples.angle, held_out, stated))
+        return series + (self._statistics(run, measured, held_out) if run in self._chaotic else [])
 
     def _statistics(self, run: str, measured, held_out) -> list[Series]:
         """Series of the chaotic channels: statistics of the samples for fitting, then of those held out."""
-        chaotic, samples = self._chaotic[run], self.plans[run].samples
+        chaotic, angle, bins = self._chaotic[run], self.plans[run].samples.angle, self.settings.statistics.bins
         groups = [part for part in (False, True) if (held_out == part).any()]
         parts = [
-            measured_statistics(
-                chaotic, samples.angle[held_out == part], {c: measured[c][held_out == part] for c in measured}
-            )
+            measured_statistics(chaotic, angle[held_out == part], {c: v[held_out == part] for c, v in measured.items()})
             for part in groups
         ]
-        middles = np.tile((np.arange(BINS) + 0.5) * (TURN / BINS), len(groups))
+        middles = np.tile((np.arange(bins) + 0.5) * (tau / bins), len(groups))
         return [
             Series(
                 run,
@@ -98,7 +105,7 @@ class SliderCrankModel:
                 np.concatenate([part[name][0] for part in parts]),
                 np.full(middles.size, np.nan),
                 middles,
-                np.repeat(groups, BINS),
+                np.repeat(groups, bins),
                 np.concatenate([part[name][1] for part in parts]),
                 statistic=True,
             )
@@ -109,35 +116,36 @@ class SliderCrankModel:
     def candidates(self) -> tuple[Candidate, ...]:
         """Every effect and every fault of a sensor that could be missing."""
         run, plan = next(iter(self.plans.items()))
-        turning = float(np.mean([one.samples.speed for one in self.plans.values()]))
+        speed = float(np.mean([plan.samples.speed for plan in self.plans.values()]))
         read = channels_read(self.campaign, plan, self.nominal(run))
         spreads = {
-            name: (float(np.ptp(read[name]) and np.std(read[name])), CHANNELS[name])
-            for name in read
+            name: (float(np.ptp(values) and np.std(values)), CHANNELS[name])
+            for name, values in read.items()
             if name != "crank_angle"
         }
         context = FitContext(
             self.campaign.mechanism,
-            MotionScale.of(self.campaign.mechanism, turning),
+            MotionScale.of(self.campaign.mechanism, speed),
             {p.name: p for p in self.nuisances if p.run is None},
             self.campaign.drive == "constant_speed",
-            1.37 * turning / TURN,
+            PLANNED_ORDER * speed / tau,
             tuple(self.plans),
         )
-        physical = physical_candidates(context)
-        return (*physical, *sensor_candidates(spreads, "crank_angle" in self.campaign.channels, turning))
+        encoder = "crank_angle" in self.campaign.channels
+        return (*physical_candidates(context), *sensor_candidates(spreads, encoder, speed))
 
     def simulate(
         self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
     ) -> dict[str, np.ndarray]:
-        """As `jointgap.identification.protocol.Model.simulate` says."""
+        """Parameters as of `jointgap.identification.protocol.Model.simulate`."""
         plan, chaotic = self.plans[run], self._chaotic.get(run)
         sampled = tuple(channel for channel in plan.channels if channel not in self.chaotic(run))
         read = {}
         if sampled:
             read = channels_read(self.campaign, replace(plan, channels=sampled), values, effects, numerics)
         if chaotic is not None:
-            found = simulated_statistics(self.campaign, chaotic, values, effects, numerics)
+            statistics = simulated_statistics(self.campaign, chaotic, values, effects, numerics)
             sizes = {series.channel: series.value.size for series in self.series if series.run == run}
-            read |= {name: np.tile(one, sizes[name] // BINS) for name, one in found.items()}
+            # the same for the samples for fitting and for those held out
+            read |= {name: np.tile(bins, sizes[name] // bins.size) for name, bins in statistics.items()}
         return read

@@ -1,22 +1,30 @@
 """What the sensors of one run read: from values of nuisances and effects over the motion to the channels."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import tau
 
 import numpy as np
 
 from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun
+from jointgap.dynamics.model.friction import FRICTION_LAWS
+from jointgap.dynamics.model.parameters import Parameters
 from jointgap.identification.protocol import Effects
+from jointgap.joints import JOINTS
 from jointgap.slider_crank import driven_run as drives
 from jointgap.slider_crank import sensors
-from jointgap.slider_crank.channel_kinematics import observed, tolerance_for
+from jointgap.slider_crank.channel_kinematics import channels_at, tolerance_for
 from jointgap.slider_crank.modified_mechanism import mirrored, simulated_effects, with_effects, with_nuisances
-from jointgap.slider_crank.other_numerics import otherwise
-from jointgap.slider_crank.sample_grid import TURN, SampleGrid
+from jointgap.slider_crank.sample_grid import SampleGrid
 from jointgap.slider_crank.sensor_faults import Faults
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
 
-_PAD = 0.25  # revolutions that filters and lags see before and after the samples
+NUMERICS = (
+    "friction regularised by Threlfall's law",
+    "a tenth of the tolerance",
+)
+"""Other numerics that are as good as the usual ones, in words: what they change in a prediction is no disagreement."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +38,15 @@ class RunPlan:
     channels : tuple of str
         That are compared.
     pieces : tuple or None
-        Of a measured angle that drives the crank.
+        Of a measured angle that drives the crank, as `jointgap.slider_crank.driven_run.measured_pieces` returns them.
+    settings : SliderCrankSettings
     """
 
     run: CampaignRun
     samples: SampleGrid
     channels: tuple[str, ...]
     pieces: tuple[np.ndarray, float] | None = None
+    settings: SliderCrankSettings = DEFAULT_SETTINGS
 
 
 def channels_read(
@@ -54,17 +64,17 @@ def channels_read(
     campaign : Campaign
     plan : RunPlan
     values : mapping of str to float
-        Every nuisance that the run has, by name.
+        Every nuisance that the run has, by name [SI].
     effects : sequence of (Candidate, mapping)
     numerics : int
-        As in `jointgap.slider_crank.other_numerics.otherwise`.
+        0 for the usual ones, i for ``NUMERICS[i - 1]``.
     perturbation : (6,) array, optional
         Clearance vectors at the start [m], as in `jointgap.dynamics.simulation`; zero by default.
 
     Returns
     -------
     dict of str to (n,) array
-        By channel.
+        By channel [SI].
 
     Raises
     ------
@@ -72,74 +82,95 @@ def channels_read(
         These values cannot be simulated.
     """
     effects, without, share = simulated_effects(effects)
-    read = _read_once(campaign, plan, values, effects, numerics, perturbation)
+    read = _read_at_limit(campaign, plan, values, effects, numerics, perturbation)
     if share < 1.0:
-        rest = _read_once(campaign, plan, values, without, numerics, perturbation)
+        rest = _read_at_limit(campaign, plan, values, without, numerics, perturbation)
         read = {channel: rest[channel] + share * (read[channel] - rest[channel]) for channel in read}
     return read
 
 
-def _read_once(campaign, plan, values, effects, numerics, perturbation) -> dict[str, np.ndarray]:
-    faults, nuisances = Faults(effects, plan.run.direction == "clockwise"), dict(values)
+def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> dict[str, np.ndarray]:
+    """`channels_read` of a rod that is no stiffer than can be simulated."""
+    clockwise = plan.run.direction == "clockwise"
+    faults, nuisances = Faults(effects, clockwise), dict(values)
     for candidate, own in effects:  # a nuisance that an effect took over in part, such as the other pin's friction
         nuisances |= {name: own[name] for name in own if name in values and name not in candidate.amplitudes}
     mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()
-    if plan.run.direction == "clockwise":
+    if clockwise:
         mechanism = mirrored(mechanism)
-    finer, change = otherwise(numerics)
-    tolerance = finer * tolerance_for(mechanism)
+    finer, change = other_numerics(numerics)
+    tolerance = finer * tolerance_for(mechanism, plan.settings.simulation)
     driven = _driven_run(campaign, plan, mechanism, nuisances, faults.offset, tolerance)
     change(driven.numbers)
     harmonic = driven.numbers.effects
+    # phases of forces count from the record's time 0, that of the simulation is earlier
     harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
     return _read(campaign, plan, driven, faults, tolerance, perturbation)
 
 
+def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:
+    """Factor of the tolerance, and what changes the numbers of a simulation, for `numerics` of `channels_read`."""
+    if numerics == 1:
+        return 1.0, _threlfall
+    return (0.1 if numerics == 2 else 1.0), lambda p: None
+
+
+def _threlfall(p: Parameters) -> None:
+    for name in JOINTS:
+        joint = getattr(p, name)
+        if joint.friction_law == FRICTION_LAWS["coulomb"]:
+            joint.friction_law = FRICTION_LAWS["threlfall"]
+            joint.friction_speed *= 3.0  # the same slope at zero speed
+
+
 def _driven_run(campaign, plan, mechanism: Mechanism, values, offset, tolerance) -> drives.DrivenRun:
+    settings = plan.settings.simulation
     if plan.pieces is not None:
         return drives.measured_angle_run(mechanism, plan.samples, plan.pieces, offset, tolerance)
     if campaign.drive == "motor":
-        return drives.motor_run(mechanism, campaign, plan.run, plan.samples, values, offset, tolerance)
-    return drives.constant_speed_run(mechanism, plan.run, plan.samples, values, offset, tolerance)
+        return drives.motor_run(mechanism, campaign, plan.run, plan.samples, values, offset, tolerance, settings)
+    return drives.constant_speed_run(mechanism, plan.run, plan.samples, values, offset, tolerance, settings)
 
 
 def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, np.ndarray]:
     """What the sensors make of the motion at the samples."""
-    sensor = {channel: campaign.channels[channel] for channel in plan.channels}
-    if sensor.keys() == {"crank_angle"}:
+    channels = {name: campaign.channels[name] for name in plan.channels}
+    if channels.keys() == {"crank_angle"}:
         return {"crank_angle": driven.angles + faults.offset}
-    corners = [one.bandwidth for one in sensor.values() if one.bandwidth]
+    corners = [channel.bandwidth for channel in channels.values() if channel.bandwidth]
     angles, grid = driven.angles, np.empty(0)
-    if corners or any(map(faults.need_grid, sensor)):
-        grid = _grid(plan, driven, corners)
+    if corners or any(map(faults.need_grid, channels)):
+        grid = _filter_times(plan, driven, corners)
         angles = np.append(angles, driven.at(grid))
-    seen = observed(driven.numbers, angles, tolerance, perturbation)
+    true = channels_at(driven.numbers, angles, tolerance, perturbation, plan.settings.simulation)
     count = driven.angles.size
-    elapsed = seen["time"][:count] - driven.begin
-    found = {}
-    for channel, one in sensor.items():
-        values = seen[channel]
-        if channel == "crank_angle":
-            found[channel] = values[:count] + faults.offset
+    elapsed = true["time"][:count] - driven.begin
+    readings = {}
+    for name, channel in channels.items():
+        values = true[name]
+        if name == "crank_angle":
+            readings[name] = values[:count] + faults.offset
             continue
-        if plan.run.direction == "clockwise" and channel in sensors.MIRRORED:
+        if plan.run.direction == "clockwise" and name in sensors.MIRRORED:
             values = -values
-        if one.reads_gravity:
-            values = values + sensors.gravity_read(channel, campaign.mechanism.gravity_direction)
-        values = faults.before_filter(channel, values)
+        if channel.reads_gravity:
+            values = values + sensors.gravity_read(name, campaign.mechanism.gravity_direction)
+        values = faults.before_filter(name, values)
         read, fine = values[:count], values[count:]
-        if one.bandwidth:
-            fine = sensors.low_pass(fine, grid[1] - grid[0], one.bandwidth, one.filter == "causal")
+        if channel.bandwidth:
+            fine = sensors.low_pass(fine, grid[1] - grid[0], channel.bandwidth, channel.filter == "causal")
             read = sensors.at_times(elapsed, grid, fine)
-        if faults.need_grid(channel):
-            late = faults.over_time(channel, fine, grid[1] - grid[0]) - fine
-            read = read + sensors.at_times(elapsed, grid, late)
-        found[channel] = faults.after_filter(channel, read)
-    return found
+        if faults.need_grid(name):
+            # the lag's change is interpolated, not the reading: without a filter impacts stay as sharp as they are
+            change = faults.over_time(name, fine, grid[1] - grid[0]) - fine
+            read = read + sensors.at_times(elapsed, grid, change)
+        readings[name] = faults.after_filter(name, read)
+    return readings
 
 
-def _grid(plan: RunPlan, driven: drives.DrivenRun, corners: list[float]) -> np.ndarray:
-    turn = TURN / plan.samples.speed
-    before = min(_PAD * turn, driven.begin)
-    after = 0.0 if plan.pieces is not None else _PAD * turn  # a measured angle ends with the record
-    return sensors.grid(-before, plan.samples.elapsed[-1] + after, turn, corners)
+def _filter_times(plan: RunPlan, driven: drives.DrivenRun, corners: list[float]) -> np.ndarray:
+    settings, revolution = plan.settings.sensors, tau / plan.samples.speed
+    padding = settings.padding_revolutions * revolution
+    after = 0.0 if plan.pieces is not None else padding  # a measured angle ends with the record
+    first, last = -min(padding, driven.begin), plan.samples.elapsed[-1] + after
+    return sensors.filter_times(first, last, revolution, corners, settings)

@@ -1,23 +1,14 @@
 """Where in time and crank angle the samples of a run lie, as far as the record itself tells."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import tau
 
 import numpy as np
 
 from jointgap.errors import InputError
-
-TURN = 2.0 * math.pi
-PLANNED_REVOLUTIONS, PLANNED_PER_REVOLUTION = 4, 120
-"""Samples of a run that is yet to be measured."""
-
-MOST_PLANNED = 60
-"""Revolutions at most of a chaotic run that is planned as long as it was recorded: of more, the simulated ones are what limits."""
-
-_OUTLIER = 5.0  # robust standard deviations beyond which a reading of the angle is taken for an outlier
-_STEADY = math.radians(0.5)  # angles that keep this near a line over their rows were sampled evenly in time
-_REACH = 5.0  # standard errors that an estimated speed or phase may be off
-_MEMORY = 2.0  # standard errors are larger than those of independent readings by about this
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SampleGridSettings
 
 
 @dataclass(frozen=True)
@@ -35,7 +26,7 @@ class SampleGrid:
     first_angle, speed : float
         Crank angle at the first sample [rad] and mean speed [rad/s]: estimated, or as the campaign states them.
     first_reach, speed_reach : float
-        How far these estimates may be off; 0 where there is nothing to estimate them from.
+        How far these estimates may be off [rad], [rad/s]; 0 where there is nothing to estimate them from.
     timed : bool
         Whether times were recorded; else samples lie at angles.
     """
@@ -45,9 +36,9 @@ class SampleGrid:
     angle: np.ndarray
     first_angle: float
     speed: float
-    first_reach: float
-    speed_reach: float
-    timed: bool
+    first_reach: float = 0.0
+    speed_reach: float = 0.0
+    timed: bool = True
 
     @property
     def encoded(self) -> bool:
@@ -69,20 +60,54 @@ class SampleGrid:
         kept = self.angle < self.angle[0] + turned
         return replace(self, time=self.time[kept], read=self.read[kept], angle=self.angle[kept])
 
+    def extended(self, turned: float) -> "SampleGrid":
+        """The record, going on evenly where it ends before the crank has `turned` [rad]."""
+        count = self.time.size
+        more = max(math.ceil((turned / self.turned - 1.0) * (count - 1)), 0)
+        time, read, angle = (
+            np.append(values, values[-1] + (values[-1] - values[0]) / (count - 1) * np.arange(1, more + 1))
+            for values in (self.time, self.read, self.angle)
+        )
+        return replace(self, time=time, read=read, angle=angle)
+
+    def refined(self, factor: int) -> "SampleGrid":
+        """The record with `factor` samples for each of its own: itself every `factor`-th."""
+        count = self.time.size
+        places = np.arange((count - 1) * factor + 1) / factor
+        time, read, angle = (np.interp(places, np.arange(count), v) for v in (self.time, self.read, self.angle))
+        return replace(self, time=time, read=read, angle=angle)
+
     def line(self, angle: np.ndarray) -> tuple[float, float]:
-        """Value at the first sample and slope over time of the straight line through `angle` where the angle was read."""
+        """First value [rad] and slope [rad/s] of the straight line through `angle` (n,) [rad] where it was read."""
         known = np.isfinite(self.read)
         slope, first = np.polyfit(self.elapsed[known], angle[known], 1)
         return float(first), float(slope)
 
 
-def planned_grid(speed: float, first_angle: float, encoded: bool, revolutions: int = PLANNED_REVOLUTIONS) -> SampleGrid:
-    """Samples of a run that is yet to be measured, at even times."""
-    elapsed = np.arange(revolutions * PLANNED_PER_REVOLUTION) * (TURN / speed / PLANNED_PER_REVOLUTION)
+def planned_grid(
+    speed: float,
+    first_angle: float,
+    encoded: bool,
+    revolutions: int | None = None,
+    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
+) -> SampleGrid:
+    """Samples of a run that is yet to be measured, at even times.
+
+    Parameters
+    ----------
+    speed, first_angle : float
+        [rad/s], [rad].
+    encoded : bool
+        Whether the crank angle will be read.
+    revolutions : int, optional
+        How many; by default as in `settings`.
+    settings : SampleGridSettings
+    """
+    per_revolution = settings.planned_samples_per_revolution
+    count = (revolutions or settings.planned_revolutions) * per_revolution
+    elapsed = np.arange(count) * (tau / speed / per_revolution)
     angle = first_angle + speed * elapsed
-    return SampleGrid(
-        elapsed, angle if encoded else np.full(elapsed.size, np.nan), angle, first_angle, speed, 0.0, 0.0, True
-    )
+    return SampleGrid(elapsed, angle if encoded else np.full(elapsed.size, np.nan), angle, first_angle, speed)
 
 
 def sample_grid(
@@ -92,6 +117,7 @@ def sample_grid(
     first_angle: float | None,
     resolution: float = 0.0,
     constant: bool = True,
+    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
 ) -> SampleGrid:
     """The samples of a recording.
 
@@ -107,6 +133,7 @@ def sample_grid(
         Step of the encoder [rad].
     constant : bool
         Whether the crank turns at constant speed, so that readings of its angle may be averaged.
+    settings : SampleGridSettings
 
     Raises
     ------
@@ -116,35 +143,82 @@ def sample_grid(
     known, timed = np.isfinite(read), bool(np.isfinite(time).all())
     if timed and known.sum() >= 2:
         elapsed = time - time[0]
-        slope, first, sd = _robust_line(elapsed[known], read[known])
-        error = _MEMORY * _REACH * sd / math.sqrt(known.sum())
-        reach = 2.0 * error + 0.5 * resolution
+        slope, first, sd = _robust_line(elapsed[known], read[known], settings.outlier_standard_deviations)
+        error = settings.error_inflation * settings.reach_standard_errors * sd / math.sqrt(known.sum())
         span = max(float(np.ptp(elapsed[known])), 1e-300)
         angle = first + slope * elapsed
         if not constant:
             angle = np.interp(elapsed, elapsed[known], read[known])
-        return SampleGrid(
-            time, read, angle, first, slope, reach, (math.sqrt(12.0) * error + 0.5 * resolution) / span, True
-        )
+        # of a line through n points the first value has twice the standard error of the mean, the slope sqrt(12) / span
+        first_reach = 2.0 * error + 0.5 * resolution
+        speed_reach = (math.sqrt(12.0) * error + 0.5 * resolution) / span
+        return SampleGrid(time, read, angle, first, slope, first_reach, speed_reach)
     if timed:
         first = first_angle or 0.0
-        return SampleGrid(time, read, first + speed * (time - time[0]), first, speed, 0.0, 0.0, True)
+        return SampleGrid(time, read, first + speed * (time - time[0]), first, speed)
     if known.sum() < 2:
         raise InputError("a run has neither times nor crank angles; give the column of one of them")
     rows = np.arange(read.size)
-    slope, start, _ = _robust_line(rows[known].astype(float), read[known])
+    slope, start, _ = _robust_line(rows[known].astype(float), read[known], settings.outlier_standard_deviations)
     angle = start + slope * rows
-    if np.abs(read - angle)[known].max() > max(_STEADY, 2.0 * resolution):
+    if np.abs(read - angle)[known].max() > max(settings.even_rows_rad, 2.0 * resolution):
         angle = np.interp(rows, rows[known], read[known])
-    return SampleGrid((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, 0.0, 0.0, False)
+    return SampleGrid((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, timed=False)
 
 
-def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
-    """Slope, value at 0 and residual standard deviation of a straight line, outliers left out."""
+def _robust_line(x: np.ndarray, y: np.ndarray, outlier: float) -> tuple[float, float, float]:
+    """Slope, value at 0 and residual sd of a straight line; points `outlier` standard deviations off are left out."""
     kept = np.ones(x.size, bool)
     for _ in range(3):
         slope, first = np.polyfit(x[kept], y[kept], 1)
         away = np.abs(y - first - slope * x)
         sd = 1.4826 * float(np.median(away[kept]))
-        kept = away <= _OUTLIER * sd + 1e-9
+        kept = away <= outlier * sd + 1e-9
     return float(slope), float(first), float(np.sqrt(np.mean(away[kept] ** 2)))
+
+
+def speed_from_periodicity(
+    elapsed: np.ndarray,
+    values: Sequence[np.ndarray],
+    low: float,
+    high: float,
+    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
+) -> float:
+    """The speed [rad/s] with which channels repeat best, of a crank whose angle nobody read.
+
+    A Fourier series of the crank angle is fitted at each speed; the one that leaves least is refined by a parabola.
+
+    Parameters
+    ----------
+    elapsed : (n,) array
+        Times since the first sample [s].
+    values : sequence of (n,) arrays
+        Channels [SI]; NaN where nothing was measured. Each counts by its own variance.
+    low, high : float
+        Bounds of the speed [rad/s].
+    settings : SampleGridSettings
+    """
+    step = tau * settings.speed_step_revolutions / max(float(elapsed[-1]), 1e-300)
+    speeds = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 2) + 1)
+    misfit = np.array([_aperiodic_share(elapsed, values, speed, settings.speed_harmonics) for speed in speeds])
+    best = int(np.argmin(misfit))
+    if not 0 < best < speeds.size - 1:
+        return float(speeds[best])
+    before, here, after = misfit[best - 1 : best + 2]
+    curvature = before - 2.0 * here + after
+    shift = 0.5 * (before - after) / curvature if curvature > 0.0 else 0.0
+    return float(speeds[best] + shift * (speeds[1] - speeds[0]))
+
+
+def _aperiodic_share(elapsed: np.ndarray, values: Sequence[np.ndarray], speed: float, harmonics: int) -> float:
+    """Share of the variance that a Fourier series at `speed` [rad/s] leaves, summed over channels."""
+    angle = np.arange(1, harmonics + 1) * (speed * elapsed)[:, None]
+    series = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)])
+    total = 0.0
+    for value in values:
+        known = np.isfinite(value)
+        centred = value[known] - value[known].mean()
+        weight = np.linalg.lstsq(series[known], centred, rcond=None)[0]
+        residual = centred - series[known] @ weight
+        total += float(residual @ residual) / max(float(centred @ centred), 1e-300)
+    return total

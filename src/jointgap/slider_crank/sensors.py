@@ -1,13 +1,19 @@
-"""What sensors make of a motion: gravity in accelerometers, a low-pass, and faults: bias, gain, lag."""
+"""What sensors make of a motion: gravity in accelerometers, a low-pass, a lag."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SensorSettings
+
 STANDARD_GRAVITY = 9.80665
 """[m/s^2] What an accelerometer that reads gravity reads at rest."""
+
+FILTER_ORDER = 4
+"""Of the Butterworth low-pass by which a campaign file describes a sensor's bandwidth."""
 
 _AXES = {"slider_acceleration": math.cos, "rod_acceleration_x": math.cos, "rod_acceleration_y": math.sin}
 """Accelerations and the component of a direction along them."""
@@ -23,29 +29,38 @@ MIRRORED = (
 )
 """Channels whose sign turns when the mechanism is seen from behind; the crank angle is mirrored where it is read."""
 
-_ORDER = 4
-_FINEST = 10.0  # samples of the grid per period of a filter's corner
-_PER_TURN = 720  # samples of the grid per revolution, at least
-
 
 def gravity_read(channel: str, direction: float) -> float:
-    """What gravity in `direction` [rad] adds to an accelerometer's reading [m/s^2]: the opposite of free fall."""
+    """What gravity adds to an accelerometer's reading [m/s^2]: the opposite of free fall; 0 of other channels.
+
+    Parameters
+    ----------
+    channel : str
+    direction : float
+        In which gravity acts, from +x [rad].
+    """
     return -STANDARD_GRAVITY * _AXES[channel](direction) if channel in _AXES else 0.0
 
 
-def grid(first: float, last: float, turn: float, bandwidths: list[float]) -> np.ndarray:
+def filter_times(
+    first: float,
+    last: float,
+    revolution: float,
+    corners: Iterable[float],
+    settings: SensorSettings = DEFAULT_SETTINGS.sensors,
+) -> np.ndarray:
     """Even times [s] from `first` to `last` on which filters and lags are computed.
 
     Parameters
     ----------
-    first, last : float
-        [s].
-    turn : float
-        Duration of a revolution [s].
-    bandwidths : list of float
-        Corners of the filters [Hz].
+    first, last, revolution : float
+        Ends, and the duration of a revolution [s].
+    corners : iterable of float
+        Corner frequencies of the filters [Hz].
+    settings : SensorSettings
     """
-    interval = min([turn / _PER_TURN, *(1.0 / (_FINEST * corner) for corner in bandwidths)])
+    corner_steps = [1.0 / (settings.samples_per_corner_period * corner) for corner in corners]
+    interval = min([revolution / settings.samples_per_revolution, *corner_steps])
     return np.linspace(first, last, math.ceil((last - first) / interval) + 1)
 
 
@@ -55,28 +70,36 @@ def low_pass(values: np.ndarray, interval: float, corner: float, causal: bool) -
     Parameters
     ----------
     values : (n,) array
-        At even times.
+        [SI], at even times.
     interval : float
         Between samples [s].
     corner : float
         Frequency at which one run halves the power [Hz].
     causal : bool
     """
-    sections = butter(_ORDER, corner, fs=1.0 / interval, output="sos")
-    level = values[0]
+    sections = butter(FILTER_ORDER, corner, fs=1.0 / interval, output="sos")
+    level = values[0]  # the filter starts at rest there, without a transient of the mean
     return level + (sosfilt(sections, values - level) if causal else sosfiltfilt(sections, values - level))
 
 
 def lagged(values: np.ndarray, interval: float, lag: float) -> np.ndarray:
-    """First-order lag, lag y' + y = u, of samples (n,) at even times with straight lines between them: exact for these."""
+    """First-order lag, lag y' + y = u, of samples with straight lines between them: exact for these.
+
+    Parameters
+    ----------
+    values : (n,) array
+        u [SI], at even times.
+    interval, lag : float
+        Between samples, and time constant [s].
+    """
     share = interval / lag
     decay = math.exp(-share)
-    behind = -math.expm1(-share) / share  # mean of exp(-s) over an interval
-    # y_n = decay y_(n-1) + (1 - behind) u_n + (behind - decay) u_(n-1)
+    mean_decay = -math.expm1(-share) / share  # mean of exp(-s) over an interval
+    # y_n = decay y_(n-1) + (1 - mean_decay) u_n + (mean_decay - decay) u_(n-1)
     first = values[0]
-    return first + lfilter([1.0 - behind, behind - decay], [1.0, -decay], values - first)
+    return first + lfilter([1.0 - mean_decay, mean_decay - decay], [1.0, -decay], values - first)
 
 
-def at_times(times: np.ndarray, grid_times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Smooth interpolation of values on a grid."""
-    return CubicSpline(grid_times, values)(times)
+def at_times(times: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Smooth interpolation at `times` (m,) [s] of `values` (n,) [SI] at the times `grid` (n,) [s]."""
+    return CubicSpline(grid, values)(times)

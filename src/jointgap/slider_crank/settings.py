@@ -1,0 +1,227 @@
+"""The tuned numbers of the slider-crank model, by subject: what each means, its unit, and why it has this value.
+
+"(experience)" marks those that were set by what worked on development trials; nothing is derived there. A model carries
+its settings (`SliderCrankModel.settings`), so that trials can vary them:
+``build_model(campaign, measurements, settings=replace(DEFAULT_SETTINGS, chaos=replace(DEFAULT_SETTINGS.chaos,
+prior_cycles=30)))``.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+from jointgap.recordings.limits import RecordingLimits
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """How accurately and for how long the motion is simulated.
+
+    Attributes
+    ----------
+    tolerance_m : float
+        [m] Local error of a step. Whitened channels of loose pins with friction are then rough by some hundredths in
+        length, over all samples; 1e-9 saves a sixth of the time and is ten to thirty times as rough, so that fits do
+        not converge.
+    film_tolerance_m : float
+        [m] The same where a joint is lubricated: films are stiff, so that steps are short anyway, and thin; 1e-11 costs
+        no more.
+    settling_revolutions : int
+        Revolutions simulated before the first sample, so that the transient of the start decays in contacts with
+        restitution.
+    max_settling_revolutions : int
+        The most, for slow transients (a bending rod, a motor): a guard against simulations without end.
+    settling_time_constants : float
+        [1] Length of a slow transient: exp(-7) is a thousandth.
+    repeats_share_of_clearance : float
+        [1, of the least clearance] The ends of a settled revolution may differ by this for it to stand for all later
+        ones. Whitened channels are off by about 1 in length then; a later record is not nearer to the settled motion.
+    min_clearance_m : float
+        [m] Stands for the least clearance there where none is as large.
+    transient_revolutions : float
+        A record that begins earlier than this after the start is simulated in full: its user wants to see how the
+        motion settles.
+    motor_samples_per_revolution : int
+        Samples through which a motor's angle over time is a cubic spline: six degrees of a motion with a flywheel's
+        inertia.
+    rest_speed_rad_s : float
+        [rad/s] Speed that stands for rest, at which a drive that is parametrised by the crank angle cannot start.
+    """
+
+    tolerance_m: float = 1e-10
+    film_tolerance_m: float = 1e-11
+    settling_revolutions: int = 2
+    max_settling_revolutions: int = 30
+    settling_time_constants: float = 7.0
+    repeats_share_of_clearance: float = 2e-3
+    min_clearance_m: float = 1e-5
+    transient_revolutions: float = 1.5
+    motor_samples_per_revolution: int = 60
+    rest_speed_rad_s: float = 1e-3
+
+
+@dataclass(frozen=True)
+class SensorSettings:
+    """Filters and lags of sensors.
+
+    Attributes
+    ----------
+    samples_per_corner_period : float
+        Samples per period of a low-pass filter's corner frequency: the frequencies that the
+        digital filter warps lie above the corner then, where little passes.
+    samples_per_revolution : int
+        Samples of a revolution, at least, on which filters and lags are computed: half a degree, short of most impacts'
+        ringing.
+    padding_revolutions : float
+        Revolutions before and after the samples that filters and lags see, for their transients to decay.
+    """
+
+    samples_per_corner_period: float = 10.0
+    samples_per_revolution: int = 720
+    padding_revolutions: float = 0.25
+
+
+@dataclass(frozen=True)
+class SampleGridSettings:
+    """Where samples lie in time and crank angle, as far as the record tells, and what is planned without one.
+
+    Attributes
+    ----------
+    planned_revolutions, planned_samples_per_revolution : int
+        A run yet to be measured. Four cycles tell what repeats from what does not; 120 samples resolve the orders that
+        effects have.
+    max_planned_revolutions : int
+        Of a chaotic run that is planned as long as it was recorded: beyond, the simulated cycles limit what is told.
+    outlier_standard_deviations : float
+        [1, robust standard deviations] A reading of the crank angle farther from its straight line is an outlier;
+        usual.
+    even_rows_rad : float
+        [rad] Angles without times that keep this near a line over their rows were sampled evenly in time.
+    reach_standard_errors : float
+        [1] An estimated speed or phase may be off by this many standard errors: bounds that no fit should meet.
+    error_inflation : float
+        [1] Standard errors are larger by this than those of independent readings: errors of an encoder repeat
+        (experience).
+    speed_harmonics : int
+        Orders of the Fourier series whose misfit tells the speed of a crank without encoder: what is smooth in a
+        slider-crank's motion.
+    speed_step_revolutions : float
+        [revolutions over the whole record] Between the speeds tried: an eighth of the period of the sixth harmonic.
+    first_angles_tried : int
+        Crank angles per revolution at which an unknown first angle is tried: half a degree; the fit goes on from there.
+    """
+
+    planned_revolutions: int = 4
+    planned_samples_per_revolution: int = 120
+    max_planned_revolutions: int = 60
+    outlier_standard_deviations: float = 5.0
+    even_rows_rad: float = math.radians(0.5)
+    reach_standard_errors: float = 5.0
+    error_inflation: float = 2.0
+    speed_harmonics: int = 6
+    speed_step_revolutions: float = 0.02
+    first_angles_tried: int = 720
+
+
+@dataclass(frozen=True)
+class NuisanceSettings:
+    """Nuisances as parameters of a fit.
+
+    Attributes
+    ----------
+    step_share_of_bounds : float
+        [1] Typical change of a nuisance, as a share of the width of its bounds (experience).
+    friction_speed_factor : float
+        [1] Friction may be regularised over a sliding speed lower or higher by this factor than the contact says:
+        nobody measures it.
+    first_angle_reach_rad : float
+        [rad] A first angle found by a search may be off by this: 30 deg, for the model as it stands may lack an effect.
+    """
+
+    step_share_of_bounds: float = 0.02
+    friction_speed_factor: float = 4.0
+    first_angle_reach_rad: float = math.pi / 6
+
+
+@dataclass(frozen=True)
+class ChaosSettings:
+    """When a channel is chaotic, and how many cycles are simulated then.
+
+    Attributes
+    ----------
+    start_distance_m : float
+        [m] Between the two starts whose motions are compared: far below any clearance.
+    max_departure_share_of_noise : float
+        [1] Samples are compared while the two motions differ by less than this share of the noise; then they add 4 % to
+        its standard deviation.
+    unstated_noise_share : float
+        [1, of a channel's standard deviation] Noise where it is not stated.
+    cycles, learning_cycles : int
+        Simulated in every evaluation, and once to learn how statistics scatter. 180 cycles tell a variance within 10 %
+        (experience).
+    cycles_per_simulation, settling_cycles : int
+        Cycles of one simulation that count, and those before that do not. Several short simulations run in parallel.
+    remembered_cycles : int
+        Cycles of one simulation to learn from: slow changes make a record's mean less sure than its cycles' scatter
+        tells.
+    samples_per_revolution : int
+        Samples of a simulated revolution, at least: what lies between the record's makes a mean surer.
+    prior_cycles : int
+        The simulated scatter counts as much as this many measured cycles (experience).
+    min_scatter_cycles : int
+        Measured cycles from which on their own scatter is looked at: two tell no variance worth the name.
+    """
+
+    start_distance_m: float = 1e-7
+    max_departure_share_of_noise: float = 0.3
+    unstated_noise_share: float = 0.02
+    cycles: int = 18
+    learning_cycles: int = 180
+    cycles_per_simulation: int = 9
+    settling_cycles: int = 1
+    remembered_cycles: int = 30
+    samples_per_revolution: int = 320
+    prior_cycles: int = 60
+    min_scatter_cycles: int = 3
+
+
+@dataclass(frozen=True)
+class CycleStatisticsSettings:
+    """Statistics of chaotic channels over the crank angle's cycles.
+
+    Attributes
+    ----------
+    bins : int
+        Bins of the crank angle: 15 deg, as long as a contact's ringing at usual speeds (experience).
+    median_angles : int
+        Angles of the median course, six in a bin: the course turns little between them.
+    compression_mean_sizes : float
+        [1, mean sizes of a deviation] Scale k of the compression k tanh(u / k): rare spikes would hold nearly all of a
+        mean's scatter.
+    predicting_bins : int
+        Bins before one from which it is predicted: contacts ring no longer (experience).
+    edge_share_of_bin : float
+        [1, of a bin] Within it a sample lies on its edge and counts for the bin that begins, whichever way it was
+        rounded.
+    """
+
+    bins: int = 24
+    median_angles: int = 144
+    compression_mean_sizes: float = 3.0
+    predicting_bins: int = 2
+    edge_share_of_bin: float = 1e-6
+
+
+@dataclass(frozen=True)
+class SliderCrankSettings:
+    """All tuned numbers of the slider-crank model and of the recordings that it is compared with."""
+
+    simulation: SimulationSettings = field(default_factory=SimulationSettings)
+    sensors: SensorSettings = field(default_factory=SensorSettings)
+    sample_grid: SampleGridSettings = field(default_factory=SampleGridSettings)
+    nuisances: NuisanceSettings = field(default_factory=NuisanceSettings)
+    chaos: ChaosSettings = field(default_factory=ChaosSettings)
+    statistics: CycleStatisticsSettings = field(default_factory=CycleStatisticsSettings)
+    recordings: RecordingLimits = field(default_factory=RecordingLimits)
+
+
+DEFAULT_SETTINGS = SliderCrankSettings()
