@@ -12,7 +12,7 @@ from jsonschema import validate
 from benchmarks.project import ROOT
 from jointgap.campaign import preflight, stages
 from jointgap.campaign.campaign_files import campaigns
-from jointgap.campaign.state import Case
+from jointgap.campaign.state import CampaignState
 from jointgap.cli import cli
 from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
@@ -115,9 +115,9 @@ def test_by_default_only_the_folder_of_results_is_kept_free_of_what_is_read(tmp_
         place.mkdir(parents=True, exist_ok=True)
         (place / "mine.yaml").write_text(text)
         (place / "mechanism.yaml").write_text((ROOT / "config/mechanisms/ideal_joints.yaml").read_text())
-    assert Case(tmp_path / "mine.yaml").folder.path == Path("results/campaigns/demonstration")
+    assert CampaignState(tmp_path / "mine.yaml").folder.path == Path("results/campaigns/demonstration")
     with pytest.raises(InputError, match="is read by the campaign"):
-        Case(tmp_path / "results/campaigns/demonstration/mine.yaml")
+        CampaignState(tmp_path / "results/campaigns/demonstration/mine.yaml")
 
 
 def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path):
@@ -160,14 +160,14 @@ def test_the_demonstration_names_what_its_data_hide(tmp_path):
 
 
 def test_noise_of_other_data_is_refused_with_the_command_that_finds_it(tmp_path):
-    case = Case(ROOT / DEMONSTRATION, tmp_path)
+    case = CampaignState(ROOT / DEMONSTRATION, tmp_path)
     stages.measure(case, pictures=False)
     stages.noise(case)
-    again = Case(ROOT / DEMONSTRATION, tmp_path)
+    again = CampaignState(ROOT / DEMONSTRATION, tmp_path)
     assert again.noise.keys() == case.noise.keys()
     first = case.model.series[0]
     for other in (replace(first, channel="guide_force"), replace(first, value=first.value[:-1])):
-        later = Case(ROOT / DEMONSTRATION, tmp_path)
+        later = CampaignState(ROOT / DEMONSTRATION, tmp_path)
         later.model = SimpleNamespace(series=[other])
         with pytest.raises(
             InputError, match=f"channel {other.channel} of run 'slow' now holds; run `jointgap noise` on it"

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import pandas as pd
 import pytest
@@ -9,12 +10,13 @@ from mlflow.utils.validation import _validate_metric_name
 
 from benchmarks.project import ROOT
 from jointgap import tables
-from jointgap.campaign import stages
-from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, Folder
+from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
 from jointgap.campaign.mlflow_runs import records
-from jointgap.campaign.pipeline import analyse
 from jointgap.errors import InputError, SimulationError
 from jointgap.figures.campaign_catalogue import CATALOGUE
+from jointgap.stages.campaign_pipeline import analyse
+from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
+from jointgap.tables.results_folder import ResultsFolder
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 
@@ -31,7 +33,7 @@ def concluded(folder, *effects: dict, explanation: str) -> list:
     row = {column.name: 1 if column.kind == "int" else 1.0 for column in tables.RANKING.columns}
     row |= {column.name: "" for column in tables.RANKING.columns if column.kind == "text"}
     row |= {column.name: True for column in tables.RANKING.columns if column.kind == "bool"}
-    Folder(folder).write("ranking", pd.DataFrame([row | {"explanation": explanation}]), "regress")
+    ResultsFolder(folder).write("ranking", pd.DataFrame([row | {"explanation": explanation}]), "regress")
     return records(folder)
 
 
@@ -62,7 +64,7 @@ def used_before(tmp_path):
     """A results folder with what an earlier analysis concluded, and with a file of the user's own."""
     names = [VERDICT, MECHANISM, *SUMMARIES, "augment/force.parquet", "figures/mine.png"]
     names += [f"figures/{name}.{ending}" for name in CATALOGUE for ending in ("svg", "png", "parquet")]
-    names += ["decide/decision.parquet", "regress/decision.parquet", "rechain/optimum.parquet"]
+    names += ["decide/decision.parquet", "regress/decision.parquet", "reoptimise/optimum.parquet"]
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("of another day")
@@ -73,7 +75,7 @@ def test_an_analysis_that_fails_leaves_no_older_conclusion(used_before, monkeypa
     def fails(case, **given):
         raise SimulationError("the slide flies off")
 
-    monkeypatch.setattr(stages, "measure", fails)
+    monkeypatch.setitem(CAMPAIGN_STAGES, "measure", replace(CAMPAIGN_STAGES["measure"], function=fails))
     with pytest.raises(SimulationError):
         analyse(DEMONSTRATION, used_before)
     left = sorted(str(path.relative_to(used_before)) for path in used_before.rglob("*") if path.is_file())

@@ -7,10 +7,9 @@ import pandas as pd
 import pytest
 
 from benchmarks.project import ROOT
-from jointgap.campaign import reoptimise as rechain
-from jointgap.campaign import stages
-from jointgap.campaign.folder import MECHANISM
-from jointgap.campaign.state import Case
+from jointgap.campaign import reoptimise
+from jointgap.campaign.campaign_files import MECHANISM
+from jointgap.campaign.state import FALSE_ALARM_RATE, CampaignState
 from jointgap.campaign.tables_of_identification import Outcome, gap_of
 from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
@@ -18,6 +17,7 @@ from jointgap.errors import SimulationError
 from jointgap.identification import force_law, model_selection
 from jointgap.identification.decision import Decision
 from jointgap.identification.disagreement import map_disagreement
+from jointgap.stages import campaign_stages as stages
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 
@@ -36,15 +36,15 @@ def better(chain):
 def case(chain, better, tmp_path, monkeypatch):
     """Makes a case on a folder in which deciding has found the better base; everything else is as the chain has it."""
 
-    def made() -> Case:
-        found = Case(DEMONSTRATION, tmp_path)
-        found.model, found.whole_noise = chain.model, chain.noise
-        found.recalibrated, found.screening = chain.recalibrated, chain.screening
+    def made() -> CampaignState:
+        found = CampaignState(DEMONSTRATION, tmp_path)
+        found.model, found.noise_with_numerics = chain.model, chain.noise
+        found.baseline, found.screening = chain.recalibrated, chain.screening
         return found
 
     decision = Decision("parameters_only", better, better)
     monkeypatch.setattr(model_selection, "select_hypothesis", lambda *_: decision)
-    monkeypatch.setattr(Case, "fits", lambda *_: ([], {}))
+    monkeypatch.setattr(CampaignState, "fits", lambda *_: ([], {}))
     stages.decide(made())
     return made
 
@@ -57,9 +57,9 @@ def test_the_outcome_comes_back_from_files_with_the_better_base(case, better):
 
 def test_the_map_is_of_the_better_base(case, chain, better):
     stages.locate(case())
-    expected = map_disagreement(chain.recalibrated.problem, better.residual, stages.FALSE_ALARM_RATE).bins
+    expected = map_disagreement(chain.recalibrated.problem, better.residual, FALSE_ALARM_RATE).bins
     assert case().folder.read("map_bins")["mean"].tolist() == pytest.approx(expected["mean"].tolist())
-    other = map_disagreement(chain.recalibrated.problem, chain.recalibrated.base.residual, stages.FALSE_ALARM_RATE).bins
+    other = map_disagreement(chain.recalibrated.problem, chain.recalibrated.base.residual, FALSE_ALARM_RATE).bins
     assert expected["mean"].tolist() != pytest.approx(other["mean"].tolist())
 
 
@@ -87,7 +87,7 @@ def test_a_law_for_what_is_missing_is_sought_from_the_better_base(case, chain, b
 def test_where_nominal_values_are_enough_gaps_are_those_of_the_nominal_model(case, chain, better, monkeypatch):
     nominal = chain.recalibrated.nominal
     enough = Outcome("no_disagreement", "", nominal, better, [], chain.outcome.ranking)
-    monkeypatch.setattr(Case, "outcome", lambda *_: enough)
+    monkeypatch.setattr(CampaignState, "outcome", lambda *_: enough)
     stages.confirm(case())
     gap = gap_of(case().folder.read("gaps"), "identify")
     assert gap["before"] == pytest.approx(chain.recalibrated.problem.gap(nominal.residual))
@@ -103,7 +103,7 @@ def test_the_lengths_are_optimised_again_only_where_something_was_added_to_the_m
     (tmp_path / "loose.yaml").write_text(f"folder: '{DEMONSTRATION.parent}'\n{text}")
     (tmp_path / MECHANISM).write_text((ROOT / "config/mechanisms/erkaya2009.yaml").read_text())
     chosen = SimpleNamespace(hypothesis=(SimpleNamespace(sensor=sensor),))
-    monkeypatch.setattr(Case, "outcome", lambda *_: SimpleNamespace(chosen=chosen))
+    monkeypatch.setattr(CampaignState, "outcome", lambda *_: SimpleNamespace(chosen=chosen))
     campaign = load_campaign(tmp_path / "loose.yaml")
     monkeypatch.setattr("jointgap.campaign.augment.mechanisms", lambda *_: (campaign.mechanism, campaign.mechanism))
     asked, row = [], {"source": "networks", "crank_length": 0.15, "rod_length": 0.5, "reduction": 0.1}
@@ -113,9 +113,9 @@ def test_the_lengths_are_optimised_again_only_where_something_was_added_to_the_m
         asked.append(set(models))
         return pd.DataFrame([{"model": model} | row for model in models])
 
-    monkeypatch.setattr(rechain, "rechain", optimised)
-    case = Case(tmp_path / "loose.yaml", tmp_path)
-    stages.rechain(case)
+    monkeypatch.setattr(reoptimise, "reoptimise", optimised)
+    case = CampaignState(tmp_path / "loose.yaml", tmp_path)
+    stages.reoptimise(case)
     assert asked == ([{"base", "augmented"}] if called else [])
     assert len(case.folder.read("campaign_optimum")) == (2 if called else 0)
 
@@ -129,8 +129,8 @@ def test_a_model_that_cannot_be_optimised_again_has_the_reason_and_the_other_its
             raise SimulationError("the slider jams")
         return [{"source": "network", "crank_length": 0.15}]
 
-    monkeypatch.setattr(rechain, "_optima", optima)
-    found = rechain.rechain({"base": plain, "augmented": heavy}, 30.0)
+    monkeypatch.setattr(reoptimise, "_optima", optima)
+    found = reoptimise.reoptimise({"base": plain, "augmented": heavy}, 30.0)
     assert found["failed"].isna().tolist() == [True, False]
     assert found["failed"].iloc[1] == "the slider jams"
     assert found["crank_length"].iloc[0] == 0.15
@@ -139,7 +139,7 @@ def test_a_model_that_cannot_be_optimised_again_has_the_reason_and_the_other_its
 @pytest.mark.slow
 def test_networks_and_simulation_lead_to_the_same_lengths_and_ends_of_the_search_are_told():
     plain = load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml")
-    found = rechain.rechain({"base": plain}, 30.0).set_index("source")
+    found = reoptimise.reoptimise({"base": plain}, 30.0).set_index("source")
     network, simulated = found.loc["network"], found.loc["simulation"]
     assert network["crank_length"] == pytest.approx(simulated["crank_length"], rel=1e-3)
     assert network["rod_length"] == pytest.approx(simulated["rod_length"], rel=1e-3)

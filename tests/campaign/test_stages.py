@@ -11,7 +11,6 @@ from jsonschema import validate
 from benchmarks.project import ROOT
 from jointgap import tables
 from jointgap.campaign import preflight, verdict
-from jointgap.campaign.folder import OF_FITS, OF_NOISE, Folder, tables_of
 from jointgap.campaign.tables_of_identification import (
     confusability_frame,
     confusable_groups,
@@ -34,6 +33,9 @@ from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.noise_model import noise_of_model
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Parameter
+from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
+from jointgap.tables import FIT_TABLES, NOISE_TABLES
+from jointgap.tables.results_folder import ResultsFolder
 from tests.campaign.conftest import TRUTH
 from tests.identification.toy import SPEEDS, candidate_of, stated_noise, toy
 
@@ -105,7 +107,7 @@ def test_a_held_out_run_that_cannot_be_simulated_with_the_effect_has_no_gap_afte
     problem = Problem(model, noise_)
     base, named = fit_hypothesis(problem), fit_hypothesis(problem, (candidate_of("coulomb"),))
     whole = confirm(model, noise_, base, named).gaps
-    folder = Folder(tmp_path)
+    folder = ResultsFolder(tmp_path)
     found = confirm(_Breaking(model, "fast"), noise_, base, named)
     folder.write("residuals", found.residuals)
     folder.write("gaps", found.gaps)
@@ -129,9 +131,9 @@ def test_the_verdict_says_of_which_runs_only_the_last_third_is_held_out(chain):
 
 
 def test_fits_come_back_from_files_with_the_same_intervals(chain, tmp_path):
-    folder = Folder(tmp_path)
+    folder = ResultsFolder(tmp_path)
     folder.write_all(fits_to_frames(chain.fits, range(len(chain.fits))), "fit/0")
-    again = fits_from_frames(folder.read_all(OF_FITS, "fit/0"), chain.recalibrated.problem)
+    again = fits_from_frames(folder.read_all(FIT_TABLES, "fit/0"), chain.recalibrated.problem)
     assert [one.label for one in again] == [one.label for one in chain.fits]
     for one, other in zip(again, chain.fits, strict=True):
         assert one.mapping == other.mapping
@@ -148,7 +150,7 @@ def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
     derived = replace(bounded, parameters=lambda at: {"push_N": 2.0 * at["force_N"], "length_m": 0.1})
     for candidate, names in ((bounded, ["force_N"]), (derived, ["push_N", "length_m"])):
         one = fit_hypothesis(problem, (candidate,))
-        folder = Folder(tmp_path)
+        folder = ResultsFolder(tmp_path)
         folder.write("fit_parameters", parameter_frame([one]), "decide")
         shown = folder.read("fit_parameters", "decide").set_index("key")
         drawn = ["slider_mass", *(f"coulomb.{name}" for name in names if name != "length_m")]
@@ -163,9 +165,9 @@ def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
 
 
 def test_noise_comes_back_from_files(chain, tmp_path):
-    folder = Folder(tmp_path)
+    folder = ResultsFolder(tmp_path)
     folder.write_all(noise_to_frames(chain.noise), "noise")
-    again = noise_from_frames(folder.read_all(OF_NOISE, "noise"))
+    again = noise_from_frames(folder.read_all(NOISE_TABLES, "noise"))
     assert again.keys() == chain.noise.keys()
     for key, one in again.items():
         np.testing.assert_array_equal(one.spread, chain.noise[key].spread)
@@ -174,7 +176,7 @@ def test_noise_comes_back_from_files(chain, tmp_path):
 
 
 def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain, tmp_path):
-    folder, known = Folder(tmp_path), chain.screening.known
+    folder, known = ResultsFolder(tmp_path), chain.screening.known
     expected = model_selection.shortlist_singles(known, chain.screening.limits)
     folder.write_all(signatures_to_frames(known) | {"screened": screened_frame(known, expected)}, "screen")
     frames = folder.read_all(("signatures", "signature_shapes", "screened"), "screen")
@@ -260,21 +262,9 @@ def test_what_the_plan_could_tell_apart_is_told_apart_by_more_or_better_data():
         assert "a longer record" in preflight.separated_by(advice, explanations, [["b", "c"]])
 
 
-def test_every_table_of_a_stage_has_one_place_and_a_description():
-    stages = (
-        "measure",
-        "preflight",
-        "noise",
-        "recalibrate",
-        "screen",
-        "fit/0",
-        "decide",
-        "locate",
-        "regress",
-        "confirm",
-    )
-    places = [path for stage in (*stages, "augment", "rechain") for path in tables_of(stage)]
-    assert len(places) == len(set(places)) > 30
+def test_every_table_of_a_stage_has_a_place_of_its_own():
+    places = [path for stage in CAMPAIGN_STAGES.values() for path in stage.outputs()]
+    assert len(places) == len(set(places)) > 60
 
 
 def test_a_label_of_no_candidate_is_refused(chain):

@@ -1,19 +1,24 @@
 """Stages of a campaign from the command line: what cannot be meant is refused before anything is computed."""
 
 import re
+from dataclasses import replace
 
 import pytest
 from click.testing import CliRunner
 
 from benchmarks.project import ROOT
-from jointgap.campaign import stages
-from jointgap.campaign.folder import PLACES
-from jointgap.campaign.state import Case
+from jointgap.campaign.state import CampaignState
 from jointgap.cli import cli
 from jointgap.config.campaign_file import RESERVED_IDS
 from jointgap.errors import InputError
+from jointgap.stages.campaign_stages import CAMPAIGN_STAGES, measure
+from jointgap.tables import TABLES
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
+
+
+def stand_in(monkeypatch, stage, function) -> None:
+    monkeypatch.setitem(CAMPAIGN_STAGES, stage, replace(CAMPAIGN_STAGES[stage], function=function))
 
 
 def asked(*command) -> None:
@@ -23,7 +28,7 @@ def asked(*command) -> None:
 @pytest.mark.parametrize("stage", ["fit", "pair"])
 @pytest.mark.parametrize(("part", "parts"), [(5, 2), (2, 2), (1, 1)])
 def test_a_part_that_nobody_would_read_is_refused(tmp_path, monkeypatch, stage, part, parts):
-    monkeypatch.setattr(stages, stage, lambda case, **given: pytest.fail("computed in vain"))
+    stand_in(monkeypatch, stage, lambda state, **given: pytest.fail("computed in vain"))
     with pytest.raises(InputError, match=f"--part {part}: .*give {parts - 1} at most, or more --parts"):
         asked(stage, DEMONSTRATION, "--folder", tmp_path, "--part", part, "--parts", parts)
     assert list(tmp_path.iterdir()) == []
@@ -31,14 +36,14 @@ def test_a_part_that_nobody_would_read_is_refused(tmp_path, monkeypatch, stage, 
 
 def test_every_part_there_is_can_be_fitted(tmp_path, monkeypatch):
     fitted = []
-    monkeypatch.setattr(stages, "fit", lambda case, **given: fitted.append(given))
+    stand_in(monkeypatch, "fit", lambda state, **given: fitted.append(given))
     for part in (0, 1):
         asked("fit", DEMONSTRATION, "--folder", tmp_path, "--part", part, "--parts", 2)
     assert fitted == [{"part": 0, "parts": 2}, {"part": 1, "parts": 2}]
 
 
 def test_tables_beside_the_pictures_of_the_runs_have_names_that_no_run_may_have():
-    beside = {re.fullmatch(r"measure/(\w+)\.parquet", place) for place in PLACES.values()} - {None}
+    beside = {re.fullmatch(r"measure/(\w+)\.parquet", table.path) for table in TABLES.values()} - {None}
     assert {found[1] for found in beside} | {"all"} == set(RESERVED_IDS)
 
 
@@ -50,7 +55,7 @@ def measured(tmp_path_factory):
     (folder / "plan.yaml").write_text(
         text.replace("name: demonstration", f"name: demonstration\nfolder: '{DEMONSTRATION.parent}'")
     )
-    stages.measure(Case(folder / "plan.yaml", folder / "results"), pictures=False)
+    measure(CampaignState(folder / "plan.yaml", folder / "results"), pictures=False)
     return folder
 
 
@@ -75,3 +80,8 @@ def test_a_stage_after_a_change_of_the_file_says_which_key_and_to_measure_again(
     with pytest.raises(InputError, match="run `jointgap measure` on it again") as caught:
         asked("noise", changed, "--folder", measured / "results")
     assert words in str(caught.value)
+
+
+def test_the_former_name_of_a_stage_is_answered_with_its_new_one():
+    with pytest.raises(InputError, match="rechain: is called `jointgap reoptimise` now"):
+        asked("rechain", DEMONSTRATION, "--folder", "results")

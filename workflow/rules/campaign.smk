@@ -24,7 +24,7 @@ rule campaign_measure:
         mem_mb=1500,
         runtime=20,
     params:
-        code=code_digest("campaign"),
+        code=CAMPAIGN_STAGES["measure"].digest,
         folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: read and look at the data"
@@ -48,7 +48,7 @@ rule campaign_preflight:
         mem_mb=1500,
         runtime=20,
     params:
-        code=code_digest("campaign"),
+        code=CAMPAIGN_STAGES["preflight"].digest,
         folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: what can be detected and told apart"
@@ -72,7 +72,7 @@ rule campaign_recalibrate:
         mem_mb=1500,
         runtime=30,
     params:
-        code=code_digest("campaign"),
+        code=CAMPAIGN_STAGES["recalibrate"].digest,
         folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: find the noise, re-fit uncertain parameters"
@@ -96,7 +96,7 @@ rule campaign_screen:
         mem_mb=1500,
         runtime=20,
     params:
-        code=code_digest("campaign"),
+        code=CAMPAIGN_STAGES["screen"].digest,
         folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: screen the candidates"
@@ -109,7 +109,7 @@ rule campaign_fit:
         plan=plan,
         tables=handed_on("measure", "noise", "recalibrate", "screen"),
     output:
-        handed_on("fit/{part}"),
+        handed_on("fit"),
     log:
         campaign_place("logs/fit_{part}.log"),
     benchmark:
@@ -120,7 +120,7 @@ rule campaign_fit:
         mem_mb=1500,
         runtime=120,
     params:
-        code=code_digest("campaign"),
+        code=CAMPAIGN_STAGES["fit"].digest,
         folder=subpath(output[0], ancestor=3),
         parts=fit_parts,
     message:
@@ -135,7 +135,7 @@ rule campaign_pair:
         tables=handed_on("measure", "noise", "recalibrate", "screen"),
         fits=parts_of("fit"),
     output:
-        handed_on("pair/{part}"),
+        handed_on("pair"),
     log:
         campaign_place("logs/pair_{part}.log"),
     benchmark:
@@ -146,7 +146,7 @@ rule campaign_pair:
         mem_mb=1500,
         runtime=120,
     params:
-        code=code_digest("campaign"),
+        code=CAMPAIGN_STAGES["pair"].digest,
         folder=subpath(output[0], ancestor=3),
         parts=fit_parts,
     message:

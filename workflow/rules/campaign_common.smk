@@ -1,6 +1,7 @@
 # What the rules of campaigns share: where the tables of each stage lie, and the files of each campaign.
 
-from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, tables_of as campaign_tables_of
+from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
+from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
 from jointgap.figures.campaign_catalogue import CATALOGUE as CAMPAIGN_FIGURES
 
 
@@ -11,7 +12,7 @@ def campaign_place(path):
 
 def handed_on(*stages):
     """For input and output: the tables of stages of a campaign."""
-    return [campaign_place(path) for stage in stages for path in campaign_tables_of(stage)]
+    return [campaign_place(table.path) for stage in stages for table in CAMPAIGN_STAGES[stage].writes]
 
 
 def plan(wildcards):
@@ -35,9 +36,7 @@ def parts_of(stage):
     def files(wildcards):
         parts = range(fit_parts(wildcards))
         return [
-            path.format(campaign=wildcards.campaign)
-            for part in parts
-            for path in handed_on(f"{stage}/{part}")
+            path.format(campaign=wildcards.campaign, part=part) for part in parts for path in handed_on(stage)
         ]
 
     return files

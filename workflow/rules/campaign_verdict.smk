@@ -20,7 +20,7 @@ rule campaign_decide:
         mem_mb=1500,
         runtime=90,
     params:
-        code=code_digest("campaign"),
+        code=CAMPAIGN_STAGES["decide"].digest,
         folder=subpath(output[0], ancestor=2),
         parts=fit_parts,
     message:
@@ -30,29 +30,29 @@ rule campaign_decide:
         " --then locate --then regress --then confirm --then augment > {log:q} 2>&1"
 
 
-rule campaign_rechain:
+rule campaign_reoptimise:
     input:
         plan=plan,
         tables=handed_on("measure", "noise", "recalibrate", "decide", "regress"),
         mechanism=campaign_place(MECHANISM),
     output:
-        handed_on("rechain"),
+        handed_on("reoptimise"),
     log:
-        campaign_place("logs/rechain.log"),
+        campaign_place("logs/reoptimise.log"),
     benchmark:
-        campaign_place("benchmarks/rechain.tsv")
+        campaign_place("benchmarks/reoptimise.tsv")
     conda:
         "../envs/jointgap.yaml"
     resources:
         mem_mb=2000,
         runtime=60,
     params:
-        code=code_digest("campaign"),
+        code=CAMPAIGN_STAGES["reoptimise"].digest,
         folder=subpath(output[0], ancestor=2),
     message:
         "campaign {wildcards.campaign}: optimise again, before and after"
     shell:
-        "jointgap rechain {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
+        "jointgap reoptimise {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
 
 
 rule campaign_conclude:
@@ -68,7 +68,7 @@ rule campaign_conclude:
             "regress",
             "confirm",
             "augment",
-            "rechain",
+            "reoptimise",
         ),
     output:
         verdict=campaign_place(VERDICT),
@@ -106,7 +106,7 @@ rule campaign_conclude:
         mem_mb=2000,
         runtime=20,
     params:
-        code=code_digest("campaign"),
+        code=CAMPAIGN_STAGES["conclude"].digest,
         folder=subpath(output.verdict, parent=True),
     message:
         "campaign {wildcards.campaign}: verdict, summary and figures"
@@ -131,7 +131,7 @@ rule campaign_track:
         mem_mb=2000,
         runtime=20,
     params:
-        code=code_digest("campaign"),
+        code=CAMPAIGN_STAGES["track-campaign"].digest,
         folder=subpath(input.verdict, parent=True),
         store=subpath(input.verdict, ancestor=3),
     message:

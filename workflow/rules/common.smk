@@ -10,10 +10,10 @@ from jointgap.config import options_for, resolve
 from jointgap.errors import InputError
 from jointgap.joints import JOINT_NUMBERS
 from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FIGURES
-from jointgap.provenance import code_digest
-from jointgap.results import PLACES, parts, tables_of
+from jointgap.stages.scenario_results import parts_of as parts_of_table
+from jointgap.stages.scenario_stages import SCENARIO_STAGES
 from jointgap.sweep.study_catalogue import FIGURES as STUDY_FIGURES
-from jointgap.tables import outputs, write_text
+from jointgap.tables import TABLES, outputs, write_text
 
 FOLDERS = (Path(), Path(workflow.current_basedir).parent.parent)
 try:
@@ -49,21 +49,21 @@ def beside(wildcards):
 
 def written_by(stage):
     """For output: the tables of a stage, by name."""
-    return {name: f"results/{{scenario}}/{place}" for name, place in tables_of(stage).items()}
+    return {table.name: f"results/{{scenario}}/{table.path}" for table in SCENARIO_STAGES[stage].writes}
 
 
 def place(table, **wildcards):
     """Where one table of a scenario lies; `wildcards` fills in the output."""
-    return expand(f"results/{{scenario}}/{PLACES[table]}", **wildcards, allow_missing=True)[0]
+    return expand(f"results/{{scenario}}/{TABLES[table].path}", **wildcards, allow_missing=True)[0]
 
 
 def read_from(*stages):
     """For input: the tables of stages, by name; all outputs of the loose joints where there is a table for each."""
-    return {
-        name: of_each_output(name, path) if "{output}" in path else path
-        for stage in stages
-        for name, path in written_by(stage).items()
-    }
+    paths = {}
+    for stage in stages:
+        for name, path in written_by(stage).items():
+            paths.setdefault(name, of_each_output(name, path) if "{output}" in path else path)
+    return paths
 
 
 def of_each_output(table, path):
@@ -71,7 +71,7 @@ def of_each_output(table, path):
 
     def files(wildcards):
         mechanism = SCENARIOS[wildcards.scenario].mechanism
-        return expand(path, scenario=wildcards.scenario, output=parts(table, mechanism))
+        return expand(path, scenario=wildcards.scenario, output=parts_of_table(TABLES[table], mechanism))
 
     return files
 

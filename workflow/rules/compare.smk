@@ -1,6 +1,6 @@
 rule compare:
     input:
-        **read_from("simulate", "surrogate", "kinematics", "optimise"),
+        **read_from("simulate", "surrogate", "clearance", "kinematics", "optimise"),
         beside=lambda wildcards: expand(place("optimise_resimulated"), scenario=beside(wildcards)),
     output:
         table="results/{scenario}/comparison.parquet",
@@ -24,7 +24,7 @@ rule compare:
     params:
         options=options("compare"),
         beside=lambda wildcards: with_options("--beside", beside(wildcards), "compare"),
-        code=code_digest("compare"),
+        code=SCENARIO_STAGES["compare"].digest,
         results=subpath(output.table, parent=True),
     message:
         "{wildcards.scenario}: compare with the paper"
@@ -53,7 +53,7 @@ rule overview:
         runtime=10,
     params:
         scenarios=with_options("--scenario", LOOSE, "compare"),
-        code=code_digest("compare"),
+        code=SCENARIO_STAGES["compare"].digest,
         results=subpath(output.table, parent=True),
     message:
         "all scenarios: put side by side"

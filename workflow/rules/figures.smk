@@ -1,6 +1,6 @@
 rule figures:
     input:
-        **read_from("simulate", "surrogate", "kinematics", "optimise"),
+        **read_from("simulate", "surrogate", "clearance", "kinematics", "optimise"),
     output:
         expand("results/{{scenario}}/figures/{figure}.{ending}", figure=FIGURES, ending=["svg", "parquet"]),
         **{name: reported(name, figure, "png") for name, figure in CATALOGUE.items()},
@@ -15,7 +15,7 @@ rule figures:
         runtime=20,
     params:
         options=options("figures"),
-        code=code_digest("figures"),
+        code=SCENARIO_STAGES["figures"].digest,
         results=subpath(input.trajectory, ancestor=2),
         folder=subpath(output[0], parent=True),
     message:
@@ -41,7 +41,7 @@ rule animation:
         runtime=20,
     params:
         options=options("figures"),
-        code=code_digest("figures"),
+        code=SCENARIO_STAGES["figures"].digest,
         results=subpath(input.trajectory, ancestor=2),
         folder=subpath(output.gif, parent=True),
     message:

@@ -1,6 +1,6 @@
 rule kinematics:
     input:
-        **read_from("simulate", "surrogate"),
+        **read_from("simulate", "surrogate", "clearance"),
     output:
         **written_by("kinematics"),
     log:
@@ -14,7 +14,7 @@ rule kinematics:
         runtime=30,
     params:
         options=options("kinematics"),
-        code=code_digest("kinematics"),
+        code=SCENARIO_STAGES["kinematics"].digest,
         results=subpath(input.trajectory, ancestor=2),
     message:
         "{wildcards.scenario}: kinematics from networks and simulation"

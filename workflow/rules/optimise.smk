@@ -1,6 +1,6 @@
 rule optimise:
     input:
-        **read_from("simulate", "surrogate"),
+        **read_from("simulate", "surrogate", "clearance"),
     output:
         **written_by("optimise"),
     log:
@@ -14,7 +14,7 @@ rule optimise:
         runtime=30,
     params:
         options=options("optimise"),
-        code=code_digest("optimise"),
+        code=SCENARIO_STAGES["optimise"].digest,
         results=subpath(input.trajectory, ancestor=2),
     message:
         "{wildcards.scenario}: optimise the link lengths"

@@ -12,7 +12,7 @@ rule simulate:
         runtime=10,
     params:
         options=options("simulate"),
-        code=code_digest("simulate"),
+        code=SCENARIO_STAGES["simulate"].digest,
     message:
         "{wildcards.scenario}: simulate the contact"
     shell:

@@ -23,7 +23,7 @@ rule study_points:
         runtime=20,
     params:
         options=options("study"),
-        code=code_digest("study"),
+        code=SCENARIO_STAGES["study"].digest,
     message:
         "{wildcards.scenario}: study, speed {wildcards.number}"
     shell:
@@ -63,7 +63,7 @@ rule study:
         runtime=10,
     params:
         options=options("study"),
-        code=code_digest("study"),
+        code=SCENARIO_STAGES["study"].digest,
         parts=lambda wildcards, input: [text for part in input for text in ("--points", part)],
         folder=subpath(output.points, parent=True),
     message:

@@ -16,7 +16,7 @@ rule surrogate:
         runtime=60,
     params:
         options=options("surrogate"),
-        code=code_digest("surrogate"),
+        code=SCENARIO_STAGES["surrogate"].digest,
     message:
         "{wildcards.scenario}: train the network of {wildcards.output}"
     shell:
@@ -41,7 +41,7 @@ rule clearance:
         runtime=20,
     params:
         options=options("surrogate"),
-        code=code_digest("surrogate"),
+        code=SCENARIO_STAGES["surrogate"].digest,
     message:
         "{wildcards.scenario}: train the second surrogate"
     shell:

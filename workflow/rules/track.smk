@@ -1,6 +1,6 @@
 rule track:
     input:
-        **read_from("simulate", "surrogate", "kinematics", "optimise"),
+        **read_from("simulate", "surrogate", "clearance", "kinematics", "optimise"),
         comparison=rules.compare.output.table,
         figures=rules.figures.output,
         animation=rules.animation.output.gif,
@@ -17,7 +17,7 @@ rule track:
         runtime=20,
     params:
         options=options("track"),
-        code=code_digest("track"),
+        code=SCENARIO_STAGES["track"].digest,
         results=subpath(input.comparison, parent=True),
         store=subpath(input.comparison, ancestor=2),
     message:

@@ -1,4 +1,7 @@
-"""Which campaigns a configuration asks for, and which files each of them is made of. Imports nothing heavy."""
+"""Which campaigns a configuration asks for, which files each is made of, and the files that it comes to.
+
+Importing this loads nothing heavy.
+"""
 
 import os
 from collections.abc import Sequence
@@ -6,9 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jointgap.config import read_yaml
-from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
+
+MECHANISM, VERDICT = "mechanism.yaml", "verdict.json"
+SUMMARIES = ("summary.md", "summary.html")
+"""What a campaign comes to, in its folder of results."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,8 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
         Not a list of paths, no such file, not a campaign, a run's file that is not there, or two of one name; or not a number of
         parts.
     """
+    from jointgap.config.load import load_campaign
+
     if parts is not None and (not isinstance(parts, int) or isinstance(parts, bool) or parts < 1):
         raise InputError(
             f"fit_parts = {parts!r} must be a whole number of jobs, 1 or more; leave it out for the default"
@@ -79,6 +86,8 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
 
 def plan(file: Path) -> tuple[str, ...]:
     """A campaign file and the mechanism file that it names, if it names one."""
+    from jointgap.config import read_yaml
+
     mechanism = read_yaml(file).get("mechanism")
     return (str(file), *([str(file.parent / mechanism)] if isinstance(mechanism, str) else []))
 

@@ -1,4 +1,4 @@
-"""What a campaign file stated when its data were read: later stages go on with the same, or with none of it."""
+"""What the campaign file said when its data were read: later stages go on with the same, or with none of it."""
 
 import json
 from collections.abc import Iterator
@@ -12,12 +12,12 @@ from jointgap.errors import InputError
 _SPARE = {"name", "folder"}  # a campaign may be renamed or moved without its data becoming others
 
 
-def stated(campaign: Campaign) -> pd.DataFrame:
-    """Rows of the table `jointgap.tables.STATED`: every key of a campaign and its mechanism, with its value."""
+def config_snapshot(campaign: Campaign) -> pd.DataFrame:
+    """Table `jointgap.tables.CONFIG_SNAPSHOT`: every key of a campaign and its mechanism, with its value."""
     return pd.DataFrame(_rows(campaign), columns=["key", "value"])
 
 
-def check_unchanged(campaign: Campaign, read_as: pd.DataFrame) -> None:
+def check_unchanged(campaign: Campaign, snapshot: pd.DataFrame) -> None:
     """Make sure that a campaign file says what it did when its data were read.
 
     Fits are kept sample by sample: with a run, a channel or a unit changed they would be taken for those of other data.
@@ -25,15 +25,15 @@ def check_unchanged(campaign: Campaign, read_as: pd.DataFrame) -> None:
     Parameters
     ----------
     campaign : Campaign
-    read_as : DataFrame
-        Table `jointgap.tables.STATED` of the stage measure.
+    snapshot : DataFrame
+        Table `jointgap.tables.CONFIG_SNAPSHOT` of the stage measure.
 
     Raises
     ------
     InputError
         Something was changed, added, removed or put in another place; the first such key is named.
     """
-    now, then = dict(_rows(campaign)), dict(zip(read_as["key"], read_as["value"], strict=True))
+    now, then = dict(_rows(campaign)), dict(zip(snapshot["key"], snapshot["value"], strict=True))
     if list(now.items()) == list(then.items()):
         return
     changed = next((key for key in {**then, **now} if now.get(key) != then.get(key)), None)

@@ -6,9 +6,10 @@ from typing import Any
 
 import pandas as pd
 
-from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, Folder
+from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
 from jointgap.campaign.tables_of_identification import JOINED
 from jointgap.campaign.verdict import read
+from jointgap.tables.results_folder import ResultsFolder
 from jointgap.track.run_record import Dataset, Record
 
 DESCRIPTION = "What is missing in the model of a rig"
@@ -30,7 +31,7 @@ def records(folder: Path) -> list[Record]:
     InputError
         The campaign has no verdict yet, or a table cannot be read.
     """
-    places, verdict = Folder(folder), read(folder / VERDICT)
+    places, verdict = ResultsFolder(folder), read(folder / VERDICT)
     metrics = {f"gap/{role}_{when}": value for role, gap in verdict["gap"].items() for when, value in gap.items()}
     metrics |= {"windows": len(verdict["where"]), "equivalent": len(verdict["equivalent"])}
     ranking = places.read("ranking", "regress")

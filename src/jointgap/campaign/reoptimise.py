@@ -1,4 +1,4 @@
-"""Stage rechain: does what was missing move the optimum? The chain's own stages for the model before and after."""
+"""Stage reoptimise: does what was missing move the optimum? A scenario's stages for the model before and after."""
 
 from collections.abc import Mapping
 
@@ -15,14 +15,17 @@ from jointgap.slider_crank.channel_kinematics import tolerance_for
 
 NETWORK = "network"
 
-_REACH = 0.02  # of the lengths, to either side
-_RATIO = 0.02  # that the largest ratio of the box exceeds the mechanism's own by
+_BOX_SHARE = (
+    0.02  # [1] of the lengths, to either side: the question is whether the optimum moves, not where the best one lies
+)
+_RATIO_MARGIN = 0.02  # [1] by which the largest ratio of the lengths exceeds the mechanism's own
 _SURROGATE = Surrogate(iterations=300, seeds=(0,))
-_REVOLUTIONS, _SAMPLES = 3, 3600
-_TOLERANCE = 1e-10  # m, or less where clearances are small
+_REVOLUTIONS = 3  # the last one is settled
+_SAMPLES_PER_REVOLUTION = 3600  # as in the shipped scenarios
+_TOLERANCE_M = 1e-10  # or less where clearances are small
 
 
-def rechain(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
+def reoptimise(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
     """Simulate, train and optimise each model anew.
 
     The budget is small: networks of 300 iterations, for the clearance vectors alone, which is what the optimisation takes of them; a
@@ -42,7 +45,7 @@ def rechain(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
         the lengths alone, whatever acts on the slider. One that cannot be simulated at this speed has the reason.
     """
     rows = [row for name, mechanism in models.items() for row in _rows(name, mechanism.applied(), speed)]
-    return pd.DataFrame(rows, columns=[column.name for column in tables.OPTIMUM.columns])
+    return pd.DataFrame(rows, columns=tables.OPTIMUM.names)
 
 
 def _rows(name: str, mechanism: Mechanism, speed: float) -> list[dict]:
@@ -56,8 +59,10 @@ def _rows(name: str, mechanism: Mechanism, speed: float) -> list[dict]:
 
 def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
     """One row for each source of the motion in the joints."""
-    tolerance = min(_TOLERANCE, tolerance_for(mechanism))
-    options = Simulate(speed=speed, revolutions=_REVOLUTIONS, samples_per_revolution=_SAMPLES, tolerance=tolerance)
+    tolerance = min(_TOLERANCE_M, tolerance_for(mechanism))
+    options = Simulate(
+        speed=speed, revolutions=_REVOLUTIONS, samples_per_revolution=_SAMPLES_PER_REVOLUTION, tolerance=tolerance
+    )
     trajectory = simulate(mechanism, options).samples
     numbers = [JOINT_NUMBERS[joint] for joint in mechanism.loose]
     fits = {output: _trained(trajectory, output) for number in numbers for output in (f"r{number}", f"gamma{number}")}
@@ -91,11 +96,12 @@ def _trained(trajectory: pd.DataFrame, output: str) -> Fit:
 def _search(mechanism: Mechanism) -> Optimise:
     crank, rod = mechanism.crank.length, mechanism.rod.length
     near = Box(
-        crank_length=(crank * (1 - _REACH), crank * (1 + _REACH)), rod_length=(rod * (1 - _REACH), rod * (1 + _REACH))
+        crank_length=(crank * (1 - _BOX_SHARE), crank * (1 + _BOX_SHARE)),
+        rod_length=(rod * (1 - _BOX_SHARE), rod * (1 + _BOX_SHARE)),
     )
     return Optimise(
         boxes={"near": near},
-        ratio_limit=(1 + _RATIO) * crank / rod,
+        ratio_limit=(1 + _RATIO_MARGIN) * crank / rod,
         genetic=Genetic(population=8, generations=10),
         ensemble=Ensemble(members=3, settled_revolution=_REVOLUTIONS),
     )

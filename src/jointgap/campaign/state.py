@@ -1,27 +1,36 @@
 """One campaign on its way to a verdict: what its stages have handed on so far."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jointgap.campaign.campaign_files import plan
-from jointgap.campaign.folder import OF_FITS, OF_NOISE, Folder
+from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, plan
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
+from jointgap.tables import CONFIG_SNAPSHOT, FIT_TABLES, MEASURED, NOISE_TABLES, REMARKS, TABLES
+from jointgap.tables.results_folder import ResultsFolder
 
 if TYPE_CHECKING:  # what a stage does not ask for is not imported: the compiled dynamics take seconds to load
     from jointgap.campaign.tables_of_identification import Outcome
     from jointgap.identification.baseline import Baseline
     from jointgap.identification.fit import Fit
     from jointgap.identification.noise_model import NoiseEstimate
+    from jointgap.identification.problem import Problem
     from jointgap.identification.protocol import Candidate, Model
     from jointgap.identification.thresholds import Screening
     from jointgap.recordings import Measurements
 
+Noise = dict[tuple[str, str], "NoiseEstimate"]
+"""Noise of every series, by run and channel."""
 
-class Case:
+FALSE_ALARM_RATE = 0.01
+"""Share of campaigns with nothing hidden in which something is found nevertheless."""
+
+
+class CampaignState:
     """A campaign and its results folder.
 
     What a stage hands on is read from its tables when it is first asked for; a stage that runs in this process sets it.
@@ -33,16 +42,33 @@ class Case:
     folder : Path, optional
         ``results/campaigns/{campaign}`` by default.
 
+    Attributes
+    ----------
+    false_alarm_rate : float
+        [1] Share of campaigns with nothing hidden in which something is found nevertheless.
+    seed : int
+        Of everything that is drawn: null campaigns, bootstrap.
+
     Raises
     ------
     InputError
         The campaign file is not one, or a result would be written over a file that it reads.
     """
 
+    false_alarm_rate = FALSE_ALARM_RATE
+    seed = 0
+
     def __init__(self, campaign: Path, folder: Path | None = None):
         self.campaign: Campaign = load_campaign(campaign)
-        self.folder = Folder(folder or Path("results/campaigns") / self.campaign.name)
-        self.folder.check_apart(*plan(campaign), *(self.campaign.folder / run.file for run in self.campaign.runs))
+        self.folder = ResultsFolder(folder or Path("results/campaigns") / self.campaign.name)
+        inputs = (*plan(campaign), *(self.campaign.folder / run.file for run in self.campaign.runs))
+        results = (table.path for table in TABLES.values() if "{" not in table.path)
+        self.folder.check_apart(inputs, (*filter(None, results), MECHANISM, VERDICT, *SUMMARIES))
+
+    @cached_property
+    def clockwise(self) -> frozenset[str]:
+        """The runs whose crank turns clockwise."""
+        return frozenset(run.id for run in self.campaign.runs if run.direction == "clockwise")
 
     @cached_property
     def measurements(self) -> "Measurements":
@@ -50,9 +76,9 @@ class Case:
         from jointgap.campaign.config_snapshot import check_unchanged
         from jointgap.recordings import from_frame
 
-        check_unchanged(self.campaign, self.folder.read("stated"))
-        remarks = tuple(self.folder.read("remarks")["remark"])
-        return from_frame(self.folder.read("measured"), self.campaign, remarks)
+        check_unchanged(self.campaign, self.folder.read(CONFIG_SNAPSHOT))
+        remarks = tuple(self.folder.read(REMARKS)["remark"])
+        return from_frame(self.folder.read(MEASURED), self.campaign, remarks)
 
     @cached_property
     def model(self) -> "Model":
@@ -69,49 +95,47 @@ class Case:
         return list(library(self.model))
 
     @cached_property
-    def noise(self) -> "dict[tuple[str, str], NoiseEstimate]":
+    def noise(self) -> Noise:
         """Noise of every series, without that of the numerics."""
         return self._noise("noise")
 
     @cached_property
-    def whole_noise(self) -> "dict[tuple[str, str], NoiseEstimate]":
+    def noise_with_numerics(self) -> Noise:
         """Noise of every series, with that of the numerics."""
         return self._noise("recalibrate")
 
-    def _noise(self, stage: str) -> "dict[tuple[str, str], NoiseEstimate]":
+    def _noise(self, stage: str) -> Noise:
         from jointgap.campaign.tables_of_identification import noise_from_frames
 
-        found = noise_from_frames(self.folder.read_all(OF_NOISE, stage))
+        noise = noise_from_frames(self.folder.read_all(NOISE_TABLES, stage))
         for series in self.model.series:
-            if series.key not in found or found[series.key].sd.shape != series.value.shape:
+            if series.key not in noise or noise[series.key].sd.shape != series.value.shape:
                 run, channel = series.key
                 raise InputError(
-                    f"campaign {self.campaign.name}: {self.folder.place(OF_NOISE[0], stage)} is of other data than channel {channel} "
-                    f"of run '{run}' now holds; run `jointgap {stage}` on it again, and the stages after it"
+                    f"campaign {self.campaign.name}: {self.folder.place(NOISE_TABLES[0], stage)} is of other data than channel "
+                    f"{channel} of run '{run}' now holds; run `jointgap {stage}` on it again, and the stages after it"
                 )
-        return found
+        return noise
 
     @cached_property
-    def recalibrated(self) -> "Baseline":
-        """The base that every explanation is compared with."""
-        from jointgap.campaign.tables_of_identification import fits_from_frames
+    def baseline(self) -> "Baseline":
+        """The recalibrated model that every hypothesis is compared with."""
         from jointgap.identification.baseline import Baseline, probed_differences
         from jointgap.identification.problem import Problem
 
-        problem = Problem(self.model, self.whole_noise)
-        (nominal,), (base,) = (
-            fits_from_frames(self.folder.read_all(OF_FITS, f"recalibrate/{which}"), problem)
-            for which in ("nominal", "base")
-        )
+        problem = Problem(self.model, self.noise_with_numerics)
+        (nominal,), (base,) = (self._read_fits(f"recalibrate/{which}", problem) for which in ("nominal", "base"))
         return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 
     @cached_property
-    def settled(self) -> "Baseline":
+    def verdict_baseline(self) -> "Baseline":
         """The same with the base that the verdict rests on: a better one may have been found on the way to it."""
-        from jointgap.campaign.tables_of_identification import fits_from_frames
+        (base,) = self._read_fits("decide/base", self.baseline.problem)
+        return replace(self.baseline, base=base)
 
-        (base,) = fits_from_frames(self.folder.read_all(OF_FITS, "decide/base"), self.recalibrated.problem)
-        return replace(self.recalibrated, base=base)
+    def rest_on(self, base: "Fit") -> None:
+        """Take `base` for the one that the verdict rests on."""
+        self.verdict_baseline = replace(self.baseline, base=base)
 
     @cached_property
     def screening(self) -> "Screening":
@@ -120,32 +144,55 @@ class Case:
         from jointgap.identification.thresholds import Screening, Thresholds
 
         limits = Thresholds(**self.folder.read("thresholds").to_dict("records")[0])
-        frames = self.folder.read_all(("signatures", "signature_shapes", "screened"), "screen")
-        return Screening(signatures_from_frames(frames, self.recalibrated), limits)
+        frames = self.folder.read_all(("signatures", "signature_shapes", "screened"))
+        return Screening(signatures_from_frames(frames, self.baseline), limits)
 
     def fits(self, stage: str, parts: int) -> "tuple[list[Fit], dict[str, float]]":
-        """What the parts of the stage fit or pair found, and how long each took [s]."""
-        from jointgap.campaign.tables_of_identification import fits_from_frames
-
-        found, seconds = [], {}
+        """What the `parts` of the `stage` fit or pair found, and how long each fit took [s], by its label."""
+        fits, seconds = [], {}
         for part in range(parts):
-            frames = self.folder.read_all(OF_FITS, f"{stage}/{part}")
-            found += fits_from_frames(frames, self.recalibrated.problem)
-            seconds |= dict(zip(frames["fits"]["explanation"], frames["fits"]["seconds"], strict=True))
-        return found, seconds
+            frame = self.folder.read("fits", f"{stage}/{part}")
+            fits += self._read_fits(f"{stage}/{part}", self.baseline.problem)
+            seconds |= dict(zip(frame["explanation"], frame["seconds"], strict=True))
+        return fits, seconds
 
     def outcome(self, stage: str) -> "Outcome":
-        """What the stage decide or regress settled."""
-        from jointgap.campaign.tables_of_identification import Outcome, fits_from_frames
+        """The outcome that the stage decide or regress came to."""
+        from jointgap.campaign.tables_of_identification import Outcome
 
         row = self.folder.read("decision", stage).iloc[0]
-        problem = self.recalibrated.problem
         # terms of a law are no candidates of the model, but the library is made only where they are needed
-        frames = self.folder.read_all(OF_FITS, stage)
-        more = self.library if (frames["fits"]["kind"] == "formula").any() else ()
-        found = fits_from_frames(frames, problem, more)
-        base = self.settled.base
-        plain = self.recalibrated.nominal if row["nuisances"] == "nominal" else base
-        named = row["verdict"].startswith("named")
-        chosen, equivalent = (found[0], []) if named else (plain, found)
+        formula = (self.folder.read("fits", stage)["kind"] == "formula").any()
+        fits = self._read_fits(stage, self.baseline.problem, self.library if formula else ())
+        base = self.verdict_baseline.base
+        plain = self.baseline.nominal if row["nuisances"] == "nominal" else base
+        chosen, equivalent = (fits[0], []) if row["verdict"].startswith("named") else (plain, fits)
         return Outcome(row["verdict"], row["because"], chosen, base, equivalent, self.folder.read("ranking", stage))
+
+    def _read_fits(self, stage: str, problem: "Problem", more: "Sequence[Candidate]" = ()) -> "list[Fit]":
+        from jointgap.campaign.tables_of_identification import fits_from_frames
+
+        return fits_from_frames(self.folder.read_all(FIT_TABLES, stage), problem, more)
+
+    def write_fits(self, fits: "Sequence[Fit]", stage: str, seconds: Sequence[float] | None = None) -> None:
+        """Write `fits` in full as those of `stage`, with the `seconds` that each took."""
+        from jointgap.campaign.tables_of_identification import fits_to_frames
+
+        self.folder.write_all(fits_to_frames(fits, seconds, whole_jacobian=True), stage)
+
+    def write_noise(self, noise: Noise, stage: str) -> None:
+        """Write the `noise` as that of `stage`."""
+        from jointgap.campaign.tables_of_identification import noise_to_frames
+
+        self.folder.write_all(noise_to_frames(noise), stage)
+
+    def write_outcome(self, outcome: "Outcome", stage: str) -> None:
+        """Write what the `stage` decide or regress came to, for `outcome` to read."""
+        from jointgap.campaign.tables_of_identification import fits_to_frames, parameter_frame
+
+        named = outcome.verdict.startswith("named")
+        self.folder.write_all(fits_to_frames([outcome.chosen] if named else outcome.equivalent), stage)
+        parameters = parameter_frame([outcome.chosen, *outcome.equivalent], self.clockwise)
+        self.folder.write("fit_parameters", parameters, stage)
+        self.folder.write("ranking", outcome.ranking, stage)
+        self.folder.write("decision", outcome.frame(), stage)

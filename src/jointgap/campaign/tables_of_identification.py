@@ -9,7 +9,6 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.campaign.clockwise import nuisances_as_read
-from jointgap.campaign.folder import Frames
 from jointgap.errors import InputError
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.decision import NO_DISAGREEMENT, Decision, Ranked
@@ -21,6 +20,7 @@ from jointgap.identification.noise_model import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import Screened, Signature, Signatures
+from jointgap.tables.results_folder import Frames
 
 JOINED = " + "
 """What stands between the labels of effects that are one explanation."""

@@ -1,20 +1,30 @@
-"""The command line. Only here do stages meet files."""
+"""The command line: it parses, and calls the stages."""
 
 import os
 import sys
 
 import click
 
-from jointgap.cli import campaign_commands as campaign
-from jointgap.cli import effect_commands as effects
-from jointgap.cli import ensemble_commands as ensemble
-from jointgap.cli import stage_commands as stages
-from jointgap.cli import study_commands as study
-from jointgap.cli import tool_commands as tools
-from jointgap.cli import trial_commands as blind
+from jointgap.cli import (  # each adds its subcommands
+    campaign_commands,
+    effect_commands,
+    ensemble_commands,
+    stage_commands,
+    tool_commands,
+    trial_commands,
+)
 from jointgap.cli.group import cli
 
-__all__ = ["blind", "campaign", "cli", "effects", "ensemble", "main", "stages", "study", "tools"]
+__all__ = [
+    "campaign_commands",
+    "cli",
+    "effect_commands",
+    "ensemble_commands",
+    "main",
+    "stage_commands",
+    "tool_commands",
+    "trial_commands",
+]
 
 
 def main() -> None:

@@ -1,27 +1,21 @@
-"""Subcommands of a campaign: measured runs of a rig against its model."""
+"""A subcommand for each stage of a campaign, made from its record; and one for all of them."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from jointgap.cli.group import IN, cli
+from jointgap.cli.group import FILE, FOLDER, add_command, cli, need
+from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
+from jointgap.stages.record import Stage
 
-campaign_argument = click.argument("campaign", type=IN)
+if TYPE_CHECKING:  # loads pandas
+    from jointgap.campaign.state import CampaignState
 
-folder_option = click.option(
-    "--folder",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="Folder of the campaign's results; results/campaigns/NAME when absent.",
+_campaign = click.argument("campaign", type=FILE)
+_folder = click.option(
+    "--folder", type=FOLDER, help="Folder of the campaign's results; results/campaigns/NAME when absent."
 )
-
-
-def _case(campaign: Path, folder: Path | None):
-    """The campaign with its results folder."""
-    from jointgap.campaign.state import Case
-
-    return Case(campaign, folder)
-
-
 _parts = click.option(
     "--parts",
     type=click.IntRange(min=1),
@@ -32,32 +26,29 @@ _parts = click.option(
 _part = click.option(
     "--part", type=click.IntRange(min=0), default=0, show_default=True, help="Which of them to fit, counted from 0."
 )
-
-_STAGES = {
-    "measure": "Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter.",
-    "noise": "Find the noise of every channel of every run, from what does not repeat.",
-    "recalibrate": "Fit the parameters that are not known exactly within their ranges.",
-    "screen": "Simulate every effect that could be missing at a small size, and choose what is worth a fit.",
-    "fit": "Fit the chosen effects by forward simulation.",
-    "pair": "Fit the pairs of effects that are worth it by forward simulation.",
-    "decide": "Weigh the fits: what is missing, or why it cannot be told.",
-    "locate": "Map where the recalibrated model disagrees with the measurement: run, channel, crank angle.",
-    "regress": "Where no effect explains what is missing: look for a force law as a formula.",
-    "confirm": "Predict the held-out runs with and without what was found.",
-    "augment": "Write the mechanism file with what was found, for every other stage.",
-    "rechain": "Optimise the link lengths for the model before and after: does the missing effect move the optimum?",
-    "conclude": "Write verdict.json, the one-page summary and the figures.",
+_OPTIONS = {
+    "fit": (_part, _parts),
+    "pair": (_part, _parts),
+    "decide": (_parts,),
+    "track-campaign": (
+        need("--store", "Folder of the store.", FOLDER),
+        need("--published", "JSON file to write: what was published where."),
+    ),
 }
-_OPTIONS = {"fit": (_part, _parts), "pair": (_part, _parts), "decide": (_parts,)}
-
 _then = click.option(
     "--then",
     "further",
-    type=click.Choice(tuple(_STAGES)),
+    type=click.Choice([name for name in CAMPAIGN_STAGES if name != "track-campaign"]),
     metavar="STAGE",
     multiple=True,
     help="Another stage to run afterwards in the same process; repeatable.",
 )
+
+
+def _state(campaign: Path, folder: Path | None) -> "CampaignState":
+    from jointgap.campaign.state import CampaignState
+
+    return CampaignState(campaign, folder)
 
 
 def _check_part(part: int, parts: int) -> None:
@@ -66,88 +57,50 @@ def _check_part(part: int, parts: int) -> None:
 
     if part >= parts:
         raise InputError(
-            f"--part {part}: parts are counted from 0, and --parts {parts} has none of that number; give {parts - 1} at most, or more "
-            "--parts"
+            f"--part {part}: parts are counted from 0, and --parts {parts} has none of that number; give {parts - 1} at most, "
+            "or more --parts"
         )
 
 
-def _stage(name: str, words: str) -> None:
-    """Make the subcommand that runs one stage on files, and others after it."""
-
-    def command(campaign: Path, folder: Path | None, further: tuple[str, ...], **given) -> None:
-        from jointgap.campaign import stages
-
+def _stage_command(stage: Stage) -> None:
+    def command(campaign: Path, folder: Path | None, further: tuple[str, ...], **given: Any) -> str:
         if "part" in given:
             _check_part(given["part"], given["parts"])
-        case = _case(campaign, folder)
-        case.folder.check_writable(f"{name}/{given['part']}" if "part" in given else name, *further)
-        getattr(stages, name)(case, **given)
-        for other in further:
-            getattr(stages, other)(case)
-        if name == "measure":
-            lines = [f"Remark: {text}" for text in case.measurements.remarks]
-            click.echo("\n".join([*lines, f"figures and tables: {case.folder.path / name}"]))
+        state = _state(campaign, folder)
+        stages = [CAMPAIGN_STAGES[stage.name], *(CAMPAIGN_STAGES[name] for name in further)]
+        state.folder.check_writable(*(path for each in stages for path in each.outputs(given.get("part", 0))))
+        shown = [stages[0].function(state, **given), *(each.function(state) for each in stages[1:])]
+        return "\n".join(filter(None, shown))
 
-    command.__doc__ = words
-    made = campaign_argument(folder_option(_then(command)))
-    for option in _OPTIONS.get(name, ()):
-        made = option(made)
-    cli.command(name)(made)
+    add_command(stage.name, stage.help, command, [_campaign, _folder, _then, *_OPTIONS.get(stage.name, ())])
 
 
-for _name, _words in _STAGES.items():
-    _stage(_name, _words)
+for _each in CAMPAIGN_STAGES.values():
+    _stage_command(_each)
 
 
-@cli.command()
-@campaign_argument
-@folder_option
-def preflight(campaign: Path, folder: Path | None) -> None:
-    """Say before anything is measured what CAMPAIGN will be able to show.
+@cli.command(hidden=True, context_settings={"ignore_unknown_options": True})
+@click.argument("arguments", nargs=-1)
+def rechain(arguments: tuple[str, ...]) -> NoReturn:
+    """The former name of `jointgap reoptimise`."""
+    from jointgap.errors import InputError
 
-    Which effects these speeds and channels can detect, from which size on, which of them they cannot tell apart, and which
-    further speed or channel would help most. The runs' files need not exist; of those that do, the samples are counted.
-    """
-    from jointgap.campaign import stages
-    from jointgap.campaign.preflight import in_words
-
-    case = _case(campaign, folder)
-    case.folder.check_writable("preflight")
-    stages.preflight(case)
-    click.echo(in_words(*(case.folder.read(name) for name in ("detectable", "confusability", "advice"))))
+    raise InputError("rechain: is called `jointgap reoptimise` now, with the same arguments")
 
 
 @cli.command()
-@campaign_argument
-@folder_option
+@_campaign
+@_folder
 def analyse(campaign: Path, folder: Path | None) -> None:
     """Find what is missing in the model of CAMPAIGN: every stage in one go, down to verdict.json, summary and figures.
 
     `make campaign` does the same with stages side by side, goes on where it was stopped, and optimises again.
     """
     from jointgap.campaign.conclude import show
-    from jointgap.campaign.pipeline import analyse as whole
     from jointgap.campaign.verdict_sentences import answer
+    from jointgap.stages.campaign_pipeline import analyse as analyse_campaign
 
-    case = _case(campaign, folder)
-    verdict = whole(campaign, case.folder.path)
-    show(case)
-    click.echo(f"{verdict['verdict']}: {answer(verdict)}\n{case.folder.path / 'summary.md'}")
-
-
-@cli.command("track-campaign")
-@campaign_argument
-@folder_option
-@click.option("--store", type=click.Path(file_okay=False, path_type=Path), required=True, help="Folder of the store.")
-@click.option("--published", type=IN, required=True, help="JSON file to write: what was published where.")
-def track_campaign(campaign: Path, folder: Path | None, store: Path, published: Path) -> None:
-    """Publish a campaign's verdict, fits and figures to MLflow; nothing twice."""
-    import json
-
-    from jointgap.campaign.mlflow_runs import DESCRIPTION, records
-    from jointgap.tables import write_text
-    from jointgap.track.publish import publish_records
-
-    case = _case(campaign, folder)
-    summary = publish_records(case.campaign.name, DESCRIPTION, records(case.folder.path), None, store)
-    write_text(published, json.dumps(summary, indent=2) + "\n")
+    state = _state(campaign, folder)
+    verdict = analyse_campaign(campaign, state.folder.path)
+    show(state)
+    click.echo(f"{verdict['verdict']}: {answer(verdict)}\n{state.folder.path / 'summary.md'}")

@@ -4,21 +4,12 @@ from pathlib import Path
 
 import click
 
-from jointgap.cli.group import OUT, cli, need, options_option
-
-workers_option = click.option(
-    "--workers", type=click.IntRange(min=1), help="Runs side by side; as many as there are cores when absent."
-)
+from jointgap.cli.group import FOLDER, cli, need, options_option, workers_option
 
 
 @cli.command()
 @options_option
-@click.option(
-    "--folder",
-    type=click.Path(file_okay=False, path_type=Path),
-    required=True,
-    help="Folder to write samples.parquet, events.parquet and runs.parquet to.",
-)
+@need("--folder", "Folder to write samples.parquet, events.parquet and runs.parquet to.", FOLDER)
 @workers_option
 def ensemble(options: str, folder: Path, workers: int | None) -> None:
     """Simulate many motions: every combination of varied values, each from several starts.
@@ -54,7 +45,7 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
 
 @cli.command()
 @options_option
-@need("--growth", "Parquet file to write: growth of the change over the crank angle.", OUT)
+@need("--growth", "Parquet file to write: growth of the change over the crank angle.")
 @click.option("--change", default="1e-11 m", show_default=True, help="Size of the change of the start.")
 @workers_option
 def growth(options: str, growth: Path, change: str, workers: int | None) -> None:
@@ -81,11 +72,10 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
 @options_option
 @need("--trajectory", "Parquet file to read: the simulated motion.")
 @need("--events", "Parquet file to read: its events.")
-@click.option(
+@need(
     "--folder",
-    type=click.Path(file_okay=False, path_type=Path),
-    required=True,
-    help="Folder to write section.parquet, revolutions.parquet, impacts.parquet and eccentricity.parquet to.",
+    "Folder to write section.parquet, revolutions.parquet, impacts.parquet and eccentricity.parquet to.",
+    FOLDER,
 )
 @click.option("--angle", default="0 deg", show_default=True, help="Crank angle of the Poincare section.")
 @click.option(
@@ -99,7 +89,7 @@ def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: st
     """Statistics over revolutions: contact, impacts, orbits, Poincare section, and whether the motion repeats."""
     from jointgap import tables
     from jointgap.config import parse_options
-    from jointgap.results import read_trajectory
+    from jointgap.stages.scenario_results import read_trajectory
     from jointgap.sweep.cycle_statistics import cycles
 
     scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")

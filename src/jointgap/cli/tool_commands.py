@@ -1,16 +1,16 @@
-"""Subcommands beside the stages: look at files, check a configuration, compare scenarios."""
+"""Subcommands beside the stages: look at files, check a configuration."""
 
 from pathlib import Path
 
 import click
 
-from jointgap.cli.group import IN, OUT, cli
+from jointgap.cli.group import FILE, FOLDER, cli
 
 
 @cli.command()
 @click.option(
     "--results",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=FOLDER,
     default=Path("results"),
     show_default=True,
     help="Folder that holds the default store.",
@@ -24,7 +24,7 @@ def dashboard(results: Path, port: int) -> None:
 
 
 @cli.command()
-@click.argument("file", type=IN)
+@click.argument("file", type=FILE)
 def describe(file: Path) -> None:
     """Show the columns of a Parquet FILE with their units and meaning."""
     from rich.console import Console
@@ -39,7 +39,7 @@ def describe(file: Path) -> None:
 
 
 @cli.command()
-@click.argument("file", type=IN)
+@click.argument("file", type=FILE)
 @click.option("--scenario", help="Name of the scenario; the first one of `run` when absent.")
 def config(file: Path, scenario: str | None) -> None:
     """Check the configuration FILE and print one scenario of it, complete and in SI, as JSON for --options."""
@@ -54,7 +54,7 @@ def config(file: Path, scenario: str | None) -> None:
 
 
 @cli.command()
-@click.option("--write", "path", type=OUT, help="File to write; printed when absent.")
+@click.option("--write", "path", type=FILE, help="File to write; printed when absent.")
 @click.option("--campaign", is_flag=True, help="Of a campaign file, not of a configuration.")
 def schema(path: Path | None, campaign: bool) -> None:
     """Give the JSON schema of a configuration or a campaign, for editors that complete and check YAML."""
@@ -69,31 +69,3 @@ def schema(path: Path | None, campaign: bool) -> None:
         click.echo(text, nl=False)
     else:
         tables.write_text(path, text)
-
-
-@cli.command()
-@click.option(
-    "--results",
-    type=click.Path(file_okay=False, path_type=Path),
-    required=True,
-    help="Folder that holds the scenarios' folders; overview.md, .html and .parquet are written to it.",
-)
-@click.option(
-    "--scenario", "scenarios", nargs=2, multiple=True, required=True, help="Name and options of a scenario, repeatable."
-)
-def overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
-    """Put the scenarios' optima side by side: frozen, simulated again, and what they assume."""
-    from jointgap import tables
-    from jointgap.cli.group import opened
-    from jointgap.paper import scenario_overview as overview
-    from jointgap.report.page import to_html, to_markdown
-
-    texts = {results / "overview.html": to_html, results / "overview.md": to_markdown}
-    tables.check_writable(*texts, results / "overview.parquet")
-    loaded = {name: opened(options, results / name) for name, options in scenarios}
-    found = overview.overview(
-        {name: (folder.frames(overview.NEEDED), scenario) for name, (scenario, folder) in loaded.items()}
-    )
-    for path, write in texts.items():
-        tables.write_text(path, write(overview.page(found)))
-    tables.write(tables.OVERVIEW, found, results / "overview.parquet")

@@ -22,7 +22,7 @@ from jointgap.joints import PINS
 from jointgap.quantities import Angle, PositiveAngularSpeed
 from jointgap.section import Section
 
-RESERVED_IDS = ("all", "look", "measured", "remarks", "stated")
+RESERVED_IDS = ("all", "look", "measured", "remarks", "config_snapshot")
 """No run may be called so: a sum over runs is, and the tables that stand beside the pictures of the runs are."""
 
 

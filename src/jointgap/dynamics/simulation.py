@@ -14,10 +14,10 @@ from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
 from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, sample_modes
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.dynamics.solver.integrate import DONE, NOT_FINITE, STALLED, STEP_TOO_SMALL, TOO_MANY_STEPS, integrate
-from jointgap.dynamics.solver.sampling import SAMPLE, TRAJECTORY, fill_samples
+from jointgap.dynamics.solver.sampling import SAMPLE, fill_samples
 from jointgap.errors import InputError, SimulationError
 from jointgap.joints import JOINT, JOINTS
-from jointgap.tables import EVENTS
+from jointgap.tables import EVENTS, TRAJECTORY
 
 STEPS_PER_REVOLUTION = 5_000_000
 """Most integration steps that a revolution may take on average; a usual one takes some thousands."""

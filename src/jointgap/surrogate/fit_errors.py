@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicSpline
 
-from jointgap.dynamics.solver.sampling import TRAJECTORY
 from jointgap.errors import InputError
 from jointgap.paper.printed import TRAINING_MSE
 from jointgap.surrogate.network import Scaling
+from jointgap.tables import TRAJECTORY
 
 UNITS = {column.name: column.unit for column in TRAJECTORY.columns}
 REGIONS = {"all": 0.0, "past_60_deg": np.radians(60.0)}

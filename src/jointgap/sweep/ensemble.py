@@ -318,7 +318,7 @@ class _Rows:
     """A Parquet file that takes rows and writes them in large groups."""
 
     def __init__(self, table: tables.Table, path: str):
-        self.table, self.schema = table, table.schema()
+        self.table, self.schema = table, tables.schema(table)
         repeated = [c.name for c in table.columns if c.name in _REPEATED or c.kind != "float" or "bristle" in c.name]
         split = {c.name: "BYTE_STREAM_SPLIT" for c in table.columns if c.name not in repeated}
         self.writer = pq.ParquetWriter(

@@ -25,6 +25,7 @@ MEASURED = Table(
         Column("value", "SI", "what the channel reads, in its SI unit; null where there is no datum", nullable=True),
         _HELD_OUT,
     ),
+    path="measure/measured.parquet",
 )
 
 LOOK = Table(
@@ -48,21 +49,24 @@ LOOK = Table(
         Column("scatter", "SI", "standard deviation of what does not repeat from cycle to cycle", nullable=True),
         Column("stated_noise", "SI", "standard deviation of the noise as stated", nullable=True),
     ),
+    path="measure/look.parquet",
 )
 
 REMARKS = Table(
     "remarks",
     "What a reader of the results should know of the data",
     (Column("remark", "", "in a sentence", "text"),),
+    path="measure/remarks.parquet",
 )
 
-STATED = Table(
-    "stated",
+CONFIG_SNAPSHOT = Table(
+    "config_snapshot",
     "What the campaign file stated when its data were read, in the order of the file",
     (
         Column("key", "", "key, with those above it", "text"),
         Column("value", "", "value as JSON, SI", "text"),
     ),
+    path="measure/config_snapshot.parquet",
 )
 
 NOISE = Table(
@@ -75,6 +79,7 @@ NOISE = Table(
         Column("sd", "SI", "standard deviation of the measurement"),
         Column("numerics", "SI", "standard deviation of what equally good numerics predict otherwise"),
     ),
+    path="{stage}/noise.parquet",
 )
 
 NOISE_MEMORY = Table(
@@ -90,7 +95,11 @@ NOISE_MEMORY = Table(
         Column("lag", "1", "samples between two values", "int"),
         Column("autocorrelation", "1", "of the noise at that lag"),
     ),
+    path="{stage}/noise_memory.parquet",
 )
+
+NOISE_TABLES = (NOISE, NOISE_MEMORY)
+"""Tables that together hold the noise."""
 
 _STATISTICS = (
     Column("samples", "1", "residuals counted", "int"),
@@ -112,12 +121,14 @@ MAP_BINS = Table(
         _ADJUSTED,
         Column("flagged", "", "more than noise", "bool"),
     ),
+    path="locate/bins.parquet",
 )
 
 MAP_WINDOWS = Table(
     "map_windows",
     "Where the recalibrated base disagrees with the measurement, the surest first",
     (_RUN, _CHANNEL, *_SPAN, *_STATISTICS[1:], _ADJUSTED),
+    path="locate/windows.parquet",
 )
 
 MAP_TESTS = Table(
@@ -129,6 +140,7 @@ MAP_TESTS = Table(
         Column("p_chi2", "1", "probability of as much by noise alone"),
         Column("p_ljung_box", "1", "probability that independent numbers remember each other as much", nullable=True),
     ),
+    path="locate/tests.parquet",
 )
 
 MAP_ORDERS = Table(
@@ -140,6 +152,7 @@ MAP_ORDERS = Table(
         Column("amplitude", "1", "amplitude of the whitened residual", nullable=True),
         Column("p", "1", "probability by noise alone", nullable=True),
     ),
+    path="locate/orders.parquet",
 )
 
 MAP_SCALING = Table(
@@ -152,6 +165,7 @@ MAP_SCALING = Table(
         Column("high", "1", "upper end of its 90 % interval", nullable=True),
         Column("runs", "1", "runs at different speeds", "int"),
     ),
+    path="locate/scaling.parquet",
 )
 
 DETECTABLE = Table(
@@ -180,6 +194,7 @@ DETECTABLE = Table(
             "text",
         ),
     ),
+    path="preflight/detectable.parquet",
 )
 
 CONFUSABILITY = Table(
@@ -191,6 +206,7 @@ CONFUSABILITY = Table(
         Column("cosine", "1", "largest cosine between what the two can change", nullable=True),
         Column("merged", "", "whether the campaign cannot tell them apart", "bool"),
     ),
+    path="preflight/confusability.parquet",
 )
 
 ADVICE = Table(
@@ -202,6 +218,7 @@ ADVICE = Table(
         Column("separated", "", "pairs 'a | b' that are then told apart, separated by ', '", "text"),
         Column("gain", "1", "by how much the smallest detectable sizes shrink, median over effects", nullable=True),
     ),
+    path="preflight/advice.parquet",
 )
 
 RESIDUALS = Table(
@@ -225,6 +242,7 @@ RESIDUALS = Table(
         Column("whitened_augmented", "1", "whitened residual with the effects", nullable=True),
         Column("spread", "SI", "standard deviation that noise and numerics give the sample"),
     ),
+    path="confirm/residuals.parquet",
 )
 
 MISSING_FORCE = Table(
@@ -238,6 +256,7 @@ MISSING_FORCE = Table(
         Column("slider_force", "N", "force on the slider along +x beyond that of the base"),
         Column("crank_torque", "N*m", "torque on the crank beyond that of the base"),
     ),
+    path="augment/force.parquet",
 )
 
 GAPS = Table(
@@ -262,6 +281,7 @@ GAPS = Table(
         Column("closed", "1", "share of the excess closed, 1 - (after^2 - 1) / (before^2 - 1)", nullable=True),
         Column("remark", "", "why there is no gap after", "text", nullable=True),
     ),
+    path="confirm/gaps.parquet",
 )
 
 OPTIMUM = Table(
@@ -290,10 +310,5 @@ OPTIMUM = Table(
         Column("rms_after", "rad", "the same at the optimum", nullable=True),
         Column("failed", "", "why the model could not be optimised; else null", "text", nullable=True),
     ),
-)
-
-TIMES = Table(
-    "campaign_times",
-    "Time that each stage of an analysis took",
-    (Column("stage", "", "stage", "text"), Column("seconds", "s", "time on the clock")),
+    path="reoptimise/optimum.parquet",
 )

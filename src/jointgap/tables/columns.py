@@ -1,16 +1,8 @@
-"""What a table is: named columns with unit, description and type."""
+"""What a table is: named columns with unit, description and type, and its place. Imports nothing heavy."""
 
-from dataclasses import dataclass
-
-import pyarrow as pa
-
-TYPES = {
-    "float": pa.float64(),
-    "int": pa.int64(),
-    "text": pa.string(),
-    "category": pa.dictionary(pa.int8(), pa.string()),
-    "bool": pa.bool_(),
-}
+import re
+from dataclasses import dataclass, replace
+from importlib import import_module
 
 
 @dataclass(frozen=True)
@@ -35,24 +27,39 @@ class Column:
     kind: str = "float"
     nullable: bool = False
 
-    def field(self) -> pa.Field:
-        """The column as an Arrow field that carries unit and description."""
-        return pa.field(
-            self.name, TYPES[self.kind], self.nullable, {"unit": self.unit, "description": self.description}
-        )
-
 
 @dataclass(frozen=True)
 class Table:
-    """A table that stages hand on: name, meaning, columns in order."""
+    """A table that stages hand on.
+
+    Attributes
+    ----------
+    name, description : str
+    content : tuple of Column, or str
+        The columns in the order of the file; or ``module:name`` of the tuple, where they stand with code that takes long to load.
+    path : str
+        Its place within the results folder of a scenario or a campaign; ``{output}`` stands for an output of a loose joint,
+        ``{stage}`` for one of several stages that write it. Empty for a table whose place is given on the command line.
+    """
 
     name: str
     description: str
-    columns: tuple[Column, ...]
+    content: tuple[Column, ...] | str
+    path: str = ""
 
-    def schema(self) -> pa.Schema:
-        """The Arrow schema, with the table's name and description as metadata."""
-        return pa.schema(
-            [column.field() for column in self.columns],
-            {"jointgap_table": self.name, "description": self.description},
-        )
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns in the order of the file."""
+        if isinstance(self.content, tuple):
+            return self.content
+        module, name = self.content.split(":")
+        return getattr(import_module(module), name)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns."""
+        return [column.name for column in self.columns]
+
+    def at(self, part: str) -> "Table":
+        """The same table where `part` of the work writes it: an output, or one of several stages."""
+        return replace(self, path=re.sub(r"{\w+}", part, self.path))

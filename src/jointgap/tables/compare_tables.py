@@ -20,6 +20,7 @@ COMPARISON = Table(
         ),
         Column("sentence", "", "what the number is, and where it differs why", "text"),
     ),
+    path="comparison.parquet",
 )
 
 OVERVIEW = Table(
@@ -71,4 +72,5 @@ OVERVIEW = Table(
             )
         ),
     ),
+    path="overview.parquet",
 )

@@ -38,6 +38,7 @@ KINEMATICS = Table(
         Column("crank_angle", "rad", "crank angle theta2"),
         *(Column(name, unit, f"{description}{_UNDEFINED}", nullable=True) for name, unit, description in QUANTITIES),
     ),
+    path="kinematics/motion.parquet",
 )
 
 KINEMATICS_ERRORS = Table(
@@ -55,6 +56,7 @@ KINEMATICS_ERRORS = Table(
         Column("rms_over_ideal", "1", "rms over that of the mechanism without clearance: below 1 the source helps"),
         Column("samples", "1", "samples compared", "int"),
     ),
+    path="kinematics/errors.parquet",
 )
 
 KINEMATICS_CONTRADICTIONS = Table(
@@ -73,4 +75,5 @@ KINEMATICS_CONTRADICTIONS = Table(
         Column("rms_over_range", "1", "rms / range"),
         Column("samples", "1", "samples compared", "int"),
     ),
+    path="kinematics/contradictions.parquet",
 )

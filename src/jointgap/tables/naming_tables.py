@@ -23,6 +23,7 @@ FITS = Table(
         Column("simulations", "1", "simulated runs that the fit took", "int"),
         Column("seconds", "s", "time that the fit took", nullable=True),
     ),
+    path="{stage}/fits.parquet",
 )
 
 FIT_PARAMETERS = Table(
@@ -41,18 +42,21 @@ FIT_PARAMETERS = Table(
         Column("remark", "", "why there is no standard error: at its bound, or not estimated", "text", nullable=True),
         Column("unit", "", "SI unit", "text"),
     ),
+    path="{stage}/parameters.parquet",
 )
 
 FIT_VALUES = Table(
     "fit_values",
     "Fitted values by key, for later stages to start from",
     (_EXPLANATION, _KEY, Column("value", "SI", "fitted value")),
+    path="{stage}/values.parquet",
 )
 
 FIT_CURVATURE = Table(
     "fit_curvature",
     "Derivatives of the whitened residuals; of the base, singles and pairs all rows, else as many as parameters, with the same inner products",
     (_EXPLANATION, _KEY, _SAMPLE, Column("derivative", "1/SI", "of the residuals with respect to the parameter")),
+    path="{stage}/curvature.parquet",
 )
 
 SIGNATURES = Table(
@@ -65,6 +69,7 @@ SIGNATURES = Table(
         _SAMPLE,
         Column("derivative", "1/SI", "of the whitened residual; of 'origin' its value"),
     ),
+    path="screen/signatures.parquet",
 )
 
 SIGNATURE_SHAPES = Table(
@@ -76,6 +81,7 @@ SIGNATURE_SHAPES = Table(
         Column("name", "", "shape", "text"),
         Column("value", "SI", "its value"),
     ),
+    path="screen/shapes.parquet",
 )
 
 SCREENED = Table(
@@ -88,6 +94,7 @@ SCREENED = Table(
         Column("bic", "1", "Bayesian information criterion", nullable=True),
         Column("reason", "", "why it cannot be simulated", "text", nullable=True),
     ),
+    path="screen/screened.parquet",
 )
 
 THRESHOLDS = Table(
@@ -99,6 +106,7 @@ THRESHOLDS = Table(
         Column("max_gain_threshold", "1", "largest gain of BIC by one candidate"),
         Column("numerical_noise", "1", "chi2 that a fit may gain by numerical noise"),
     ),
+    path="screen/thresholds.parquet",
 )
 
 RANKING = Table(
@@ -113,6 +121,7 @@ RANKING = Table(
         Column("place", "", "named, equivalent, or empty", "text"),
         Column("remark", "", "why it is not admissible, or what the fit says", "text", nullable=True),
     ),
+    path="{stage}/ranking.parquet",
 )
 
 DECISION = Table(
@@ -123,10 +132,18 @@ DECISION = Table(
         Column("because", "", "the reason in a sentence", "text"),
         Column("nuisances", "", "fit whose nuisances hold: nominal or base", "text"),
     ),
+    path="{stage}/decision.parquet",
 )
 
 FIT_RESIDUALS = Table(
     "fit_residuals",
     "Whitened residuals of every explanation",
     (_EXPLANATION, _SAMPLE, Column("residual", "1", "independent and of variance 1 where the explanation is true")),
+    path="{stage}/residuals.parquet",
 )
+
+FIT_TABLES = (FITS, FIT_VALUES, FIT_CURVATURE, FIT_RESIDUALS)
+"""Tables that together hold fits."""
+
+OUTCOME_TABLES = (*FIT_TABLES, RANKING, DECISION, FIT_PARAMETERS)
+"""Tables of a verdict as far as the fits carry it."""

@@ -61,6 +61,7 @@ OPTIMA = Table(
         ),
         Column("status", "", "why the search stopped", "text", nullable=True),
     ),
+    path="optimise/optima.parquet",
 )
 
 POPULATION = Table(
@@ -77,6 +78,7 @@ POPULATION = Table(
         _SQUARES,
         Column("evaluations", "1", "calls of the objective up to the end of this generation", "int"),
     ),
+    path="optimise/population.parquet",
 )
 
 PATHS = Table(
@@ -91,6 +93,7 @@ PATHS = Table(
         _ROD,
         _SQUARES,
     ),
+    path="optimise/paths.parquet",
 )
 
 TOLERANCE = Table(
@@ -109,12 +112,14 @@ TOLERANCE = Table(
         Column("converged", "", "whether the tolerance was met", "bool"),
         Column("active_bounds", "", "bounds and inequality that the end point lies at, in words", "text"),
     ),
+    path="optimise/tolerance.parquet",
 )
 
 VALLEY = Table(
     "optimise_valley",
     "The objective over the lengths",
     (_SOURCE, _BOX, _CRANK, _ROD, Column("allowed", "", "whether the inequality holds", "bool"), *_MEASURES),
+    path="optimise/valley.parquet",
 )
 
 FLOOR = Table(
@@ -131,6 +136,7 @@ FLOOR = Table(
         Column("reduction", "1", "by which share it lies below that of the original lengths"),
         Column("invariant", "m, m^2", "(1 - reduction) L3, for the sum of squares (1 - reduction) L3^2"),
     ),
+    path="optimise/floor.parquet",
 )
 
 
@@ -158,6 +164,7 @@ RESIMULATED = Table(
         *_spread("error", "rad, rad^2", "the measure at the new lengths"),
         Column("members", "1", "simulations for each pair of lengths", "int"),
     ),
+    path="optimise/resimulated.parquet",
 )
 
 WORTH = Table(
@@ -178,4 +185,5 @@ WORTH = Table(
         Column("outer_dead_centre_change", "m", "against the original lengths"),
         Column("inner_dead_centre_change", "m", "against the original lengths"),
     ),
+    path="optimise/worth.parquet",
 )

@@ -5,6 +5,13 @@ from collections.abc import Iterable
 from jointgap.joints import JOINT_NUMBERS, PINS
 from jointgap.tables.columns import Column, Table
 
+TRAJECTORY = Table(
+    "trajectory",
+    "Motion of the slider-crank at samples uniform in crank angle",
+    "jointgap.dynamics.solver.sampling:COLUMNS",  # they stand with the compiled code that fills them
+    path="simulate/trajectory.parquet",
+)
+
 EVENTS = Table(
     "events",
     "Beginnings and ends of contact in the joints",
@@ -31,6 +38,7 @@ EVENTS = Table(
         Column("duration", "s", "time that the contact lasted which ends; null at an impact", nullable=True),
         Column("maxima", "1", "maxima of the penetration in the contact that ends; null at an impact", nullable=True),
     ),
+    path="simulate/events.parquet",
 )
 
 _LEARNED = ("r", "gamma", "gamma_dot", "gamma_ddot")

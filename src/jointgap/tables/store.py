@@ -2,7 +2,9 @@
 
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,16 +14,46 @@ import pyarrow.parquet as pq
 from jointgap.errors import InputError
 from jointgap.tables.columns import Table
 
+_TYPES = {
+    "float": pa.float64(),
+    "int": pa.int64(),
+    "text": pa.string(),
+    "category": pa.dictionary(pa.int8(), pa.string()),
+    "bool": pa.bool_(),
+}
+
+
+def schema(table: Table) -> pa.Schema:
+    """The Arrow schema of a table: unit and description stand at each column, the table's name and description at the whole."""
+    return pa.schema(
+        [
+            pa.field(
+                column.name,
+                _TYPES[column.kind],
+                column.nullable,
+                {"unit": column.unit, "description": column.description},
+            )
+            for column in table.columns
+        ],
+        {"jointgap_table": table.name, "description": table.description},
+    )
+
 
 def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
     """`frame` as an Arrow table of exactly the columns that `table` names.
+
+    Parameters
+    ----------
+    table : Table
+    frame : DataFrame
+        A column for each of the table's, in any order.
 
     Raises
     ------
     ValueError
         A column too many or too few, a value missing or not finite where the table allows none.
     """
-    wanted = [column.name for column in table.columns]
+    wanted = table.names
     if sorted(frame.columns) != sorted(wanted):
         missing, extra = sorted(set(wanted) - set(frame.columns)), sorted(set(frame.columns) - set(wanted))
         raise ValueError(f"table {table.name}: missing columns {missing}, unknown columns {extra}")
@@ -34,11 +66,11 @@ def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
         if absent.any() and not column.nullable:
             row = int(np.flatnonzero(absent)[0])
             raise ValueError(f"table {table.name}: column {column.name} has no value in row {row}")
-        arrays.append(pa.Array.from_pandas(values, type=column.field().type))
-    return pa.Table.from_arrays(arrays, schema=table.schema())
+        arrays.append(pa.Array.from_pandas(values, type=_TYPES[column.kind]))
+    return pa.Table.from_arrays(arrays, schema=schema(table))
 
 
-def write_whole(path: Path | str, save) -> None:
+def write_whole(path: Path | str, save: Callable[[str], object]) -> None:
     """Let `save(temporary_path)` write a file beside `path`, then rename it: nothing half-written stays behind.
 
     Raises
@@ -59,7 +91,7 @@ def write_whole(path: Path | str, save) -> None:
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Write `text` whole or not at all; errors as `write_whole`."""
+    """Write `text` to `path` in UTF-8, whole or not at all; errors as `write_whole`."""
     write_whole(path, lambda temporary: Path(temporary).write_text(text, encoding="utf-8"))
 
 
@@ -103,7 +135,7 @@ def _umask() -> int:
 
 
 def write(table: Table, frame: pd.DataFrame, path: Path | str) -> None:
-    """Write `frame` as Parquet with unit and description per column (zstd, floats split by byte)."""
+    """Write `frame`, which holds the columns of `table`, to `path`: Parquet with unit and description at each column."""
     arrow = to_arrow(table, frame)
     floats = {column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"}
     others = [column.name for column in table.columns if column.kind != "float"]
@@ -116,7 +148,7 @@ def write(table: Table, frame: pd.DataFrame, path: Path | str) -> None:
 
 
 def read(table: Table, path: Path | str) -> pd.DataFrame:
-    """The frame in a Parquet file that `write` made; null becomes NaN (None in text).
+    """The frame in the file `path` that `write` made of a `table`; null becomes NaN (None in text).
 
     Raises
     ------
@@ -125,7 +157,7 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
     """
     arrow = _open(pq.read_table, path, f"run the stage that writes table '{table.name}'")
     found = (arrow.schema.metadata or {}).get(b"jointgap_table", b"?").decode()
-    wanted = [column.name for column in table.columns]
+    wanted = table.names
     if found != table.name:
         raise InputError(
             f"{path}: holds table '{found}', not '{table.name}'; give the right file, or run its stage again"
@@ -138,7 +170,7 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
             f"{path}: table '{found}' lacks the columns {missing} and has the unknown columns {extra}; another version wrote it, "
             "so run its stage again"
         )
-    for field, wanted_field in zip(arrow.schema, table.schema(), strict=True):
+    for field, wanted_field in zip(arrow.schema, schema(table), strict=True):
         if field.type != wanted_field.type:
             raise InputError(
                 f"{path}: column {field.name} holds {field.type}, not {wanted_field.type}; run its stage again"
@@ -146,12 +178,12 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
     return arrow.to_pandas()
 
 
-def _open(reader, path: Path | str, mend: str):
+def _open(reader: Callable[[Path | str], Any], path: Path | str, fix: str) -> Any:
     """`reader(path)`, with one clear error where there is no such file or it is not Parquet."""
     try:
         return reader(path)
     except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; {mend}") from error
+        raise InputError(f"{path}: no such file; {fix}") from error
     except (pa.ArrowInvalid, OSError) as error:
         raise InputError(
             f"{path}: cannot be read as Parquet ({error}); give a Parquet file, or run its stage again"

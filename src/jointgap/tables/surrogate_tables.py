@@ -20,6 +20,7 @@ FIT = Table(
         Column("output_min", "as the output", "value of the output where the network gives 0"),
         Column("output_max", "as the output", "value of the output where the network gives 1"),
     ),
+    path="surrogate/{output}/fit.parquet",
 )
 
 FIT_HISTORY = Table(
@@ -36,6 +37,7 @@ FIT_HISTORY = Table(
             nullable=True,
         ),
     ),
+    path="surrogate/{output}/history.parquet",
 )
 
 FIT_ERRORS = Table(
@@ -79,6 +81,7 @@ FIT_ERRORS = Table(
         ),
         Column("held_out_mse_at_paper", "1", "held_out_mse of the network as it was then", nullable=True),
     ),
+    path="surrogate/{output}/errors.parquet",
 )
 
 CLEARANCE_FIT = Table(
@@ -107,4 +110,5 @@ CLEARANCE_FIT = Table(
         ),
         Column("turns", "1", "whole turns to add to gamma", "int"),
     ),
+    path="surrogate/clearance/fit.parquet",
 )

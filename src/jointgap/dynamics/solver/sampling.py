@@ -1,6 +1,6 @@
 """What is seen of a motion at its samples: the columns of the table ``trajectory`` and the code that computes them.
 
-A new column is an entry of `TRAJECTORY` and the line of this file that fills it: compiled code fills columns by name, so
+A new column is an entry of `COLUMNS` and the line of this file that fills it: compiled code fills columns by name, so
 that no value lands under another's name.
 """
 
@@ -16,7 +16,7 @@ from jointgap.dynamics.model.joint_forces import NOTHING, reaction
 from jointgap.dynamics.model.relative_motion import relative_motion
 from jointgap.dynamics.solver.runge_kutta import damping_factors, instant
 from jointgap.joints import JOINT, JOINTS, RevoluteJoint
-from jointgap.tables.columns import Column, Table
+from jointgap.tables.columns import Column
 
 _ENDS = {
     "crank_pin": "from the crank's pin to the rod's end",
@@ -51,43 +51,40 @@ def _contact(joint: RevoluteJoint) -> tuple[Column, ...]:
     )
 
 
-TRAJECTORY = Table(
-    "trajectory",
-    "Motion of the slider-crank at samples uniform in crank angle",
-    (
-        Column("time", "s", "time since the start"),
-        Column("crank_angle", "rad", "crank angle theta2, running on over revolutions"),
-        Column("crank_speed", "rad/s", "first time derivative of the crank angle"),
-        Column("crank_acceleration", "rad/s^2", "second time derivative of the crank angle"),
-        *(column for joint in JOINT.values() for column in _clearance(joint)),
-        Column("rod_position_x", "m", "mass centre of the rod as if it did not bend, x"),
-        Column("rod_position_y", "m", "mass centre of the rod as if it did not bend, y"),
-        Column("rod_velocity_x", "m/s", "velocity of the rod's mass centre as if it did not bend, x"),
-        Column("rod_velocity_y", "m/s", "velocity of the rod's mass centre as if it did not bend, y"),
-        Column("rod_acceleration_x", "m/s^2", "acceleration of the rod's mass centre as if it did not bend, x"),
-        Column("rod_acceleration_y", "m/s^2", "acceleration of the rod's mass centre as if it did not bend, y"),
-        Column("rod_angle", "rad", "angle theta3 of the rod from +x, crank end to piston end"),
-        Column("rod_angular_velocity", "rad/s", "first time derivative of the rod angle"),
-        Column("rod_angular_acceleration", "rad/s^2", "second time derivative of the rod angle"),
-        Column("rod_deflection", "m", "deflection of the rod at midspan, along its normal; 0 where it is rigid"),
-        Column("slider_position", "m", "position of the slider's pin along x"),
-        Column("slider_velocity", "m/s", "velocity of the slider"),
-        Column("slider_acceleration", "m/s^2", "acceleration of the slider"),
-        *(column for joint in JOINT.values() for column in _contact(joint)),
-        *(
-            Column(f"{joint}_mode", "", "ideal, flight, impact (the journal hits and rebounds) or contact", "text")
-            for joint in JOINTS
-        ),
-        Column("crank_torque", "N*m", "torque of the drive on the crank, losses of the crank included"),
-        Column("guide_force", "N", "normal force of the guide on the slider, +y"),
-        Column("guide_moment", "N*m", "moment of the guide on the slider, about its pin"),
-        Column("frame_force_x", "N", "force of the crank on the crank pivot's bearing, x"),
-        Column("frame_force_y", "N", "force of the crank on the crank pivot's bearing, y"),
-        Column("transmission_angle", "rad", "transmission angle mu, equation (10)"),
+COLUMNS = (
+    Column("time", "s", "time since the start"),
+    Column("crank_angle", "rad", "crank angle theta2, running on over revolutions"),
+    Column("crank_speed", "rad/s", "first time derivative of the crank angle"),
+    Column("crank_acceleration", "rad/s^2", "second time derivative of the crank angle"),
+    *(column for joint in JOINT.values() for column in _clearance(joint)),
+    Column("rod_position_x", "m", "mass centre of the rod as if it did not bend, x"),
+    Column("rod_position_y", "m", "mass centre of the rod as if it did not bend, y"),
+    Column("rod_velocity_x", "m/s", "velocity of the rod's mass centre as if it did not bend, x"),
+    Column("rod_velocity_y", "m/s", "velocity of the rod's mass centre as if it did not bend, y"),
+    Column("rod_acceleration_x", "m/s^2", "acceleration of the rod's mass centre as if it did not bend, x"),
+    Column("rod_acceleration_y", "m/s^2", "acceleration of the rod's mass centre as if it did not bend, y"),
+    Column("rod_angle", "rad", "angle theta3 of the rod from +x, crank end to piston end"),
+    Column("rod_angular_velocity", "rad/s", "first time derivative of the rod angle"),
+    Column("rod_angular_acceleration", "rad/s^2", "second time derivative of the rod angle"),
+    Column("rod_deflection", "m", "deflection of the rod at midspan, along its normal; 0 where it is rigid"),
+    Column("slider_position", "m", "position of the slider's pin along x"),
+    Column("slider_velocity", "m/s", "velocity of the slider"),
+    Column("slider_acceleration", "m/s^2", "acceleration of the slider"),
+    *(column for joint in JOINT.values() for column in _contact(joint)),
+    *(
+        Column(f"{joint}_mode", "", "ideal, flight, impact (the journal hits and rebounds) or contact", "text")
+        for joint in JOINTS
     ),
+    Column("crank_torque", "N*m", "torque of the drive on the crank, losses of the crank included"),
+    Column("guide_force", "N", "normal force of the guide on the slider, +y"),
+    Column("guide_moment", "N*m", "moment of the guide on the slider, about its pin"),
+    Column("frame_force_x", "N", "force of the crank on the crank pivot's bearing, x"),
+    Column("frame_force_y", "N", "force of the crank on the crank pivot's bearing, y"),
+    Column("transmission_angle", "rad", "transmission angle mu, equation (10)"),
 )
+"""Columns of the table `jointgap.tables.TRAJECTORY`."""
 
-SAMPLE = np.dtype([(column.name, "f8") for column in TRAJECTORY.columns if column.kind == "float"])
+SAMPLE = np.dtype([(column.name, "f8") for column in COLUMNS if column.kind == "float"])
 """Record of one sample as compiled code fills it."""
 
 

@@ -3,9 +3,9 @@
 import pytest
 
 from benchmarks.project import ROOT
-from jointgap.campaign import stages
-from jointgap.campaign.state import Case
+from jointgap.campaign.state import CampaignState
 from jointgap.errors import InputError
+from jointgap.stages import campaign_stages as stages
 
 ACCELERATION = "  slider_acceleration: {column: acc_g, unit: g_n}\n"
 MID = "  - {id: mid,  file: demonstration/mid.csv,  speed: 280 rpm, role: identify}\n"
@@ -19,11 +19,11 @@ def read(tmp_path):
     text += f"folder: '{there.parent}'\n"
     path, folder = tmp_path / "campaign.yaml", tmp_path / "results"
     path.write_text(text)
-    stages.measure(Case(path, folder), pictures=False)
+    stages.measure(CampaignState(path, folder), pictures=False)
 
     def go_on(changed):
         path.write_text(changed)
-        return Case(path, folder)
+        return CampaignState(path, folder)
 
     return text, go_on
 

@@ -4,30 +4,17 @@ import time
 from pathlib import Path
 from typing import Any
 
-from jointgap.campaign import stages, verdict
+from jointgap.campaign import verdict
+from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
 from jointgap.campaign.conclude import conclude
-from jointgap.campaign.folder import MECHANISM, SUMMARIES, VERDICT, Folder
-from jointgap.campaign.state import Case
+from jointgap.campaign.state import CampaignState
 from jointgap.figures.campaign_catalogue import CATALOGUE
-from jointgap.tables import write_text
+from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
+from jointgap.tables import ADVICE, DECISION, OPTIMUM, write_text
+from jointgap.tables.results_folder import ResultsFolder
 
-ORDER = (
-    "measure",
-    "preflight",
-    "noise",
-    "recalibrate",
-    "screen",
-    "fit",
-    "pair",
-    "decide",
-    "locate",
-    "regress",
-    "confirm",
-    "augment",
-)
-"""The stages, as they follow each other."""
-
-
+# the optimum is no part of the verdict, which is concluded here without its figures
+_LEFT_OUT = ("reoptimise", "conclude", "track-campaign")
 _OPTIONS = {"measure": {"pictures": False}, "preflight": {"advice": False}}
 """Advice is sought where the verdict needs it, and who wants pictures asks for them."""
 
@@ -57,23 +44,25 @@ def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
     SimulationError
         The model as it stands cannot be simulated.
     """
-    case, seconds = Case(Path(campaign), Path(folder)), {}
-    case.folder.check_writable(*(f"{name}/0" if name in ("fit", "pair") else name for name in ORDER), "conclude")
-    _remove_conclusions(case.folder)
-    for name in ORDER:
+    state, seconds = CampaignState(Path(campaign), Path(folder)), {}
+    stages = [stage for name, stage in CAMPAIGN_STAGES.items() if name not in _LEFT_OUT]
+    written = (path for stage in (*stages, CAMPAIGN_STAGES["conclude"]) for path in stage.outputs())
+    state.folder.check_writable(*written)
+    _remove_conclusions(state.folder)
+    for stage in stages:
         begin = time.monotonic()
-        getattr(stages, name)(case, **_OPTIONS.get(name, {}))
-        seconds[name] = round(time.monotonic() - begin, 3)
-    found = conclude(case) | {"seconds": seconds}
-    write_text(case.folder.path / VERDICT, verdict.text(found))
-    return found
+        stage.function(state, **_OPTIONS.get(stage.name, {}))
+        seconds[stage.name] = round(time.monotonic() - begin, 3)
+    document = conclude(state) | {"seconds": seconds}
+    write_text(state.folder.path / VERDICT, verdict.text(document))
+    return document
 
 
-def _remove_conclusions(folder: Folder) -> None:
+def _remove_conclusions(folder: ResultsFolder) -> None:
     """Remove what an earlier analysis came to: beside the tables of one that fails half-way it would pass for its result."""
-    tables = [folder.place("advice"), folder.place("campaign_optimum")]
-    tables += [folder.place("decision", stage) for stage in ("decide", "regress")]
+    tables = [folder.place(ADVICE), folder.place(OPTIMUM)]
+    tables += [folder.place(DECISION, stage) for stage in ("decide", "regress")]
     pages = [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]
-    pictures = [folder.path / "figures" / f"{name}{ending}" for name in CATALOGUE for ending in _ENDINGS]
-    for path in (*tables, *pages, *pictures):
+    figures = [folder.path / "figures" / f"{name}{ending}" for name in CATALOGUE for ending in _ENDINGS]
+    for path in (*tables, *pages, *figures):
         path.unlink(missing_ok=True)

@@ -7,7 +7,8 @@ from jointgap import tables
 from jointgap.config import Scenario, Surrogate, read_yaml
 from jointgap.dynamics import simulate
 from jointgap.errors import InputError
-from jointgap.results import PLACES, Results, outputs_of, read_trajectory
+from jointgap.stages.scenario_results import ScenarioResults, outputs_of, read_trajectory
+from jointgap.stages.trained_surrogates import trained_surrogates
 from jointgap.surrogate.train import train
 from jointgap.surrogate.train_clearance import train_clearance
 
@@ -29,20 +30,20 @@ def folder(tmp_path_factory):
     place, motor = tmp_path_factory.mktemp("results"), scenario(("crank_pivot",), speed="500 rpm", drive=MOTOR)
     coarse = simulate(motor.mechanism, motor.simulate).samples
     finer = motor.simulate.model_copy(update={"samples_per_revolution": 36000})
-    results = Results(place, motor)
+    results = ScenarioResults(place, motor)
     results.write(tables.TRAJECTORY, coarse)
     fit = train_clearance(coarse, simulate(motor.mechanism, finer).samples, motor.surrogate, motor.mechanism.loose)
     results.write(tables.CLEARANCE_FIT, fit.weights())
     for output in outputs_of(motor.mechanism):
         network = train(coarse, output, Surrogate(**QUICK))
-        tables.write(tables.FIT, network.weights(), place / PLACES["fit"].format(output=output))
+        results.write(tables.FIT, network.weights(), output)
     return results, coarse
 
 
 def test_rates_of_the_second_surrogate_follow_the_speed_of_a_motor(folder):
     results, coarse = folder
     assert np.ptp(coarse["crank_speed"]) > 5.0
-    found = results.surrogates()
+    found = trained_surrogates(results)
     assert set(found["networks"]) == set(found["clearance"]) == {"r1", "gamma1", "gamma1_dot", "gamma1_ddot"}
     held_out = coarse.iloc[100::7]
     for output, fit in found["clearance"].items():

@@ -1,0 +1,301 @@
+"""The stages of a campaign, from measured runs to a verdict, in their order.
+
+Each takes the state of the campaign and writes its tables. It imports what it needs when it runs: a job that reads data alone
+does not wait for the compiled dynamics.
+"""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jointgap import tables
+from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
+from jointgap.stages.record import Stages
+from jointgap.tables import (
+    ADVICE,
+    CONFIG_SNAPSHOT,
+    CONFUSABILITY,
+    DETECTABLE,
+    FIT_TABLES,
+    GAPS,
+    LOOK,
+    MAP_BINS,
+    MAP_ORDERS,
+    MAP_SCALING,
+    MAP_TESTS,
+    MAP_WINDOWS,
+    MEASURED,
+    MISSING_FORCE,
+    NOISE_TABLES,
+    OPTIMUM,
+    OUTCOME_TABLES,
+    REMARKS,
+    RESIDUALS,
+    SCREENED,
+    SIGNATURE_SHAPES,
+    SIGNATURES,
+    THRESHOLDS,
+    Table,
+)
+
+if TYPE_CHECKING:  # loads pandas
+    from jointgap.campaign.state import CampaignState
+
+CAMPAIGN_STAGES = Stages()
+
+_MEASURED = (MEASURED, REMARKS, CONFIG_SNAPSHOT)
+
+
+def _of(stage: str, wanted: tuple[Table, ...]) -> tuple[Table, ...]:
+    return tuple(table.at(stage) for table in wanted)
+
+
+@CAMPAIGN_STAGES.stage(writes=(*_MEASURED, LOOK))
+def measure(state: "CampaignState", pictures: bool = True) -> str:
+    """Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter."""
+    import pandas as pd
+
+    from jointgap.campaign.config_snapshot import config_snapshot
+    from jointgap.recordings import read_measurements, to_frame
+
+    folder = state.folder
+    state.measurements = read_measurements(state.campaign)
+    folder.write(CONFIG_SNAPSHOT, config_snapshot(state.campaign))
+    folder.write(REMARKS, pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}))
+    folder.write(MEASURED, to_frame(state.measurements))
+    if pictures:
+        from jointgap.figures import style
+        from jointgap.recordings.inspection import inspect
+
+        numbers, drawings = inspect(state.campaign, state.measurements)
+        folder.write(LOOK, numbers)
+        for run, drawing in drawings.items():
+            style.save(drawing, folder.path / "measure" / run)
+    remarks = [f"Remark: {text}" for text in state.measurements.remarks]
+    return "\n".join([*remarks, f"figures and tables: {folder.path / 'measure'}"])
+
+
+@CAMPAIGN_STAGES.stage(writes=(DETECTABLE, CONFUSABILITY, ADVICE))
+def preflight(state: "CampaignState", advice: bool = True) -> str:
+    """Say before anything is measured what CAMPAIGN will be able to show.
+
+    Which effects these speeds and channels can detect, from which size on, which of them they cannot tell apart, and which
+    further speed or channel would help most. The runs' files need not exist; of those that do, the samples are counted.
+    """
+    from jointgap.campaign.preflight import in_words, preflight_tables, preflight_tables_with_advice
+
+    frames = (preflight_tables_with_advice if advice else preflight_tables)(state.campaign, state.false_alarm_rate)
+    state.folder.write_all(frames)
+    return in_words(*(frames[table.name] for table in (DETECTABLE, CONFUSABILITY, ADVICE))) if advice else ""
+
+
+@CAMPAIGN_STAGES.stage(reads=_MEASURED, writes=_of("noise", NOISE_TABLES))
+def noise(state: "CampaignState") -> None:
+    """Find the noise of every channel of every run, from what does not repeat."""
+    from jointgap.identification.noise_model import noise_of_model
+
+    state.noise = noise_of_model(state.model)
+    state.write_noise(state.noise, "noise")
+
+
+@CAMPAIGN_STAGES.stage(
+    reads=(*_MEASURED, *CAMPAIGN_STAGES.written_by("noise")),
+    writes=(
+        *_of("recalibrate", NOISE_TABLES),
+        *_of("recalibrate/nominal", FIT_TABLES),
+        *_of("recalibrate/base", FIT_TABLES),
+    ),
+)
+def recalibrate(state: "CampaignState") -> None:
+    """Fit the parameters that are not known exactly within their ranges."""
+    from jointgap.identification.baseline import recalibrate as recalibrated
+    from jointgap.identification.noise_model import numerics_noise
+
+    baseline = state.baseline = recalibrated(state.model, state.noise)
+    of_all_runs = numerics_noise(state.model, baseline.base.mapping, state.noise)  # of held-out runs too
+    of_fitted_runs = {part.series.key: part.noise for part in baseline.problem.parts}
+    state.noise_with_numerics = of_all_runs | of_fitted_runs
+    state.write_noise(state.noise_with_numerics, "recalibrate")
+    state.write_fits([baseline.nominal], "recalibrate/nominal")
+    state.write_fits([baseline.base], "recalibrate/base")
+
+
+_BASELINE = (*_MEASURED, *CAMPAIGN_STAGES.written_by("noise", "recalibrate"))
+
+
+@CAMPAIGN_STAGES.stage(reads=_BASELINE, writes=(SIGNATURES, SIGNATURE_SHAPES, SCREENED, THRESHOLDS))
+def screen(state: "CampaignState") -> None:
+    """Simulate every effect that could be missing at a small size, and choose what is worth a fit."""
+    import pandas as pd
+
+    from jointgap.campaign.tables_of_identification import screened_frame, signatures_to_frames
+    from jointgap.identification.model_selection import shortlist_singles
+    from jointgap.identification.noise_model import degrees_of_freedom
+    from jointgap.identification.thresholds import screen_candidates
+
+    dof = degrees_of_freedom(state.noise)
+    known, limits = state.screening = screen_candidates(state.baseline, state.false_alarm_rate, dof, state.seed)
+    state.folder.write_all(signatures_to_frames(known))
+    state.folder.write(THRESHOLDS, pd.DataFrame([vars(limits)]))
+    state.folder.write(SCREENED, screened_frame(known, shortlist_singles(known, limits)))
+
+
+_SCREENED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("screen"))
+
+
+@CAMPAIGN_STAGES.stage(reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES))
+def fit(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
+    """Fit the chosen effects by forward simulation."""
+    from jointgap.identification.hypothesis_fits import fit_singles
+
+    screening = state.screening
+    fits, seconds = fit_singles(state.baseline, screening.known, screening.limits, part, parts)
+    state.write_fits(fits, f"fit/{part}", seconds)
+
+
+@CAMPAIGN_STAGES.stage(reads=(*_SCREENED, *CAMPAIGN_STAGES.written_by("fit")), writes=_of("pair/{part}", FIT_TABLES))
+def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
+    """Fit the pairs of effects that are worth it by forward simulation.
+
+    Beside the single effects, which as many parts have fitted. Where none of these is enough the first part takes a second
+    look at them all.
+    """
+    from jointgap.identification.hypothesis_fits import fit_pairs
+
+    screening, (alone, _) = state.screening, state.fits("fit", parts)
+    fits, seconds = fit_pairs(state.baseline, screening.known, screening.limits, alone, part, parts)
+    state.write_fits(fits, f"pair/{part}", seconds)
+
+
+@CAMPAIGN_STAGES.stage(
+    reads=(*_SCREENED, *CAMPAIGN_STAGES.written_by("fit", "pair")),
+    writes=(*_of("decide", OUTCOME_TABLES), *_of("decide/base", FIT_TABLES)),
+)
+def decide(state: "CampaignState", parts: int = 1) -> None:
+    """Weigh the fits: what is missing, or why it cannot be told."""
+    from jointgap.campaign.tables_of_identification import outcome_of
+    from jointgap.identification.model_selection import select_hypothesis
+
+    (singles, seconds), (pairs, seconds_of_pairs) = (state.fits(stage, parts) for stage in ("fit", "pair"))
+    labels, screening = seconds | seconds_of_pairs, state.screening
+    total = {label: seconds.get(label, 0.0) + seconds_of_pairs.get(label, 0.0) for label in labels}
+    decision = select_hypothesis(state.baseline, screening.known, [*singles, *pairs], screening.limits)
+    state.rest_on(decision.base)
+    state.write_fits([decision.base], "decide/base")
+    state.write_outcome(outcome_of(decision, total), "decide")
+
+
+_DECIDED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("decide"))
+
+
+@CAMPAIGN_STAGES.stage(reads=_DECIDED, writes=(MAP_BINS, MAP_WINDOWS, MAP_TESTS, MAP_ORDERS, MAP_SCALING))
+def locate(state: "CampaignState") -> None:
+    """Map where the recalibrated model disagrees with the measurement: run, channel, crank angle."""
+    from jointgap.campaign.clockwise import map_as_read
+    from jointgap.identification.disagreement import map_disagreement
+
+    baseline = state.verdict_baseline
+    found = map_disagreement(baseline.problem, baseline.base.residual, state.false_alarm_rate)
+    state.folder.write(MAP_BINS, map_as_read(found.bins, state.clockwise))
+    state.folder.write(MAP_WINDOWS, map_as_read(found.windows, state.clockwise))
+    state.folder.write(MAP_TESTS, found.tests)
+    state.folder.write(MAP_ORDERS, found.orders)
+    state.folder.write(MAP_SCALING, found.scaling)
+
+
+@CAMPAIGN_STAGES.stage(reads=(*_DECIDED, *CAMPAIGN_STAGES.written_by("screen")), writes=_of("regress", OUTCOME_TABLES))
+def regress(state: "CampaignState") -> None:
+    """Where no effect explains what is missing: look for a force law as a formula."""
+    from jointgap.campaign.tables_of_identification import outcome_with_law
+    from jointgap.identification import force_law
+    from jointgap.identification.decision import UNEXPLAINED
+
+    if state.folder.read("decision", "decide")["verdict"].iloc[0] != UNEXPLAINED:
+        state.folder.write_all(state.folder.read_all(OUTCOME_TABLES, "decide"), "regress")
+        return
+    baseline = state.verdict_baseline
+    proposed = force_law.regress(
+        baseline.problem, baseline.base, state.library, state.screening.limits, baseline.differences
+    )
+    state.write_outcome(outcome_with_law(state.outcome("decide"), proposed), "regress")
+
+
+_REGRESSED = (*_DECIDED, *CAMPAIGN_STAGES.written_by("regress"))
+
+
+@CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(RESIDUALS, GAPS))
+def confirm(state: "CampaignState") -> None:
+    """Predict the held-out runs with and without what was found."""
+    from jointgap.campaign.clockwise import residuals_as_read
+    from jointgap.identification import confirmation
+
+    outcome = state.outcome("regress")
+    named = outcome.chosen if outcome.chosen.hypothesis else None
+    plain = outcome.base if named else outcome.chosen  # nominal values where these are enough
+    found = confirmation.confirm(state.model, state.noise_with_numerics, plain, named, state.seed)
+    state.folder.write(RESIDUALS, residuals_as_read(found.residuals, state.clockwise))
+    state.folder.write(GAPS, found.gaps)
+
+
+@CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(MISSING_FORCE,), files=(MECHANISM,))
+def augment(state: "CampaignState") -> None:
+    """Write the mechanism file with what was found, for every other stage."""
+    from jointgap.campaign.augment import augment as augmented
+
+    text, force = augmented(state.campaign, state.outcome("regress"))
+    tables.write_text(state.folder.path / MECHANISM, text)
+    state.folder.write(MISSING_FORCE, force)
+
+
+@CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(OPTIMUM,))
+def reoptimise(state: "CampaignState") -> None:
+    """Optimise the link lengths for the model before and after: does the missing effect move the optimum?
+
+    At the speed of the fastest run for fitting. Where nothing was added to the model, or no joint is loose, there is nothing
+    to compare, and the table has no row.
+    """
+    import pandas as pd
+
+    from jointgap.config import load_mechanism
+
+    augmented = load_mechanism(state.folder.path / MECHANISM)
+    # the transmission angle of ideal joints follows from the lengths alone, whatever acts on the slider
+    loose = state.campaign.mechanism.applied().loose or augmented.applied().loose
+    outcome = state.outcome("regress") if loose else None
+    if outcome is None or all(candidate.sensor for candidate in outcome.chosen.hypothesis):
+        state.folder.write(OPTIMUM, pd.DataFrame(columns=OPTIMUM.names))
+        return
+    from jointgap.campaign.augment import mechanisms
+    from jointgap.campaign.reoptimise import reoptimise as reoptimised
+    from jointgap.slider_crank.modified_mechanism import mirrored
+
+    models = dict(zip(("base", "augmented"), mechanisms(state.campaign, outcome), strict=True))
+    fastest = max((run for run in state.campaign.runs if run.role != "confirm"), key=lambda run: run.speed)
+    if fastest.direction == "clockwise":
+        models = {name: mirrored(mechanism.applied()) for name, mechanism in models.items()}
+    state.folder.write(OPTIMUM, reoptimised(models, fastest.speed))
+
+
+@CAMPAIGN_STAGES.stage(
+    reads=(
+        *_REGRESSED,
+        *CAMPAIGN_STAGES.written_by("preflight", "locate", "confirm", "augment", "reoptimise"),
+    ),
+    files=(VERDICT, *SUMMARIES, "figures/gaps.png"),
+)
+def conclude(state: "CampaignState") -> None:
+    """Write verdict.json, the one-page summary and the figures."""
+    from jointgap.campaign import conclude as concluding
+
+    concluding.conclude(state)
+    concluding.show(state)
+
+
+@CAMPAIGN_STAGES.stage(reads=(*_of("regress", OUTCOME_TABLES), GAPS, RESIDUALS))
+def track_campaign(state: "CampaignState", store: Path, published: Path) -> None:
+    """Publish a campaign's verdict, fits and figures to MLflow; nothing twice."""
+    from jointgap.campaign.mlflow_runs import DESCRIPTION, records
+    from jointgap.track.publish import publish_records
+
+    summary = publish_records(state.campaign.name, DESCRIPTION, records(state.folder.path), None, store)
+    tables.write_text(published, json.dumps(summary, indent=2) + "\n")

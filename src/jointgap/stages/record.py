@@ -1,0 +1,86 @@
+"""One stage, one record: what it reads, what it writes, the options it depends on, and the function that does it."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from jointgap.stages.code_digest import code_digest
+from jointgap.tables import Table
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage of a scenario or of a campaign.
+
+    Attributes
+    ----------
+    name : str
+        Of the subcommand, and of the folder of its results.
+    function : callable
+        Takes the folder of results (`jointgap.stages.scenario_results.ScenarioResults`) or the state of a campaign
+        (`jointgap.campaign.state.CampaignState`), then what the command line asks besides; returns what to show, or nothing.
+    reads, writes : tuple of Table
+        Each with its place in the folder of results. ``{output}`` in a path stands for an output of a loose joint, ``{part}`` for a
+        part of the work; of what it reads, all of them.
+    files : tuple of str
+        What it writes besides tables, or the first of many files in a folder.
+    sections : tuple of str
+        The sections of a scenario that it depends on; a change in another one does not make it run again.
+    """
+
+    name: str
+    function: Callable[..., str | None]
+    reads: tuple[Table, ...] = ()
+    writes: tuple[Table, ...] = ()
+    files: tuple[str, ...] = ()
+    sections: tuple[str, ...] = ()
+
+    @property
+    def help(self) -> str:
+        """What it does: the docstring of its function."""
+        return inspect.getdoc(self.function) or ""
+
+    @property
+    def description(self) -> str:
+        """What it does, in a line."""
+        return self.help.partition("\n\n")[0].replace("\n", " ")
+
+    @property
+    def digest(self) -> str:
+        """Twelve digits that change with the code that the stage runs."""
+        return code_digest(self.function)
+
+    def outputs(self, part: int | str = 0) -> list[str]:
+        """Paths that it writes within its folder of results; of a stage that has parts, those of `part`."""
+        return [path.replace("{part}", str(part)) for path in (*(table.path for table in self.writes), *self.files)]
+
+
+class Stages(dict[str, Stage]):
+    """Stages by name, in the order in which they follow each other."""
+
+    def stage(
+        self,
+        reads: tuple[Table, ...] = (),
+        writes: tuple[Table, ...] = (),
+        files: tuple[str, ...] = (),
+        sections: tuple[str, ...] = (),
+    ) -> Callable[[Callable[..., str | None]], Callable[..., str | None]]:
+        """A decorator that records a function as the next stage.
+
+        Parameters
+        ----------
+        reads, writes : tuple of Table
+        files, sections : tuple of str
+            As the attributes of `Stage`.
+        """
+
+        def record(function: Callable[..., str | None]) -> Callable[..., str | None]:
+            name = function.__name__.replace("_", "-")
+            self[name] = Stage(name, function, reads, writes, files, sections)
+            return function
+
+        return record
+
+    def written_by(self, *names: str) -> tuple[Table, ...]:
+        """Tables that the stages `names` write."""
+        return tuple(table for name in names for table in self[name].writes)

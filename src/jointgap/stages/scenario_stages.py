@@ -1,0 +1,274 @@
+"""The stages of a scenario, from the simulated contact to tracked runs, in their order.
+
+Each imports what it needs when it runs: the command line is there at once, and a job loads nothing that it does not use.
+"""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jointgap import tables
+from jointgap.stages.record import Stages
+from jointgap.tables import (
+    CLEARANCE_FIT,
+    COMPARISON,
+    EVENTS,
+    FIT,
+    FIT_ERRORS,
+    FIT_HISTORY,
+    FLOOR,
+    KINEMATICS,
+    KINEMATICS_CONTRADICTIONS,
+    KINEMATICS_ERRORS,
+    OPTIMA,
+    OVERVIEW,
+    PATHS,
+    POPULATION,
+    RESIMULATED,
+    STUDY,
+    TOLERANCE,
+    TRAJECTORY,
+    VALLEY,
+    WORTH,
+)
+
+if TYPE_CHECKING:  # loads pandas
+    from jointgap.config import Scenario
+    from jointgap.stages.scenario_results import ScenarioResults
+
+SCENARIO_STAGES = Stages()
+
+_MOTION = ("mechanism", "simulate")
+_LEARNING = (*_MOTION, "surrogate")
+_OPTIMUM = (*_LEARNING, "optimise")
+
+
+@SCENARIO_STAGES.stage(writes=(TRAJECTORY, EVENTS), sections=_MOTION)
+def simulate(results: "ScenarioResults") -> None:
+    """Simulate the slider-crank: each joint loose or ideal, with contact, friction and the effects that are listed.
+
+    Reads the sections `mechanism` and `simulate` of the scenario: bodies, joints, contacts and effects; what drives the
+    crank (constant speed, a measured angle or a motor), how long, and how exactly.
+
+    Writes two tables (`jointgap describe FILE` explains their columns). Remarks, such as a contact law that delivers
+    another restitution than the one asked for, go to the standard error output. A simulation that cannot go on ends with
+    its time, crank angle and state, and writes nothing.
+
+    \b
+    Example:
+      echo '{mechanism: config/mechanisms/erkaya2009.yaml, simulate: {speed: 300 rpm}}' > mine.yaml
+      jointgap simulate --options mine.yaml --trajectory motion.parquet --events events.parquet
+
+    Effects to switch on: `jointgap effects`. All keys: config/README.md.
+    """
+    from jointgap.dynamics import simulate as simulated
+    from jointgap.dynamics.model.mechanism_warnings import remarks
+
+    scenario = results.scenario
+    for remark in remarks(scenario.mechanism):
+        print(f"jointgap: {remark}", file=sys.stderr)
+    run = simulated(scenario.mechanism, scenario.simulate)
+    results.write(EVENTS, run.events)
+    results.write(TRAJECTORY, run.samples)
+
+
+@SCENARIO_STAGES.stage(reads=(TRAJECTORY,), writes=(FIT, FIT_HISTORY, FIT_ERRORS), sections=_LEARNING)
+def surrogate(results: "ScenarioResults", output: str) -> None:
+    """Train the paper's network of one output with Levenberg-Marquardt."""
+    from jointgap.errors import InputError, did_you_mean
+    from jointgap.stages.scenario_results import outputs_of
+    from jointgap.surrogate.train import train
+
+    outputs = outputs_of(results.scenario.mechanism)
+    if output not in outputs:
+        raise InputError(f"--output-name {output}: no such output; {did_you_mean(output, outputs)}")
+    trained = train(results.read(TRAJECTORY), output, results.scenario.surrogate)
+    results.write(FIT_HISTORY, trained.history(), output)
+    results.write(FIT_ERRORS, trained.errors(), output)
+    results.write(FIT, trained.weights(), output)
+
+
+@SCENARIO_STAGES.stage(reads=(TRAJECTORY,), writes=(CLEARANCE_FIT, FIT_ERRORS.at("clearance")), sections=_LEARNING)
+def clearance(results: "ScenarioResults") -> None:
+    """Train the second surrogate: one network per loose joint for the clearance vector, all outputs from it."""
+    from jointgap.dynamics import simulate as simulated
+    from jointgap.stages.scenario_results import CLEARANCE, outputs_of
+    from jointgap.surrogate.train_clearance import train_clearance
+
+    outputs_of(results.scenario.mechanism)  # complains where there is nothing to learn
+    held_out, scenario = results.read(TRAJECTORY), results.scenario
+    samples = scenario.simulate.samples_per_revolution * scenario.surrogate.clearance_sampling
+    finer = scenario.simulate.model_copy(update={"revolutions": 1, "samples_per_revolution": samples})
+    fine = simulated(scenario.mechanism, finer).samples  # the same motion; too large to keep
+    trained = train_clearance(held_out, fine, scenario.surrogate, scenario.mechanism.applied().loose)
+    results.write(FIT_ERRORS, trained.errors(), CLEARANCE)
+    results.write(CLEARANCE_FIT, trained.weights())
+
+
+_TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate", "clearance")
+
+
+@SCENARIO_STAGES.stage(
+    reads=_TRAINED, writes=(KINEMATICS, KINEMATICS_ERRORS, KINEMATICS_CONTRADICTIONS), sections=_LEARNING
+)
+def kinematics(results: "ScenarioResults") -> None:
+    """Feed the paper's equations by networks and by the simulation, and hold them against the simulation."""
+    from jointgap.kinematics import kinematics as compared
+    from jointgap.stages.trained_surrogates import trained_surrogates
+
+    scenario = results.scenario
+    found = compared(
+        scenario.mechanism.applied(),
+        scenario.simulate,
+        scenario.surrogate.training_points,
+        results.read(TRAJECTORY),
+        trained_surrogates(results),
+    )
+    results.write(KINEMATICS_ERRORS, found.errors)
+    results.write(KINEMATICS_CONTRADICTIONS, found.contradictions)
+    results.write(KINEMATICS, found.motion)
+
+
+@SCENARIO_STAGES.stage(
+    reads=_TRAINED,
+    writes=(OPTIMA, POPULATION, PATHS, TOLERANCE, VALLEY, FLOOR, RESIMULATED, WORTH),
+    sections=_OPTIMUM,
+)
+def optimise(results: "ScenarioResults") -> None:
+    """Search the link lengths for the transmission angle, and simulate again what was found."""
+    from jointgap.optimise.optimise_stage import optimise as optimised
+    from jointgap.stages.trained_surrogates import trained_surrogates
+
+    scenario = results.scenario
+    found = optimised(
+        scenario.mechanism.applied(),
+        scenario.simulate,
+        scenario.optimise,
+        scenario.surrogate.training_points,
+        results.read(TRAJECTORY),
+        trained_surrogates(results),
+    )
+    for table in SCENARIO_STAGES["optimise"].writes:
+        results.write(table, getattr(found, table.name.removeprefix("optimise_")))
+
+
+_COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
+
+
+@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=(*_OPTIMUM, "figures"))
+def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path | None = None) -> None:
+    """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
+    from jointgap.figures.catalogue import FIGURES, needed_tables
+    from jointgap.figures.draw_figures import draw_all
+    from jointgap.figures.figure_data import predictions
+    from jointgap.stages.trained_surrogates import trained_surrogates
+
+    wanted = names or FIGURES
+    needed = needed_tables(wanted)
+    frames = results.read_all(name for name in needed if name != "predictions")
+    if "predictions" in needed:
+        frames["predictions"] = predictions(trained_surrogates(results), frames["trajectory"], results.scenario)
+    draw_all(frames, results.scenario, folder or results.path / "figures", wanted)
+
+
+@SCENARIO_STAGES.stage(
+    reads=_COMPUTED,
+    writes=(COMPARISON,),
+    files=("comparison.md", "comparison.html"),
+    sections=("description", *_OPTIMUM),
+)
+def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"]) -> None:
+    """Put every number and claim of the paper beside ours."""
+    from jointgap.paper.comparison import NEEDED
+    from jointgap.paper.comparison import compare as compared
+    from jointgap.paper.comparison_page import page
+    from jointgap.paper.looseness_variants import member
+    from jointgap.report.page import to_html, to_markdown
+
+    frames = results.read_all(NEEDED)
+    variants = {results.path.name: results, **siblings}
+    members = [member(name, each.scenario, each.read(RESIMULATED)) for name, each in variants.items()]
+    found = compared(frames, results.scenario, members)
+    tables.write_text(results.path / "comparison.html", to_html(page(found, results.scenario)))
+    tables.write_text(results.path / "comparison.md", to_markdown(page(found, results.scenario)))
+    results.write(COMPARISON, found)
+
+
+@SCENARIO_STAGES.stage(
+    reads=(*_COMPUTED, COMPARISON),
+    writes=(OVERVIEW,),
+    files=("overview.md", "overview.html"),
+    sections=("description", *_OPTIMUM),
+)
+def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
+    """Put the scenarios' optima side by side: frozen, simulated again, and what they assume."""
+    from jointgap.paper import scenario_overview
+    from jointgap.report.page import to_html, to_markdown
+
+    needed = {
+        name: (results.read_all(scenario_overview.NEEDED), results.scenario) for name, results in scenarios.items()
+    }
+    found = scenario_overview.overview(needed)
+    tables.write_text(folder / "overview.html", to_html(scenario_overview.page(found)))
+    tables.write_text(folder / "overview.md", to_markdown(scenario_overview.page(found)))
+    tables.write(OVERVIEW, found, folder / OVERVIEW.path)
+
+
+@SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
+def track(results: "ScenarioResults", name: str, store: Path, published: Path) -> None:
+    """Publish a scenario's tables and figures to MLflow; nothing twice."""
+    from jointgap.errors import InputError
+    from jointgap.track.publish import publish
+
+    if not (files := results.files(SCENARIO_STAGES["track"].reads)):
+        raise InputError(f"{results.path}: holds no tables, so there is nothing to publish; give a scenario's folder")
+    pictures = (path for path in (results.path / "figures").glob("*") if path.suffix in (".svg", ".png", ".gif"))
+    costs = sorted((results.path / "benchmarks").rglob("*.tsv"))
+    summary = publish(name, results.scenario, files, sorted(pictures), costs, None, store)
+    tables.write_text(published, json.dumps(summary, indent=2) + "\n")
+
+
+@SCENARIO_STAGES.stage(sections=(*_MOTION, "study"))
+def study_points(scenario: "Scenario", number: int, points: Path, workers: int | None) -> None:
+    """Simulate one speed of the study, for `jointgap study --points`."""
+    from jointgap.sweep.study_points import simulate_points
+
+    tables.check_writable(points)
+    tables.write(STUDY, simulate_points(scenario, number, workers), points)
+
+
+@SCENARIO_STAGES.stage(sections=(*_MOTION, "study"))
+def study(scenario: "Scenario", folder: Path, parts: Sequence[Path], workers: int | None) -> str:
+    """Map what clearance, speed and friction do: peak force, transmission angle, contact, acceleration orders, jerk.
+
+    The scenario's section `study` says which values. Each point is simulated from several starts; points where only
+    statistics hold are marked.
+
+    \b
+    Example:
+      cat > mine.yaml <<END
+      mechanism: config/mechanisms/erkaya2009.yaml
+      study:
+        clearance: [0.1 mm, 0.3 mm, 1 mm]
+        speed: {from: 300 rpm, to: 900 rpm, number: 3}
+        friction: [0, 0.1]
+      END
+      jointgap study --options mine.yaml --folder results/mine
+    """
+    from jointgap.figures import style
+    from jointgap.sweep.study_figures import draw_study
+    from jointgap.sweep.study_page import summary
+    from jointgap.sweep.study_points import join_points, simulate_points
+
+    table, text = folder / "points.parquet", folder / "summary.md"
+    tables.check_writable(table, text)
+    frames = [tables.read(STUDY, part) for part in parts] or [simulate_points(scenario, workers=workers)]
+    points = join_points(frames, scenario.study)
+    tables.write(STUDY, points, table)
+    page = summary(points, scenario)
+    tables.write_text(text, page)
+    for name, drawing in draw_study(points, scenario).items():
+        style.save(drawing, folder / name)
+    return page

@@ -1,0 +1,63 @@
+"""Changed code makes its stage run again: the digest of a stage covers every module that its work imports."""
+
+import re
+
+import pytest
+
+from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
+from jointgap.stages.code_digest import closure, code_digest, code_of
+from jointgap.stages.scenario_stages import SCENARIO_STAGES
+from jointgap.trials.trial_stages import TRIAL_STAGES
+
+PRODUCT = {**SCENARIO_STAGES, **CAMPAIGN_STAGES}
+ALL = {**PRODUCT, **TRIAL_STAGES}
+
+
+def modules_of(stage):
+    return code_of(ALL[stage].function)[1]
+
+
+@pytest.mark.parametrize("stage", ["kinematics", "optimise", "figures"])
+def test_stages_that_evaluate_surrogates_depend_on_their_code(stage):
+    assert {"stages.scenario_results", "stages.trained_surrogates", "surrogate.evaluate"} <= modules_of(stage)
+
+
+def test_the_fine_simulation_for_the_second_surrogate_is_part_of_its_stage():
+    own, modules = code_of(SCENARIO_STAGES["clearance"].function)
+    assert "clearance_sampling" in own and "dynamics.simulation" in modules
+
+
+def test_a_stage_depends_on_its_own_function_and_on_none_of_its_neighbours():
+    own, modules = code_of(SCENARIO_STAGES["simulate"].function)
+    assert "def simulate" in own and "def optimise" not in own and "_MOTION = " in own
+    assert not {name for name in modules if name.startswith(("surrogate", "optimise", "figures"))}
+
+
+def test_what_a_stage_is_given_counts_though_it_is_named_in_an_annotation_alone():
+    assert {"campaign.state", "slider_crank.model"} <= modules_of("noise")
+
+
+def test_imports_inside_functions_count():
+    assert "identification.problem" in closure("campaign.state")
+
+
+def test_figures_that_are_imported_by_name_count():
+    assert {"figures.contact_figures", "figures.optimum_figures"} <= modules_of("figures")
+    assert "figures.campaign_gaps" in modules_of("conclude")
+
+
+def test_the_dynamics_do_not_depend_on_what_stands_above_them():
+    rooms = {name.partition(".")[0] for name in closure("dynamics.simulation")}
+    assert not rooms & {"campaign", "trials", "figures", "paper", "surrogate", "optimise", "track", "cli", "sweep"}
+
+
+def test_nothing_of_the_product_imports_the_trials():
+    names = {name for stage in PRODUCT for name in modules_of(stage)}
+    assert not {name for name in names if name.startswith("trials")}
+
+
+def test_a_digest_is_short_and_stable_and_differs_between_stages():
+    digests = [stage.digest for stage in ALL.values()]
+    assert digests == [code_digest(stage.function) for stage in ALL.values()]
+    assert len(set(digests)) == len(digests)
+    assert all(re.fullmatch("[0-9a-f]{12}", digest) for digest in digests)
