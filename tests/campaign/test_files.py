@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from jsonschema import validate
 
 from benchmarks.project import ROOT
-from jointgap.campaign import preflight, stages
+from jointgap.campaign import preflight
 from jointgap.campaign.campaign_files import campaigns
 from jointgap.campaign.state import CampaignState
 from jointgap.cli import cli
@@ -18,6 +18,7 @@ from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 from jointgap.slider_crank import build_model
+from jointgap.stages import campaign_stages as stages
 from jointgap.tables import describe
 
 DEMONSTRATION = "config/campaigns/demonstration.yaml"
