@@ -18,7 +18,7 @@ from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 from jointgap.slider_crank import build_model
-from jointgap.stages import campaign_stages as stages
+from jointgap.stages.campaign_stages import CAMPAIGN_STAGES, measure, noise
 from jointgap.tables import describe
 
 DEMONSTRATION = "config/campaigns/demonstration.yaml"
@@ -48,8 +48,12 @@ def test_a_number_of_parts_that_is_none_is_refused(parts):
 
 def test_stages_follow_each_other_in_one_process_on_the_same_case(tmp_path, monkeypatch):
     passed = []
+
+    def pass_by(name):
+        return lambda state, **given: passed.append((name, id(state), given))
+
     for name in ("decide", "regress", "confirm"):
-        monkeypatch.setattr(stages, name, lambda case, name=name, **given: passed.append((name, id(case), given)))
+        monkeypatch.setitem(CAMPAIGN_STAGES, name, replace(CAMPAIGN_STAGES[name], function=pass_by(name)))
     command = ["decide", str(ROOT / DEMONSTRATION), "--folder", str(tmp_path), "--parts", "2"]
     CliRunner().invoke(cli, [*command, "--then", "regress", "--then", "confirm"], catch_exceptions=False)
     names, cases, given = zip(*passed, strict=True)
@@ -89,7 +93,7 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_is_computed(tmp
         raise AssertionError("computed in vain")
 
     for name in ("measure", "fit", "conclude", "preflight"):
-        monkeypatch.setattr(stages, name, untouched)
+        monkeypatch.setitem(CAMPAIGN_STAGES, name, replace(CAMPAIGN_STAGES[name], function=untouched))
     (tmp_path / blocked).write_text("a file where a folder should be")
     with pytest.raises(InputError, match=rf"{blocked}.*cannot be written .* check permission and space"):
         CliRunner().invoke(cli, [command, str(ROOT / DEMONSTRATION), "--folder", str(tmp_path)], catch_exceptions=False)
@@ -162,8 +166,8 @@ def test_the_demonstration_names_what_its_data_hide(tmp_path):
 
 def test_noise_of_other_data_is_refused_with_the_command_that_finds_it(tmp_path):
     case = CampaignState(ROOT / DEMONSTRATION, tmp_path)
-    stages.measure(case, pictures=False)
-    stages.noise(case)
+    measure(case, pictures=False)
+    noise(case)
     again = CampaignState(ROOT / DEMONSTRATION, tmp_path)
     assert again.noise.keys() == case.noise.keys()
     first = case.model.series[0]
