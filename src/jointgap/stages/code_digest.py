@@ -69,11 +69,11 @@ def _named(node: ast.AST) -> Iterator[str]:
         yield base
         yield from (".".join(filter(None, (base, alias.name))) for alias in node.names)
     elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith("jointgap."):
-        yield node.value.removeprefix("jointgap.")
-    elif isinstance(node, ast.JoinedStr) and isinstance(node.values[0], ast.Constant):
-        # f"jointgap.figures.{module}" may be any module of that package
-        package = str(node.values[0].value)
-        if package.startswith("jointgap.") and _exists(package := package.removeprefix("jointgap.").rstrip(".")):
+        # "jointgap.figures.", as in an f-string that a module's name follows, may be any module of that package, "...*" is all
+        name = node.value.removeprefix("jointgap.")
+        package = name.rstrip("*").rstrip(".")
+        yield name
+        if package != name and _exists(package):
             yield from (f"{package}.{path.stem}" for path in sorted(source_of(package).parent.glob("*.py")))
 
 
