@@ -184,13 +184,13 @@ def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"
     from jointgap.paper.comparison import NEEDED
     from jointgap.paper.comparison import compare as compared
     from jointgap.paper.comparison_page import page
-    from jointgap.paper.looseness_variants import member
+    from jointgap.paper.looseness_variants import variant_optimum
     from jointgap.report.page import to_html, to_markdown
 
     frames = results.read_all(NEEDED)
-    variants = {results.path.name: results, **siblings}
-    members = [member(name, each.scenario, each.read(RESIMULATED)) for name, each in variants.items()]
-    found = compared(frames, results.scenario, members)
+    compared_with = {results.path.name: results, **siblings}
+    variants = [variant_optimum(name, each.scenario, each.read(RESIMULATED)) for name, each in compared_with.items()]
+    found = compared(frames, results.scenario, variants)
     tables.write_text(results.path / "comparison.html", to_html(page(found, results.scenario)))
     tables.write_text(results.path / "comparison.md", to_markdown(page(found, results.scenario)))
     results.write(COMPARISON, found)
