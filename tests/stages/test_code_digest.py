@@ -43,7 +43,7 @@ def test_imports_inside_functions_count():
 
 def test_figures_that_are_imported_by_name_count():
     assert {"figures.contact_figures", "figures.optimum_figures"} <= modules_of("figures")
-    assert "figures.campaign_gaps" in modules_of("conclude")
+    assert "figures.campaign_figures" in modules_of("conclude")
 
 
 def test_the_dynamics_do_not_depend_on_what_stands_above_them():
