@@ -6,7 +6,7 @@ from jointgap.config.campaign_file import Campaign
 from jointgap.errors import InputError
 from jointgap.joints import PINS
 from jointgap.slider_crank import build_model
-from jointgap.slider_crank.nuisances import check_ends
+from jointgap.slider_crank.nuisances import check_bounds
 from tests.slider_crank.rigs import campaign, mechanism
 
 
@@ -35,7 +35,7 @@ def test_bounds_at_which_nothing_is_possible_are_refused_with_what_is(key, said,
 
 def test_bounds_up_to_the_ends_of_what_is_possible_are_accepted():
     ends = {"restitution": [0.001, 0.999], "joint_friction": [0.0, 0.6], "crank_pin_clearance": [1e-9, 1e-3]}
-    check_ends(with_nuisances(ends))
+    check_bounds(with_nuisances(ends))
 
 
 @pytest.mark.parametrize(
@@ -64,12 +64,12 @@ def test_a_restitution_that_pins_share_is_that_of_those_whose_law_of_contact_has
         "friction": 0.1,
     }
     content["joints"]["crank_pin"]["contact"] = "soft"
-    check_ends(campaign(content, nuisance={"restitution": "20 %"}))
+    check_bounds(campaign(content, nuisance={"restitution": "20 %"}))
 
 
 def test_a_film_thicker_than_the_least_clearance_is_refused():
     film = {"viscosity_Pa_s": 0.05, "length_m": 0.01, "least_film_m": 1e-5}
     content = mechanism(PINS, effects=[{"name": "lubricated_joint", "site": "crank_pin", "parameters": film}])
-    check_ends(campaign(content, nuisance={"crank_pin_clearance": [3e-5, 6e-4]}))
+    check_bounds(campaign(content, nuisance={"crank_pin_clearance": [3e-5, 6e-4]}))
     with pytest.raises(InputError, match=r"crank_pin_clearance = 1.5e-05 m: .*least_film_m.*narrower bounds"):
-        check_ends(campaign(content, nuisance={"crank_pin_clearance": [1.5e-5, 6e-4]}))
+        check_bounds(campaign(content, nuisance={"crank_pin_clearance": [1.5e-5, 6e-4]}))

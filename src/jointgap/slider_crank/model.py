@@ -18,7 +18,7 @@ from jointgap.slider_crank.chaotic_channels import (
     measured_statistics,
     simulated_statistics,
 )
-from jointgap.slider_crank.nuisances import of_run, shared
+from jointgap.slider_crank.nuisances import run_nuisances, shared_nuisances
 from jointgap.slider_crank.run_simulation import NUMERICS, RunPlan, channels_read
 from jointgap.slider_crank.sensor_faults import sensor_candidates
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
@@ -56,8 +56,12 @@ class SliderCrankModel:
         settings: SliderCrankSettings = DEFAULT_SETTINGS,
     ):
         self.campaign, self.plans, self.name, self.settings = campaign, plans, campaign.name, settings
-        own = [p for run, plan in plans.items() for p in of_run(campaign, plan.run, plan.samples, run in searched)]
-        self.nuisances: tuple[Parameter, ...] = (*shared(campaign), *own)
+        own = [
+            p
+            for run, plan in plans.items()
+            for p in run_nuisances(campaign, plan.run, plan.samples, run in searched, settings.nuisances)
+        ]
+        self.nuisances: tuple[Parameter, ...] = (*shared_nuisances(campaign, settings.nuisances), *own)
         self.numerics = NUMERICS
         self._chaotic = {}
         for run, plan in plans.items():

@@ -13,7 +13,7 @@ from jointgap.recordings.recording import noise_of
 from jointgap.slider_crank.chaotic_channels import chaotic_channels
 from jointgap.slider_crank.driven_run import measured_pieces, starts_with_record
 from jointgap.slider_crank.model import SliderCrankModel
-from jointgap.slider_crank.nuisances import check_ends, of_run, shared
+from jointgap.slider_crank.nuisances import check_bounds, run_nuisances, shared_nuisances
 from jointgap.slider_crank.run_simulation import RunPlan, channels_read
 from jointgap.slider_crank.sample_grid import SampleGrid, planned_grid, sample_grid, speed_from_periodicity
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
@@ -42,7 +42,7 @@ def build_model(
     InputError
         A recording that does not go with the drive; bounds of nuisances at which the mechanism cannot be simulated.
     """
-    check_ends(campaign)
+    check_bounds(campaign)
     plans, measured, noise, held_out, searched = {}, {}, {}, {}, set()
     for run in campaign.runs:
         if measurements is None:
@@ -91,7 +91,8 @@ def _planned(
 
 def _is_chaotic(campaign: Campaign, run: CampaignRun, samples: SampleGrid, settings: SliderCrankSettings) -> bool:
     channels = tuple(name for name in campaign.channels if name != "time")
-    nominal = {p.name: p.nominal for p in (*shared(campaign), *of_run(campaign, run, samples, False))}
+    nuisances = (*shared_nuisances(campaign), *run_nuisances(campaign, run, samples, False))
+    nominal = {p.name: p.nominal for p in nuisances}
     plan = RunPlan(run, samples, channels, _pieces(campaign, run, samples, settings), settings)
     return bool(chaotic_channels(campaign, plan, nominal, noise_of(campaign, run.id)))
 

@@ -2,8 +2,6 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.load import validate
@@ -13,29 +11,32 @@ from jointgap.identification.protocol import Parameter
 from jointgap.joints import PINS
 from jointgap.slider_crank.modified_mechanism import friction_speed, with_nuisances
 from jointgap.slider_crank.sample_grid import SampleGrid
-
-_STEP = 0.02  # of the width of a nuisance's bounds
-REGULARISED = 4.0
-"""By what factor friction may be regularised over a lower or a higher speed than the contact says."""
-
-FIRST_ANGLE_REACH = np.pi / 6
-"""How far [rad] a first angle that was searched for may be off."""
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS, NuisanceSettings
 
 
-def shared(campaign: Campaign) -> tuple[Parameter, ...]:
-    """Those of the mechanism, which all runs share."""
-    found = []
+def shared_nuisances(
+    campaign: Campaign, settings: NuisanceSettings = DEFAULT_SETTINGS.nuisances
+) -> tuple[Parameter, ...]:
+    """Those of the mechanism, which all runs share.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    settings : NuisanceSettings
+    """
+    nuisances = []
     for key in campaign.nuisance:
         nominals = () if key == "speed" else nominal_values(campaign.mechanism, key)
         if nominals:
             low, high = campaign.bounds(key, nominals[0])
-            found.append(_parameter(key, nominals[0], low, high, NUISANCES[key] or "1"))
+            nuisances.append(_parameter(settings, key, nominals[0], low, high, NUISANCES[key] or "1"))
     if (width := friction_speed(campaign.mechanism)) is not None:
-        found.append(_parameter("friction_speed", width, width / REGULARISED, width * REGULARISED, "m/s"))
-    return tuple(found)
+        low, high = width / settings.friction_speed_factor, width * settings.friction_speed_factor
+        nuisances.append(_parameter(settings, "friction_speed", width, low, high, "m/s"))
+    return tuple(nuisances)
 
 
-def check_ends(campaign: Campaign) -> None:
+def check_bounds(campaign: Campaign) -> None:
     """Make sure that the mechanism is possible at the ends of its nuisances' bounds.
 
     One at a time, the others at nominal; and where lengths and clearances together leave the crank least room to turn.
@@ -45,7 +46,7 @@ def check_ends(campaign: Campaign) -> None:
     InputError
         It is not; with the nuisance, its value and what to do.
     """
-    bounds = {p.name: (p.low, p.high) for p in shared(campaign) if p.name in campaign.nuisance}
+    bounds = {p.name: (p.low, p.high) for p in shared_nuisances(campaign) if p.name in campaign.nuisance}
     tightest = {"crank_length": 1, "rod_length": 0} | {f"{pin}_clearance": 1 for pin in PINS}
     together = {key: bounds[key][end] for key, end in tightest.items() if key in bounds}
     alone = [{key: end} for key, ends in bounds.items() for end in ends]
@@ -62,23 +63,39 @@ def _check_possible(campaign: Campaign, values: Mapping[str, float]) -> None:
         raise InputError(f"{error}; or give narrower bounds") from error
 
 
-def of_run(
-    campaign: Campaign, run: CampaignRun, samples: SampleGrid, first_angle_searched: bool
+def run_nuisances(
+    campaign: Campaign,
+    run: CampaignRun,
+    samples: SampleGrid,
+    first_angle_searched: bool,
+    settings: NuisanceSettings = DEFAULT_SETTINGS.nuisances,
 ) -> tuple[Parameter, ...]:
-    """Speed and phase of one run, as far as they are not exact."""
-    found = []
+    """Speed [rad/s] and first angle [rad] of one run, as far as they are not exact.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    run : CampaignRun
+    samples : SampleGrid
+    first_angle_searched : bool
+        Whether the first angle was found by a search rather than read or stated.
+    settings : NuisanceSettings
+    """
+    nuisances = []
     if samples.encoded and samples.speed_reach > 0:
-        reach = samples.speed_reach
-        found.append(_parameter("speed", samples.speed, samples.speed - reach, samples.speed + reach, "rad/s", run.id))
+        low, high = samples.speed - samples.speed_reach, samples.speed + samples.speed_reach
+        nuisances.append(_parameter(settings, "speed", samples.speed, low, high, "rad/s", run.id))
     elif not samples.encoded and "speed" in campaign.nuisance:
         low, high = campaign.bounds("speed", run.speed)
-        found.append(_parameter("speed", min(max(samples.speed, low), high), low, high, "rad/s", run.id))
-    reach = FIRST_ANGLE_REACH if first_angle_searched else samples.first_reach
+        nuisances.append(_parameter(settings, "speed", min(max(samples.speed, low), high), low, high, "rad/s", run.id))
+    reach = settings.first_angle_reach_rad if first_angle_searched else samples.first_reach
     if reach > 0:
         first = samples.first_angle
-        found.append(_parameter("first_angle", first, first - reach, first + reach, "rad", run.id))
-    return tuple(found)
+        nuisances.append(_parameter(settings, "first_angle", first, first - reach, first + reach, "rad", run.id))
+    return tuple(nuisances)
 
 
-def _parameter(name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None) -> Parameter:
-    return Parameter(name, nominal, low, high, _STEP * (high - low), unit, run)
+def _parameter(
+    settings: NuisanceSettings, name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None
+) -> Parameter:
+    return Parameter(name, nominal, low, high, settings.step_share_of_bounds * (high - low), unit, run)
