@@ -15,7 +15,7 @@ from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import refit_and_decide, shortlist_singles
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import signatures
+from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.smoother import coarse_to_fine_fit, smoothers_of
 from jointgap.identification.thresholds import thresholds
 from tests.identification.knocks import knocking
@@ -103,7 +103,7 @@ def test_recalibration_finds_parameters_whose_valley_is_narrow(clearance):
 def test_an_effect_that_moves_every_knock_is_found_by_the_second_look_alone():
     model = knocking({"spring": {"stiffness_N_m": 2.0}}, clearance=1.05, seed=2)
     base = recalibrate(model, stated_noise(model))
-    known = signatures(base.problem, base.base, base.differences)
+    known = simulate_signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
     first = [fit_screened(base.problem, base.differences, known, one) for one in shortlist_singles(known, limits)]
     assert min(one.chi2 for one in first) > 2.0 * base.problem.size
@@ -126,7 +126,7 @@ def test_two_effects_that_move_every_knock_are_found_among_few_pairs(monkeypatch
     hidden = {"spring": {"stiffness_N_m": 2.0}, "coulomb": {"force_N": 0.3}}
     model = knocking(hidden, clearance=1.05, seed=3)
     base = recalibrate(model, stated_noise(model))
-    known = signatures(base.problem, base.base, base.differences)
+    known = simulate_signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
     fits = [*fit_singles(base, known, limits)[0], *search_singles(base, limits)]
     assert min(one.chi2 for one in fits) > 100.0 * base.problem.size

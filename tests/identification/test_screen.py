@@ -8,7 +8,7 @@ import pytest
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import Screen, signatures
+from jointgap.identification.screening import Screen, simulate_signatures
 from jointgap.identification.signature_subspaces import SignatureSubspaces
 from tests.identification.toy import stated_noise, toy
 
@@ -18,7 +18,7 @@ def screened(effects, **how):
     problem = Problem(model, stated_noise(model))
     differences = FiniteDifferences(problem)
     base = fit_hypothesis(problem, differences=differences, refresh=True)
-    return problem, differences, base, signatures(problem, base, differences)
+    return problem, differences, base, simulate_signatures(problem, base, differences)
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_what_signatures_foretell_is_what_a_fit_finds():
     """Sizes act linearly here, so both must agree."""
     problem, differences, _, known = screened({"viscous": {"damping_N_s_m": 0.3}}, seed=2)
     first = Screen(known).singles()[0]
-    found = fit_hypothesis(problem, first.hypothesis, first.start, known.known(first.signatures), differences)
+    found = fit_hypothesis(problem, first.hypothesis, first.start, known.derivatives(first.signatures), differences)
     assert first.chi2 == pytest.approx(found.chi2, abs=0.5)
     assert first.bic == pytest.approx(found.bic, abs=0.5)
     assert found.mapping["viscous.damping_N_s_m"] == pytest.approx(first.start["viscous.damping_N_s_m"], rel=1e-2)
@@ -54,7 +54,7 @@ def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal(
     base = fit_hypothesis(problem, differences=differences, refresh=True)
     mass = next(p for p in model.nuisances if p.name == "slider_mass")
     assert base.mapping["slider_mass"] != pytest.approx(mass.nominal, rel=1e-3)
-    (one,) = signatures(problem, base, differences).of("added_mass")
+    (one,) = simulate_signatures(problem, base, differences).of("added_mass")
     at = base.mapping | {"slider_mass": mass.nominal}
     np.testing.assert_allclose(one.origin, problem.residual(at), atol=1e-9)
     heavier = problem.residual(at | {"slider_mass": mass.nominal + 0.1})
@@ -78,7 +78,9 @@ def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows():
 def test_beside_one_of_two_hidden_effects_the_other_is_first():
     problem, differences, _, known = screened({"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}, seed=5)
     coulomb = next(one for one in Screen(known).singles() if one.label == "coulomb")
-    found = fit_hypothesis(problem, coulomb.hypothesis, coulomb.start, known.known(coulomb.signatures), differences)
+    found = fit_hypothesis(
+        problem, coulomb.hypothesis, coulomb.start, known.derivatives(coulomb.signatures), differences
+    )
     partners = Screen(known.about(found), found.hypothesis).singles()
     assert partners[0].label == "coulomb + spring"
     assert partners[0].start["spring.stiffness_N_m"] == pytest.approx(5.0, rel=0.1)
@@ -101,7 +103,7 @@ def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():
 
     problem_with_springs = SimulationError("the spring breaks")
     object.__setattr__(model, "simulate", failing)
-    known = signatures(problem, base, differences)
+    known = simulate_signatures(problem, base, differences)
     assert known.failed == {"spring": "the spring breaks"}
     assert "viscous" in {one.candidate.label for one in known.found}
 

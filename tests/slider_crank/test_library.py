@@ -15,7 +15,7 @@ from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.force_law import Regressed, effect_of, regress, term_of
 from jointgap.identification.noise_model import estimate_noise
 from jointgap.identification.protocol import runs_of
-from jointgap.identification.screening import signatures
+from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.thresholds import thresholds
 from jointgap.recordings import read_measurements
 from jointgap.slider_crank import SliderCrankModel, augmented_mechanism, build_model
@@ -68,7 +68,7 @@ def regressed(model: SliderCrankModel) -> Regressed:
     nominal = {run: {p.name: p.nominal for p in model.nuisances if p.run in (None, run)} for run in runs_of(model)}
     missed = {s.key: s.value - model.simulate(s.run, nominal[s.run])[s.channel] for s in model.series}
     base = recalibrate(model, estimate_noise(model, missed))
-    known = signatures(base.problem, base.base, base.differences, candidates=())
+    known = simulate_signatures(base.problem, base.base, base.differences, candidates=())
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
     return regress(base.problem, base.base, library(model), limits, base.differences)
 

@@ -13,7 +13,7 @@ from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.noise_model import Key, numerics_noise
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Model, Series, runs_of
-from jointgap.identification.screening import signatures
+from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.whitening import Noise
 
 ASSUMED_SHARE = 0.02
@@ -185,7 +185,7 @@ def _surveyed(
     base = fit_hypothesis(problem, differences=differences)
     if base.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
-    known = signatures(problem, base, differences)
+    known = simulate_signatures(problem, base, differences)
     return problem, Detectability(known, *_lengths(problem.parts, counts), rate, problem.settings), assumed
 
 

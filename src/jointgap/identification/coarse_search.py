@@ -14,7 +14,7 @@ from jointgap.identification.decision import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Hypothesis
-from jointgap.identification.screening import Screen, Screened, Signatures, signatures
+from jointgap.identification.screening import Screen, Screened, Signatures, simulate_signatures
 from jointgap.identification.smoother import Smoother, coarse_to_fine_fit, coordinate_scan, smoothers_of
 from jointgap.identification.thresholds import Thresholds
 
@@ -33,7 +33,7 @@ def search_singles(baseline: Baseline, limits: Thresholds) -> list[Fit]:
     start, smoothers = _first_visible(baseline, (), baseline.nominal.mapping, smoothers)
     if start.status == FAILED:
         return []
-    known = signatures(baseline.problem, start, baseline.differences)
+    known = simulate_signatures(baseline.problem, start, baseline.differences)
     singles = _shortlist(known, smoothers[0], baseline.problem.settings.coarse_search.max_singles)
     return successive_elimination(baseline, [(single, known) for single in singles], smoothers, limits)
 
@@ -70,7 +70,7 @@ def search_pairs(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) ->
         if single.status == FAILED:
             continue
         remaining = max(remaining, rest, key=len)
-        known = signatures(baseline.problem, single, baseline.differences)
+        known = simulate_signatures(baseline.problem, single, baseline.differences)
         smoother = rest[0] if rest else None
         for pair in _shortlist(known, smoother, settings.partners_per_single, single.hypothesis, every=rank == 0):
             if pair.hypothesis[-1].label not in failed:

@@ -1,4 +1,4 @@
-"""Stage confirm: how far the gap shrinks on data that took no part in fitting or choosing."""
+"""How far the gap shrinks on data that took no part in fitting or choosing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,13 +10,10 @@ from jointgap.errors import InputError, SimulationError
 from jointgap.identification.fit import Fit, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Model
+from jointgap.identification.settings import DEFAULT_SETTINGS, ConfirmationSettings
 from jointgap.identification.whitening import Noise
 
-_BLOCKS = 20
-"""Stretches into which a series is cut for the bootstrap: neighbours in one miss the measurement alike."""
-
-_DRAWS = 1000
-_ENDS = (0.05, 0.95)
+_ENDS = (0.05, 0.95)  # [1] quantiles between which a 90 % interval lies
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,12 @@ def share_closed(before: float, after: float) -> float:
 
 
 def confirm(
-    model: Model, noise: Mapping[tuple[str, str], Noise], base: Fit, named: Fit | None = None, seed: int = 0
+    model: Model,
+    noise: Mapping[tuple[str, str], Noise],
+    base: Fit,
+    named: Fit | None = None,
+    seed: int = 0,
+    settings: ConfirmationSettings = DEFAULT_SETTINGS.confirmation,
 ) -> Confirmed:
     """Predict every run with and without the effects of the verdict.
 
@@ -65,6 +67,7 @@ def confirm(
         With the effects of the verdict; the base where there are none.
     seed : int
         Of the bootstrap.
+    settings : ConfirmationSettings
 
     Raises
     ------
@@ -85,7 +88,7 @@ def confirm(
             frame = _compared(problem, before).assign(augmented=np.nan, whitened_augmented=np.nan)
         frames.append(frame.assign(role="confirm"))
     residuals = pd.concat(frames, ignore_index=True)
-    return Confirmed(residuals.drop(columns="role"), _gaps(residuals, remarks, np.random.default_rng(seed)))
+    return Confirmed(residuals.drop(columns="role"), _gaps(residuals, remarks, np.random.default_rng(seed), settings))
 
 
 class _Alone:
@@ -99,14 +102,23 @@ class _Alone:
         return getattr(self._model, name)
 
 
-def fit_run_parameters(problem: Problem, found: Fit) -> dict[str, float]:
-    """Values of a fit, with those that a held-out run has for itself fitted to that run; nominal where it cannot be simulated."""
-    known = {p.key for p in found.parameters}
-    own = [p for p in problem.parameters(found.hypothesis) if p.run is not None and p.key not in known]
+def fit_run_parameters(problem: Problem, fit: Fit) -> dict[str, float]:
+    """Values [SI] of a fit by key, with those that a held-out run has for itself fitted to that run.
+
+    These are nominal where the run cannot be simulated.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the held-out run.
+    fit : Fit
+        To the runs for fitting.
+    """
+    fitted = {p.key for p in fit.parameters}
+    own = [p for p in problem.parameters(fit.hypothesis) if p.run is not None and p.key not in fitted]
     if not own:
-        return found.mapping
-    refitted = fit_hypothesis(problem, found.hypothesis, start=found.mapping, vary=own)
-    return found.mapping | refitted.mapping
+        return fit.mapping
+    return fit.mapping | fit_hypothesis(problem, fit.hypothesis, start=fit.mapping, vary=own).mapping
 
 
 def _compared(problem: Problem, before: dict, after: dict | None = None, hypothesis: Hypothesis = ()) -> pd.DataFrame:
@@ -142,14 +154,18 @@ def _compared(problem: Problem, before: dict, after: dict | None = None, hypothe
     return pd.concat(frames, ignore_index=True)
 
 
-def _gaps(residuals: pd.DataFrame, remarks: Mapping[str, str], random: np.random.Generator) -> pd.DataFrame:
+def _gaps(
+    residuals: pd.DataFrame, remarks: Mapping[str, str], random: np.random.Generator, settings: ConfirmationSettings
+) -> pd.DataFrame:
     """Rows of the table gaps: each run and channel, each run, and all, by role; remarks by held-out run."""
     rows = []
     for role, of_role in residuals.groupby("role", sort=False):
-        drawn = {key: _squares(series, random) for key, series in of_role.groupby(["run", "channel"], sort=False)}
-        runs = dict.fromkeys(run for run, _ in drawn)
+        squares_of = {
+            key: _squares(series, random, settings) for key, series in of_role.groupby(["run", "channel"], sort=False)
+        }
+        runs = dict.fromkeys(run for run, _ in squares_of)
         for run in (*runs, "all"):
-            within = {key: squares for key, squares in drawn.items() if run in ("all", key[0])}
+            within = {key: squares for key, squares in squares_of.items() if run in ("all", key[0])}
             if run != "all":
                 rows += [_row(run, role, channel, [squares]) for (_, channel), squares in within.items()]
             rows.append(_row(run, role, "all", list(within.values())))
@@ -161,23 +177,23 @@ def _gaps(residuals: pd.DataFrame, remarks: Mapping[str, str], random: np.random
 class _Squares:
     """Mean squared whitened residuals of a series, columns before and after: as they are, and of bootstrap samples."""
 
-    found: np.ndarray
+    mean: np.ndarray
     drawn: np.ndarray
     samples: int
 
 
-def _squares(series: pd.DataFrame, random: np.random.Generator) -> _Squares:
+def _squares(series: pd.DataFrame, random: np.random.Generator, settings: ConfirmationSettings) -> _Squares:
     squared = series[["whitened_base", "whitened_augmented"]].to_numpy() ** 2
-    blocks = np.array_split(squared, min(_BLOCKS, len(squared)))
+    blocks = np.array_split(squared, min(settings.blocks, len(squared)))
     means, sizes = np.array([block.mean(axis=0) for block in blocks]), np.array([len(block) for block in blocks])
-    chosen = random.integers(len(blocks), size=(_DRAWS, len(blocks)))
+    chosen = random.integers(len(blocks), size=(settings.draws, len(blocks)))
     weights = sizes[chosen][..., None]
     drawn = (means[chosen] * weights).sum(axis=1) / weights.sum(axis=1)
     return _Squares(squared.mean(axis=0), drawn, len(squared))
 
 
 def _row(run: str, role: str, channel: str, parts: list[_Squares]) -> dict[str, object]:
-    before, after = np.sqrt(np.mean([part.found for part in parts], axis=0))
+    before, after = np.sqrt(np.mean([part.mean for part in parts], axis=0))
     low, high = np.quantile(np.sqrt(np.mean([part.drawn for part in parts], axis=0)), _ENDS, axis=0)
     return {
         "run": run,

@@ -137,8 +137,8 @@ class Detectability:
     def _smallest(self, one: Signature, size: int, measure, target: float) -> float:
         """Amount of which at least `target` is left; infinite where bounds forbid it. A secant says nothing below its reach."""
         p = one.amplitudes[size]
-        if p.key in one.shape_parameters and self._left(one, size, one.reach(p)[0], measure) >= target:
-            return float(one.reach(p)[0])
+        if p.key in one.shape_parameters and self._left(one, size, one.valid_range(p)[0], measure) >= target:
+            return float(one.valid_range(p)[0])
         reach = [abs(bound) for bound in (p.low, p.high) if np.isfinite(bound) and bound != 0.0]
         most = max(reach) if np.isfinite(p.high) and reach else _MOST_STEPS * p.step
         whole = float(np.sum(measure[1][id(one)][:, size] ** 2))

@@ -18,7 +18,7 @@ from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
-from jointgap.identification.screening import Screen, Screened, signatures
+from jointgap.identification.screening import Screen, Screened, simulate_signatures
 from jointgap.identification.thresholds import Thresholds
 
 COEFFICIENTS = ("c1", "c2")
@@ -155,7 +155,7 @@ def regress(
     """
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
-    known = signatures(problem, base, differences, library)
+    known = simulate_signatures(problem, base, differences, library)
     screen = Screen(known)
     sums = [screen.explained(chosen) for chosen in _subsets(known.found)]
     if not sums:

@@ -6,37 +6,35 @@ import numpy as np
 
 from jointgap.identification.problem import Part
 from jointgap.identification.protocol import Parameter
+from jointgap.identification.settings import ScreeningSettings
 
-_PER_LINE = 4  # frequencies tried within the width of a spectral line
 
-
-def frequencies(
+def likely_frequencies(
     parts: Sequence[Part],
     residual: np.ndarray,
     jacobian: np.ndarray,
     carrier: np.ndarray,
     frequency: Parameter,
-    most: int,
+    settings: ScreeningSettings,
 ) -> list[float]:
-    """The most likely frequencies [Hz] of an effect that is `carrier` times a cosine in time.
+    """The most likely frequencies [Hz] of an effect that is `carrier` times a cosine in time, the likeliest first.
 
     A periodogram by least squares: at each frequency the carrier times a cosine and a sine, of each run its own, are fitted beside
-    the nuisances. It is exact where the motion does not answer to the force (a prescribed motion, of which forces are read).
+    the nuisances. It is exact where the motion does not respond to the force (a prescribed motion, of which forces are read).
 
     Parameters
     ----------
     parts : sequence of Part
         Series with times; others take no part.
     residual : (n,) array
-        Whitened.
+        [1] Whitened.
     jacobian : (n, k) array
-        Derivatives with respect to the nuisances.
+        [1/unit] Derivatives with respect to the nuisances.
     carrier : (n,) array
-        Derivative with respect to the steady effect's size.
+        [1/unit] Derivative with respect to the steady effect's amplitude.
     frequency : Parameter
-        Its bounds are the range that is searched.
-    most : int
-        Frequencies to give, most likely first; fewer where there are fewer peaks.
+        Its bounds [Hz] are the range that is searched.
+    settings : ScreeningSettings
     """
     time, run = np.full(residual.size, np.nan), np.empty(residual.size, dtype=object)
     for part in parts:
@@ -47,22 +45,24 @@ def frequencies(
     if not timed.any() or not residual.any():  # a preflight has nothing to search
         return []
     span = max(np.ptp(part.series.time[part.used]) for part in parts if timed[part.place].all())
-    step = 1.0 / (_PER_LINE * span)
+    step = 1.0 / (settings.frequencies_per_line * span)
     densest = min(np.median(np.diff(part.series.time[part.used])) for part in parts if timed[part.place].all())
     tried = np.arange(max(frequency.low, 0.5 / span), min(frequency.high, 0.5 / densest), step)
     basis = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))[0]
     left = residual - basis @ (basis.T @ residual)
-    carriers = [np.where(timed & (run == one), carrier, 0.0) for one in dict.fromkeys(run)]
-    power = np.array([_power(nu, np.where(timed, time, 0.0), carriers, basis, left) for nu in tried])
+    carriers = [np.where(timed & (run == name), carrier, 0.0) for name in dict.fromkeys(run)]
+    power = np.array([_power(hertz, np.where(timed, time, 0.0), carriers, basis, left) for hertz in tried])
     inner = np.arange(1, power.size - 1)
     peaks = inner[(power[inner] >= power[inner - 1]) & (power[inner] > power[inner + 1])]
-    return [float(tried[i]) for i in sorted(peaks, key=lambda i: -power[i])[:most]]
+    return [float(tried[i]) for i in sorted(peaks, key=lambda i: -power[i])[: settings.max_frequencies]]
 
 
-def _power(nu, time, carriers, basis, left) -> float:
-    """How much of the squared residual a cosine and a sine at `nu` explain, in each run by themselves."""
-    phase = 2 * np.pi * nu * time
-    columns = np.column_stack([one * wave for one in carriers for wave in (np.cos(phase), np.sin(phase))])
+def _power(
+    hertz: float, time: np.ndarray, carriers: Sequence[np.ndarray], basis: np.ndarray, left: np.ndarray
+) -> float:
+    """How much of the squared residual a cosine and a sine explain, in each run by themselves."""
+    phase = 2 * np.pi * hertz * time
+    columns = np.column_stack([carrier * wave for carrier in carriers for wave in (np.cos(phase), np.sin(phase))])
     columns -= basis @ (basis.T @ columns)
     weight = np.linalg.lstsq(columns, left, rcond=None)[0]
     return float(left @ (columns @ weight))

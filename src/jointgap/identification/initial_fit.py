@@ -48,7 +48,7 @@ def fit_screened(
         Failed, with the reason, where its start cannot be simulated or no amplitude on a grid comes nearer to the data
         than none.
     """
-    derivatives = (known if beside is None else known.about(beside)).known(screened.signatures)
+    derivatives = (known if beside is None else known.about(beside)).derivatives(screened.signatures)
     try:
         start, near = _start(problem, screened, derivatives, smoother)
     except (InputError, SimulationError) as error:

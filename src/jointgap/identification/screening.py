@@ -8,30 +8,30 @@ import numpy as np
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import Fit, bounds_of
-from jointgap.identification.frequency_search import frequencies
+from jointgap.identification.frequency_search import likely_frequencies
 from jointgap.identification.gauss_newton import bounded_step, compress_rows
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate, Parameter
-
-MOST_FREQUENCIES = 3  # at which one candidate is tried
-_SECANT = 2.0  # times or parts of a size for which a secant to it holds
+from jointgap.identification.settings import DEFAULT_SETTINGS
 
 
 @dataclass(frozen=True)
 class Signature:
-    """What one candidate, from one start of its shapes, changes in the whitened residuals.
+    """What one candidate, from one start of its shape parameters, changes in the whitened residuals.
 
     Attributes
     ----------
     candidate : Candidate
     shape_parameters : mapping of str to float
-        Shapes by name, and sizes that are not small.
+        Shapes by name [SI], and amplitudes that are not small.
     columns : (n, m) array
-        Derivatives with respect to its sizes, per unit [1/unit]: at 0, or secants from there to sizes among `shape_parameters`.
+        [1/unit] Derivatives with respect to its amplitudes: at 0, or secants from there to amplitudes among `shape_parameters`.
     origin : (n,) array
-        Residuals at zero size: the base's, unless the candidate replaces a nuisance.
+        [1] Residuals at zero amplitude: the base's, unless the candidate replaces a nuisance.
     runs : tuple of str
         The runs that residuals are of.
+    secant_factor : float
+        [1] A secant holds from this part of its amplitude to this multiple of it.
     """
 
     candidate: Candidate
@@ -39,6 +39,7 @@ class Signature:
     columns: np.ndarray
     origin: np.ndarray
     runs: tuple[str, ...]
+    secant_factor: float = DEFAULT_SETTINGS.screening.secant_factor
 
     @property
     def coordinates(self) -> tuple[Parameter, ...]:
@@ -50,12 +51,12 @@ class Signature:
         """The coordinates that `columns` belong to."""
         return tuple(p for p in self.coordinates if p.key in self.candidate.amplitudes)
 
-    def reach(self, size: Parameter) -> tuple[float, float]:
-        """Between what values `columns` say what a size changes."""
-        if size.key not in self.shape_parameters:
-            return size.low, size.high
-        at = self.shape_parameters[size.key]
-        return max(at / _SECANT, size.low), min(at * _SECANT, size.high)
+    def valid_range(self, amplitude: Parameter) -> tuple[float, float]:
+        """Between what values [SI] `columns` say what an amplitude changes."""
+        if amplitude.key not in self.shape_parameters:
+            return amplitude.low, amplitude.high
+        secant = self.shape_parameters[amplitude.key]
+        return max(secant / self.secant_factor, amplitude.low), min(secant * self.secant_factor, amplitude.high)
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,11 @@ class Signatures:
     parameters : tuple of Parameter
         The nuisances, k of them.
     values : (k,) array
+        [SI]
     jacobian : (n, k) array
+        [1/SI]
     residual : (n,) array
+        [1] Whitened.
     found : list of Signature
     failed : mapping of label to reason
         Candidates that could not be simulated.
@@ -81,46 +85,46 @@ class Signatures:
     found: list[Signature]
     failed: Mapping[str, str]
 
-    def about(self, one: Fit) -> "Signatures":
+    def about(self, fit: Fit) -> "Signatures":
         """The other candidates' signatures beside the effects of a fit, as they are about the base."""
-        taken = {name for candidate in one.hypothesis for name in (candidate.label, *candidate.replaces)}
+        taken = {name for candidate in fit.hypothesis for name in (candidate.label, *candidate.replaces)}
         others = [
-            replace(s, origin=one.residual + (s.origin - self.residual))
+            replace(s, origin=fit.residual + (s.origin - self.residual))
             for s in self.found
             if not taken & {s.candidate.label, *s.candidate.replaces}
         ]
-        return Signatures(one.parameters, one.values, one.jacobian, one.residual, others, self.failed)
+        return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, others, self.failed)
 
     def of(self, label: str) -> list[Signature]:
         """All signatures of one candidate."""
-        return [one for one in self.found if one.candidate.label == label]
+        return [signature for signature in self.found if signature.candidate.label == label]
 
-    def known(self, chosen: Sequence[Signature]) -> dict[str, np.ndarray]:
-        """Derivatives by key, for a fit that starts near the base."""
+    def derivatives(self, chosen: Sequence[Signature]) -> dict[str, np.ndarray]:
+        """Derivatives by key, each (n,), for a fit that starts near the base."""
         columns = {p.key: column for p, column in zip(self.parameters, self.jacobian.T, strict=True)}
-        for one in chosen:
-            for p, column in zip(one.amplitudes, one.columns.T, strict=True):
-                columns[f"{one.candidate.label}.{p.key}"] = column
+        for signature in chosen:
+            for p, column in zip(signature.amplitudes, signature.columns.T, strict=True):
+                columns[f"{signature.candidate.label}.{p.key}"] = column
         return columns
 
 
 @dataclass(frozen=True)
 class Screened:
-    """What an explanation would explain if all were linear.
+    """What a hypothesis would explain if all were linear.
 
     Attributes
     ----------
     signatures : tuple of Signature
         One of each effect that is new.
     chi2 : float
-        That would be left.
+        What would be left.
     start : mapping of str to float
-        Values by key at which it would be.
+        Values by key [SI] at which it would be.
     bic : float
     beside : tuple of Candidate
         Effects that are fitted already; `start` holds their values.
     near : mapping of str to float
-        Values by key about which the signatures were taken.
+        Values by key [SI] about which the signatures were taken.
     """
 
     signatures: tuple[Signature, ...]
@@ -133,7 +137,7 @@ class Screened:
     @property
     def hypothesis(self) -> Hypothesis:
         """The effects."""
-        return (*self.beside, *(one.candidate for one in self.signatures))
+        return (*self.beside, *(signature.candidate for signature in self.signatures))
 
     @property
     def label(self) -> str:
@@ -141,10 +145,10 @@ class Screened:
         return label_of(self.hypothesis)
 
 
-def signatures(
+def simulate_signatures(
     problem: Problem, base: Fit, differences: FiniteDifferences, candidates: Sequence[Candidate] | None = None
 ) -> Signatures:
-    """Simulate every candidate at a small size about the fitted base.
+    """Simulate every candidate at a small amplitude about the fitted base.
 
     Parameters
     ----------
@@ -155,56 +159,71 @@ def signatures(
     candidates : sequence of Candidate
         All of the model's by default.
     """
-    found, failed = [], {}
+    found: list[Signature] = []
+    failed: dict[str, str] = {}
     candidates = problem.model.candidates if candidates is None else candidates
-    taken = {name for one in base.hypothesis for name in (one.label, *one.replaces)}
-    candidates = [one for one in candidates if not taken & {one.label, *one.replaces}]
-    for candidate in sorted(candidates, key=lambda one: bool(one.steady_counterpart)):  # carriers come first
-        carriers = [one for one in found if one.candidate.label == candidate.steady_counterpart]
+    taken = {name for effect in base.hypothesis for name in (effect.label, *effect.replaces)}
+    candidates = [candidate for candidate in candidates if not taken & {candidate.label, *candidate.replaces}]
+    for candidate in sorted(candidates, key=lambda candidate: bool(candidate.steady_counterpart)):  # steady ones first
+        steady = [signature for signature in found if signature.candidate.label == candidate.steady_counterpart]
         try:
             origin = base.residual
             if candidate.replaces:
                 absent = _absent(candidate, candidate.initial_guesses[0], base)
                 origin = problem.residual(absent, (*base.hypothesis, candidate))
-            for shapes in _starts(problem, base, candidate, carriers):
+            for shapes in _initial_shapes(problem, base, candidate, steady):
                 try:
                     found.append(_signature(problem, base, differences, candidate, shapes, origin))
                 except (InputError, SimulationError) as error:
                     failed[candidate.label] = str(error)
         except (InputError, SimulationError) as error:
             failed[candidate.label] = str(error)
-    failed = {label: why for label, why in failed.items() if label not in {one.candidate.label for one in found}}
-    known = Signatures(base.parameters, base.values, base.jacobian, base.residual, found, failed)
-    return replace(known, found=[one for one in found if np.isfinite(one.columns).all()])
+    simulated = {signature.candidate.label for signature in found}
+    failed = {label: reason for label, reason in failed.items() if label not in simulated}
+    finite = [signature for signature in found if np.isfinite(signature.columns).all()]
+    return Signatures(base.parameters, base.values, base.jacobian, base.residual, finite, failed)
 
 
-def _starts(problem, base, candidate, carriers) -> Sequence[Mapping[str, float]]:
-    if not carriers:
+def _initial_shapes(
+    problem: Problem, base: Fit, candidate: Candidate, steady: Sequence[Signature]
+) -> Sequence[Mapping[str, float]]:
+    """Shape parameters to start from; of an effect that is a steady one swinging, at the likely frequencies."""
+    if not steady:
         return candidate.initial_guesses
-    frequency = next(p for p in candidate.coordinates if p.name == "frequency_Hz")
-    tried = frequencies(
-        problem.parts, base.residual, base.jacobian, carriers[0].columns[:, 0], frequency, MOST_FREQUENCIES
-    )
+    frequency, carrier = next(p for p in candidate.coordinates if p.name == "frequency_Hz"), steady[0].columns[:, 0]
+    settings = problem.settings.screening
+    tried = likely_frequencies(problem.parts, base.residual, base.jacobian, carrier, frequency, settings)
     return [{**candidate.initial_guesses[0], "frequency_Hz": value} for value in tried] or candidate.initial_guesses
 
 
 def _absent(candidate: Candidate, shapes: Mapping[str, float], base: Fit) -> dict[str, float]:
-    """The base's values with the candidate there at zero size; nuisances that it replaces are left out, and so at nominal."""
-    at = {p.key: 0.0 if p.key in candidate.amplitudes else shapes[p.key] for p in candidate.coordinates}
+    """The base's values with the candidate at zero amplitude; nuisances that it replaces are left out, and so at nominal."""
+    own = {p.key: 0.0 if p.key in candidate.amplitudes else shapes[p.key] for p in candidate.coordinates}
     kept = {key: value for key, value in base.mapping.items() if key.partition("@")[0] not in candidate.replaces}
-    return kept | {f"{candidate.label}.{key}": value for key, value in at.items()}
+    return kept | {f"{candidate.label}.{key}": value for key, value in own.items()}
 
 
-def _signature(problem, base, differences, candidate, shapes, origin) -> Signature:
+def _signature(
+    problem: Problem,
+    base: Fit,
+    differences: FiniteDifferences,
+    candidate: Candidate,
+    shapes: Mapping[str, float],
+    origin: np.ndarray,
+) -> Signature:
     values = _absent(candidate, shapes, base)
-    sizes = {f"{candidate.label}.{key}" for key in candidate.amplitudes}
+    amplitudes = {f"{candidate.label}.{key}" for key in candidate.amplitudes}
+    factor = problem.settings.screening.secant_factor
     both = (*base.hypothesis, candidate)
     if finite := [key for key in candidate.amplitudes if key in shapes]:
         (key,) = finite
-        away = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, both) - origin
-        return Signature(candidate, dict(shapes), away[:, None] / shapes[key], origin, problem.runs)
-    columns = [differences.column(p, values, origin, both) for p in problem.parameters((candidate,)) if p.key in sizes]
-    return Signature(candidate, dict(shapes), np.column_stack(columns), origin, problem.runs)
+        # Not linear near zero: the derivative is a secant to a finite amplitude.
+        change = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, both) - origin
+        return Signature(candidate, dict(shapes), change[:, None] / shapes[key], origin, problem.runs, factor)
+    columns = [
+        differences.column(p, values, origin, both) for p in problem.parameters((candidate,)) if p.key in amplitudes
+    ]
+    return Signature(candidate, dict(shapes), np.column_stack(columns), origin, problem.runs, factor)
 
 
 class Screen:
@@ -226,40 +245,38 @@ class Screen:
         smoother: Callable[[np.ndarray], np.ndarray] | None = None,
     ):
         self.known, self.beside = known, beside
-        origins = [one.origin - known.residual for one in known.found]
+        origins = [signature.origin - known.residual for signature in known.found]
         self._rows = known.residual.size
-        blocks = [known.jacobian, known.residual, *(one.columns for one in known.found), *origins]
+        blocks = [known.jacobian, known.residual, *(signature.columns for signature in known.found), *origins]
         blocks = compress_rows(*(blocks if smoother is None else map(smoother, blocks)))
         count = len(known.found)
         self._jacobian, self._residual = blocks[0], blocks[1]
         self._columns, self._origins = blocks[2 : 2 + count], blocks[2 + count :]
-        self._place = {id(one): i for i, one in enumerate(known.found)}
+        self._index = {id(signature): i for i, signature in enumerate(known.found)}
 
     def explained(self, chosen: Sequence[Signature]) -> Screened:
         """What the signatures `chosen` together would explain, within all bounds."""
         known = self.known
-        replaced = {name for one in chosen for name in one.candidate.replaces}
+        replaced = {name for signature in chosen for name in signature.candidate.replaces}
         kept = [i for i, p in enumerate(known.parameters) if p.name not in replaced]
-        places = [self._place[id(one)] for one in chosen]
-        matrix = np.hstack([self._jacobian[:, kept], *(self._columns[i] for i in places)])
-        target = self._residual + sum((self._origins[i] for i in places), np.zeros(self._residual.size))
-        sizes = [(one, p) for one in chosen for p in one.amplitudes]
+        indices = [self._index[id(signature)] for signature in chosen]
+        matrix = np.hstack([self._jacobian[:, kept], *(self._columns[i] for i in indices)])
+        target = self._residual + sum((self._origins[i] for i in indices), np.zeros(self._residual.size))
+        amplitudes = [(signature, p) for signature in chosen for p in signature.amplitudes]
         low, high = bounds_of([known.parameters[i] for i in kept])
-        reach = np.array([one.reach(p) for one, p in sizes]).reshape(-1, 2).T
-        low, high = np.append(low, reach[0]), np.append(high, reach[1])
-        here = np.append(known.values[kept], [one.shape_parameters.get(p.key, 0.0) for one, p in sizes])
-        target = target + matrix[:, len(kept) :] @ here[len(kept) :]
-        step, chi2 = bounded_step(matrix, target, low - here, high - here)
-        start = {known.parameters[i].key: float(value) for i, value in zip(kept, here + step, strict=False)}
-        for (one, p), value in zip(sizes, (here + step)[len(kept) :], strict=True):
-            start[f"{one.candidate.label}.{p.key}"] = float(value)
-        for one in chosen:
-            shapes = {
-                name: value for name, value in one.shape_parameters.items() if name not in one.candidate.amplitudes
-            }
-            start |= {f"{one.candidate.label}.{name}": value for name, value in shapes.items()}
-        effects = (*self.beside, *(one.candidate for one in chosen))
-        free = len(kept) + sum(len(one.coordinates) for one in chosen)
+        ranges = np.array([signature.valid_range(p) for signature, p in amplitudes]).reshape(-1, 2).T
+        low, high = np.append(low, ranges[0]), np.append(high, ranges[1])
+        present = np.append(known.values[kept], [s.shape_parameters.get(p.key, 0.0) for s, p in amplitudes])
+        target = target + matrix[:, len(kept) :] @ present[len(kept) :]
+        step, chi2 = bounded_step(matrix, target, low - present, high - present)
+        start = {known.parameters[i].key: float(value) for i, value in zip(kept, present + step, strict=False)}
+        for (signature, p), value in zip(amplitudes, (present + step)[len(kept) :], strict=True):
+            start[f"{signature.candidate.label}.{p.key}"] = float(value)
+        for s in chosen:
+            shapes = {name: value for name, value in s.shape_parameters.items() if name not in s.candidate.amplitudes}
+            start |= {f"{s.candidate.label}.{name}": value for name, value in shapes.items()}
+        effects = (*self.beside, *(signature.candidate for signature in chosen))
+        free = len(kept) + sum(len(signature.coordinates) for signature in chosen)
         free += sum(len(candidate.replaces) for candidate in effects)  # as `Fit.bic` counts
         near = {p.key: float(value) for p, value in zip(known.parameters, known.values, strict=True)}
         return Screened(tuple(chosen), chi2, start, chi2 + free * np.log(self._rows), self.beside, near)
@@ -267,8 +284,8 @@ class Screen:
     def singles(self) -> list[Screened]:
         """Every candidate with its best start, best first."""
         best: dict[str, Screened] = {}
-        for one in self.known.found:
-            found = self.explained((one,))
-            if found.label not in best or found.chi2 < best[found.label].chi2:
-                best[found.label] = found
-        return sorted(best.values(), key=lambda found: found.bic)
+        for signature in self.known.found:
+            screened = self.explained((signature,))
+            if screened.label not in best or screened.chi2 < best[screened.label].chi2:
+                best[screened.label] = screened
+        return sorted(best.values(), key=lambda screened: screened.bic)

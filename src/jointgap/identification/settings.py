@@ -331,6 +331,105 @@ class NoiseSettings:
 
 
 @dataclass(frozen=True)
+class ScreeningSettings:
+    """Signatures of all candidates, and the thresholds from null campaigns.
+
+    Attributes
+    ----------
+    max_frequencies : int
+        At which one candidate is tried: the highest peaks of the periodogram, as noise may make the highest (experience).
+    frequencies_per_line : int
+        Frequencies tried within the width of a spectral line, so that no peak lies between two of them.
+    secant_factor : float
+        [1] A secant to a finite amplitude is taken to hold from this part of the amplitude to this multiple of it.
+    negligible_projection : float
+        [1, of a signature's length] What the nuisances cannot take up counts as rounding below.
+    special_case_distance : float
+        [1, of a signature's length] What may lie outside another's span for it to be a special case of that.
+    null_campaigns : int
+        Simulated campaigns with nothing hidden; at a rate of 1 % forty of them exceed the threshold, which is known to 16 %.
+    """
+
+    max_frequencies: int = 3
+    frequencies_per_line: int = 4
+    secant_factor: float = 2.0
+    negligible_projection: float = 1e-6
+    special_case_distance: float = 0.03
+    null_campaigns: int = 4000
+
+
+@dataclass(frozen=True)
+class DetectabilitySettings:
+    """What a preflight calls detectable, typical and alike.
+
+    Attributes
+    ----------
+    typical_gap : float
+        [1] Gap after recalibration that a clearly visible effect causes; at this size effects are compared with each other.
+    power : float
+        [1] Probability with which an effect of the smallest detectable size is found.
+    max_steps : float
+        [steps of the parameter] How large an unbounded amplitude may become: one that has to be larger is as good as invisible.
+    cosine_slack : float
+        [1] By what factor the misfit that a cosine foretells may exceed the limit before bounds are looked at, which take some of it.
+    assumed_noise_share : float
+        [1, of what a channel varies by] Noise where none is stated: a plain industrial sensor.
+    assumed_angle_noise_deg : float
+        [deg] Noise of an angle where none is stated: an encoder of 1800 lines.
+    hardly_varies : float
+        [1, of its root mean square] A channel that varies by less is taken to be constant; its size sets the assumed noise.
+    """
+
+    typical_gap: float = 1.5
+    power: float = 0.9
+    max_steps: float = 1000.0
+    cosine_slack: float = 4.0
+    assumed_noise_share: float = 0.02
+    assumed_angle_noise_deg: float = 0.2
+    hardly_varies: float = 1e-3
+
+
+@dataclass(frozen=True)
+class ForceLawSettings:
+    """The search for a force law where no listed effect explains what is missing.
+
+    Attributes
+    ----------
+    min_explained_share : float
+        [1, of the misfit] What a law has to explain where it leaves more than noise: it is then within 10 % (rms) of the force.
+        More than of a listed effect, as the library of terms can imitate much.
+    same_law_share : float
+        [1, of the law's own change] Laws of one effect whose predictions differ by less are one law in two forms.
+    max_fitted : int
+        Sums of one size that are simulated, of those that would explain most if all were linear (experience).
+    fitted_per_effect : int
+        Single terms of each effect, and pairs that add to the best one, that are simulated in any case: where joints are
+        loose, the linear order misleads.
+    """
+
+    min_explained_share: float = 0.99
+    same_law_share: float = 0.1
+    max_fitted: int = 6
+    fitted_per_effect: int = 3
+
+
+@dataclass(frozen=True)
+class ConfirmationSettings:
+    """The bootstrap of gaps.
+
+    Attributes
+    ----------
+    blocks : int
+        Stretches into which a series is cut: neighbours in one miss the measurement alike, so blocks are drawn, not samples.
+    draws : int
+        Bootstrap samples; the ends of a 90 % interval are known to a few percent of its width.
+    """
+
+    blocks: int = 20
+    draws: int = 1000
+
+
+@dataclass(frozen=True)
 class DecisionSettings:
     """What a name asks for (`jointgap.identification.decision`).
 
@@ -396,6 +495,10 @@ class IdentificationSettings:
     coarse_search: CoarseSearchSettings = field(default_factory=CoarseSearchSettings)
     selection: ModelSelectionSettings = field(default_factory=ModelSelectionSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
+    screening: ScreeningSettings = field(default_factory=ScreeningSettings)
+    detectability: DetectabilitySettings = field(default_factory=DetectabilitySettings)
+    force_law: ForceLawSettings = field(default_factory=ForceLawSettings)
+    confirmation: ConfirmationSettings = field(default_factory=ConfirmationSettings)
     decision: DecisionSettings = field(default_factory=DecisionSettings)
     disagreement: DisagreementSettings = field(default_factory=DisagreementSettings)
 

@@ -1,11 +1,12 @@
 """How alike explanations look in the measured channels, once the nuisances have taken up what they can."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from jointgap.identification.problem import Hypothesis
 from jointgap.identification.screening import Signatures
-
-_INSIDE = 0.03  # of a signature's length may lie outside another's span, for it to be a special case of that
+from jointgap.identification.settings import DEFAULT_SETTINGS, ScreeningSettings
 
 
 class SignatureSubspaces:
@@ -14,35 +15,51 @@ class SignatureSubspaces:
     Parameters
     ----------
     known : Signatures
+    settings : ScreeningSettings
     """
 
-    def __init__(self, known: Signatures):
+    def __init__(self, known: Signatures, settings: ScreeningSettings = DEFAULT_SETTINGS.screening):
+        self._settings = settings
         self.nuisances = orthonormal(known.jacobian)
         self.of: dict[str, list[np.ndarray]] = {}
-        for one in known.found:
-            self.of.setdefault(one.candidate.label, []).append(orthonormal(self.projected(one.columns)))
+        for signature in known.found:
+            space = orthonormal(self.projected(signature.columns))
+            self.of.setdefault(signature.candidate.label, []).append(space)
 
     def projected(self, columns: np.ndarray) -> np.ndarray:
         """What of the columns (n, m) the nuisances cannot take up; zero where that is rounding."""
         left = columns - self.nuisances @ (self.nuisances.T @ columns)
-        lost = np.linalg.norm(left, axis=0) < 1e-6 * np.linalg.norm(columns, axis=0)
+        lost = np.linalg.norm(left, axis=0) < self._settings.negligible_projection * np.linalg.norm(columns, axis=0)
         return np.where(lost, 0.0, left)
 
-    def span(self, labels) -> np.ndarray:
+    def span(self, labels: Iterable[str]) -> np.ndarray:
         """All that the candidates `labels` together can change, shape (n, dimensions)."""
         return orthonormal(np.hstack([self.nuisances[:, :0], *(space for label in labels for space in self.of[label])]))
 
     def cosine(self, space: np.ndarray, label: str) -> float:
-        """Largest cosine of anything that `label` changes with the orthonormal columns `space`; 0 where it changes nothing."""
-        found = [np.linalg.norm(space.T @ one, 2) for one in self.of[label] if one.size and space.size]
-        return float(min(max(found, default=0.0), 1.0))
+        """Largest cosine [1] of anything that the candidate changes with the columns of `space`; 0 where it changes nothing.
 
-    def is_special_case(self, one: Hypothesis, other: Hypothesis) -> bool:
-        """Whether `one` is a special case of `other`, which can do more: a constant force is a spring without stiffness."""
-        part, whole = (self.span([c.label for c in hypothesis if c.label in self.of]) for hypothesis in (one, other))
+        Parameters
+        ----------
+        space : (n, m) array
+            Orthonormal columns.
+        label : str
+            Of the candidate.
+        """
+        cosines = [np.linalg.norm(space.T @ own, 2) for own in self.of[label] if own.size and space.size]
+        return float(min(max(cosines, default=0.0), 1.0))
+
+    def is_special_case(self, special: Hypothesis, general: Hypothesis) -> bool:
+        """Whether the second hypothesis can do all that the first can, and more: a constant force is a spring without stiffness.
+
+        Parameters
+        ----------
+        special, general : tuple of Candidate
+        """
+        part, whole = (self.span([c.label for c in hyp if c.label in self.of]) for hyp in (special, general))
         if not 0 < part.shape[1] < whole.shape[1]:
             return False
-        return bool(np.linalg.norm(part - whole @ (whole.T @ part), 2) < _INSIDE)
+        return bool(np.linalg.norm(part - whole @ (whole.T @ part), 2) < self._settings.special_case_distance)
 
     def nearest(self, hypothesis: Hypothesis) -> tuple[str, float]:
         """The candidate beyond the explanation that it could stand for best, and the squared cosine; '' where there is none."""

@@ -7,10 +7,8 @@ import numpy as np
 
 from jointgap.identification.baseline import Baseline, other_numerics
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import Signatures, signatures
+from jointgap.identification.screening import Signatures, simulate_signatures
 from jointgap.identification.signature_subspaces import SignatureSubspaces, orthonormal
-
-DRAWS = 4000
 
 
 @dataclass(frozen=True)
@@ -20,14 +18,14 @@ class Thresholds:
     Attributes
     ----------
     rate : float
-        Share of null campaigns that exceed each threshold.
+        [1] Share of null campaigns that exceed each threshold.
     omnibus : float
-        Of the base's chi2 over its degrees of freedom.
+        [1] Of the base's chi2 over its degrees of freedom.
     max_gain_threshold : float
-        Of the largest gain of chi2 by one candidate, less ln n for each of its coordinates; at least what another choice of
+        [chi2] Of the largest gain of chi2 by one candidate, less ln n for each of its coordinates; at least what another choice of
         numerics changes, for any candidate may happen to resemble that.
     numerical_noise : float
-        chi2 that a fit may gain by numerical noise alone.
+        [chi2] What a fit may gain by numerical noise alone.
     """
 
     rate: float
@@ -56,10 +54,10 @@ def screen_candidates(base: Baseline, rate: float, noise_dof: float = np.inf, se
     seed : int
         Of the null campaigns.
     """
-    known = signatures(base.problem, base.base, base.differences)
+    known = simulate_signatures(base.problem, base.base, base.differences)
     numerics = other_numerics(base.problem, base.base)
-    rough = base.differences.numerical_noise_chi2
-    return Screening(known, thresholds(base.problem, known, numerics, rate, noise_dof, rough, seed))
+    numerical_noise = base.differences.numerical_noise_chi2
+    return Screening(known, thresholds(base.problem, known, numerics, rate, noise_dof, numerical_noise, seed))
 
 
 def thresholds(
@@ -68,7 +66,7 @@ def thresholds(
     numerics: np.ndarray,
     rate: float = 0.01,
     noise_dof: float = np.inf,
-    rough: float = 0.0,
+    numerical_noise: float = 0.0,
     seed: int = 0,
 ) -> Thresholds:
     """Thresholds of one campaign, from null campaigns in which the motion answers to everything linearly.
@@ -81,44 +79,49 @@ def thresholds(
     problem : Problem
     known : Signatures
     numerics : (m, n) array
-        As `jointgap.identification.baseline.other_numerics` gives them.
+        [1] As `jointgap.identification.baseline.other_numerics` gives them.
     rate : float
-        False alarms allowed.
+        [1] False alarms allowed.
     noise_dof : float
         Degrees of freedom from which the noise was estimated; infinite where it is stated.
-    rough : float
-        `jointgap.identification.finite_differences.FiniteDifferences.numerical_noise_chi2`.
+    numerical_noise : float
+        [chi2] `jointgap.identification.finite_differences.FiniteDifferences.numerical_noise_chi2`.
     seed : int
+        Of the draws.
     """
     size = known.residual.size
     generator = np.random.default_rng(seed)
     # Whitening divides by noise and numerics together; the noise alone is less than 1 where numerics disagree.
     measured = np.concatenate([(part.noise.sd / part.noise.spread)[part.used] for part in problem.parts])
-    subspaces = SignatureSubspaces(known)
+    subspaces = SignatureSubspaces(known, problem.settings.screening)
     numerics = subspaces.projected(numerics.T)
-    amounts = generator.standard_normal((DRAWS, numerics.shape[1]))
+    draws = problem.settings.screening.null_campaigns
+    amounts = generator.standard_normal((draws, numerics.shape[1]))
 
     # chi2: squares of many independent numbers, so normal about its mean, and what the numerics add to it.
     # That is amounts @ numerics.T, of which sums over the samples alone are needed: all of it would fill the memory.
     added, met = (_lengths(amounts, weight * numerics) for weight in (1.0, measured[:, None]))
     chi2 = np.sum(measured**2) - subspaces.nuisances.shape[1] + added
-    chi2 += np.sqrt(2 * np.sum(measured**4) + 4 * met) * generator.standard_normal(DRAWS)
+    chi2 += np.sqrt(2 * np.sum(measured**4) + 4 * met) * generator.standard_normal(draws)
     if np.isfinite(noise_dof):  # noise taken for smaller or larger than it is
-        chi2 *= noise_dof / generator.chisquare(noise_dof, DRAWS)
+        chi2 *= noise_dof / generator.chisquare(noise_dof, draws)
 
     # Gains: lengths of projections, which depend on the draws through as many numbers as there are signatures.
-    spaces = [(orthonormal(subspaces.projected(one.columns)), len(one.coordinates)) for one in known.found]
+    spaces = [
+        (orthonormal(subspaces.projected(signature.columns)), len(signature.coordinates)) for signature in known.found
+    ]
     joint = np.hstack([space for space, _ in spaces]) if spaces else np.empty((size, 0))
     noise = np.linalg.qr(joint * measured[:, None], mode="r").T if joint.size else np.empty((0, 0))
-    drawn = np.square(generator.standard_normal((DRAWS, noise.shape[1])) @ noise.T + amounts @ (numerics.T @ joint))
-    gains, at = np.zeros(DRAWS), 0
+    drawn = np.square(generator.standard_normal((draws, noise.shape[1])) @ noise.T + amounts @ (numerics.T @ joint))
+    gains, begin = np.zeros(draws), 0
     for space, count in spaces:
-        gain = drawn[:, at : at + space.shape[1]].sum(axis=1) - count * np.log(size)
-        gains, at = np.maximum(gains, gain), at + space.shape[1]
+        gain = drawn[:, begin : begin + space.shape[1]].sum(axis=1) - count * np.log(size)
+        gains, begin = np.maximum(gains, gain), begin + space.shape[1]
+    # Any candidate may happen to resemble what another choice of numerics changes, and a fit gain what numerical noise leaves.
     dof = max(size - subspaces.nuisances.shape[1], 1)
     changed = float(np.max(np.sum(numerics**2, axis=0), initial=0.0))
-    directed = max(float(np.quantile(gains, 1 - rate)), changed, rough)
-    return Thresholds(rate, float(np.quantile(chi2, 1 - rate) / dof), directed, rough)
+    max_gain = max(float(np.quantile(gains, 1 - rate)), changed, numerical_noise)
+    return Thresholds(rate, float(np.quantile(chi2, 1 - rate) / dof), max_gain, numerical_noise)
 
 
 def _lengths(amounts: np.ndarray, columns: np.ndarray) -> np.ndarray:
