@@ -18,7 +18,7 @@ from jointgap.figures import style
 from jointgap.figures.catalogue import CATALOGUE, SPECS, needed_tables
 from jointgap.figures.draw_figures import draw
 
-SPECIFIED = {table.name: table for table in vars(files).values() if isinstance(table, files.Table)}
+SPECIFIED = {t.name: t for t in (getattr(files, name) for name in files.__all__) if isinstance(t, files.Table)}
 every_still_figure = pytest.mark.parametrize("name", CATALOGUE)
 
 

@@ -1,4 +1,6 @@
-"""What MLflow is told of a campaign: a run with its verdict and gaps, and under it one for each explanation that was fitted."""
+"""What MLflow is told of a campaign: a run with its verdict and gaps, and under it one for each explanation that was
+fitted.
+"""
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -59,7 +61,9 @@ def records(folder: Path) -> list[Record]:
 
 
 def _metric(effect: Mapping[str, Any], labels: Collection[str]) -> str:
-    """What metrics of an effect begin with: its label among `labels`, its site behind an underscore, as not all stores take a colon."""
+    """What metrics of an effect begin with: its label among `labels`, its site behind an underscore, as not all stores
+    take a colon.
+    """
     name, site = effect["name"], effect["site"]
     return f"effect/{name}_{site}" if f"{name}:{site}" in labels else f"effect/{name}"
 

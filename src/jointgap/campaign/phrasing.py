@@ -55,7 +55,9 @@ def _units(name: str) -> dict[str, str]:
 
 
 def unit_of(name: str, site: str, parameter: str) -> str:
-    """SI unit of a `parameter` of the effect `name` at `site`: ``1`` for a pure number, empty for text and unknown ones."""
+    """SI unit of a `parameter` of the effect `name` at `site`: ``1`` for a pure number, empty for text and unknown
+    ones.
+    """
     unit = _units(name).get(parameter, "")
     return CHANNELS.get(site, "SI") if unit == _OF_CHANNEL else unit
 
@@ -75,7 +77,9 @@ def parameter_rows(effects: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...
 
 
 def size_in_words(parameter: str, value: str, unit: str, falls: bool) -> str:
-    """``force_N 0.03 N`` of `parameter`, `value` and `unit`; ``up to`` 50 Hz where the effect shrinks as the value grows (`falls`)."""
+    """``force_N 0.03 N`` of `parameter`, `value` and `unit`; ``up to`` 50 Hz where the effect shrinks as the value
+    grows (`falls`).
+    """
     return f"{parameter} {'up to ' * falls}{with_unit(value, unit)}"
 
 

@@ -107,7 +107,8 @@ def _parts_of_runs(verdict: Mapping[str, Any]) -> list[Block]:
         return []
     return [
         Paragraph(
-            f"Held out of {joined(shared)} is the last third of a run that was used for fitting: weaker evidence than a run of its own."
+            f"Held out of {joined(shared)} is the last third of a run that was used for fitting: weaker evidence than "
+            "a run of its own."
         )
     ]
 
@@ -178,8 +179,8 @@ def _optimum(effects: Sequence[Mapping[str, Any]], optimum: pd.DataFrame | None)
         )
         return [heading, Paragraph(words)]
     meaning = (
-        "At the optimal lengths the RMS error of the transmission angle is smallest, with the motion in the joints as it is at the "
-        "original lengths; how far it falls is counted from the error at those."
+        "At the optimal lengths the RMS error of the transmission angle is smallest, with the motion in the joints "
+        "as it is at the original lengths; how far it falls is counted from the error at those."
     )
     sentences = []
     for model, reason in optimum.dropna(subset=["failed"]).set_index("model")["failed"].items():
@@ -192,7 +193,8 @@ def _optimum(effects: Sequence[Mapping[str, Any]], optimum: pd.DataFrame | None)
             own = own.head(1)
             lengths = joined(f"{words} {1e3 * own[key].iloc[0]:.2f} mm" for words, key in _LINKS.items())
             sentences.append(
-                f"Before, all joints were ideal, and there was nothing to optimise; after, the optimal lengths are {lengths}{_edge(own)}."
+                "Before, all joints were ideal, and there was nothing to optimise; after, the optimal lengths are "
+                f"{lengths}{_edge(own)}."
             )
     return [heading, Paragraph(meaning), Bullets(tuple(sentences)), _figure("optimum")]
 
@@ -230,8 +232,8 @@ def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
 def _limits(verdict: Mapping[str, Any], effects: pd.DataFrame | None) -> list[Block]:
     rate = verdict["false_alarm_rate"]
     lines = [
-        f"Where nothing is missing, {100.0 * rate:.3g} % of such campaigns would name an effect all the same: the thresholds are set by simulated "
-        "campaigns with nothing hidden, other numerics included."
+        f"Where nothing is missing, {100.0 * rate:.3g} % of such campaigns would name an effect all the same: the "
+        "thresholds are set by simulated campaigns with nothing hidden, other numerics included."
     ]
     merged = verdict["preflight"]["merged"]
     lines += [
@@ -241,7 +243,8 @@ def _limits(verdict: Mapping[str, Any], effects: pd.DataFrame | None) -> list[Bl
     failed = {} if effects is None else failures(effects)
     if absent := [label for label in verdict["preflight"]["undetectable"] if label not in failed]:
         lines.append(
-            f"Not detectable with these runs and channels, so nothing is said about: {joined(map(label_in_words, absent))}."
+            "Not detectable with these runs and channels, so nothing is said about: "
+            f"{joined(map(label_in_words, absent))}."
         )
     if failed:
         lost = joined(f"{label_in_words(label)} ({reason})" for label, reason in failed.items())
@@ -252,7 +255,7 @@ def _limits(verdict: Mapping[str, Any], effects: pd.DataFrame | None) -> list[Bl
 
 
 def _foreseen(verdict: Mapping[str, Any], effects: pd.DataFrame) -> list[str]:
-    """What would have been seen, and on what assumptions that rests; `effects` is table `jointgap.tables.DETECTABLE`."""
+    """What would have been seen, and on what assumptions that rests; `effects` is table `DETECTABLE`."""
     lines = []
     seen = effects[effects["detectable"]].sort_values("label")
     if verdict["verdict"] in ENOUGH and len(seen):
@@ -264,8 +267,8 @@ def _foreseen(verdict: Mapping[str, Any], effects: pd.DataFrame) -> list[str]:
         lines.append(f"What would have been seen, from this size on: {', '.join(sizes)}.")
     if assumed(effects):
         lines.append(
-            "What can be seen and told apart is reckoned from the plan alone, with assumed noise where the campaign states none "
-            "(`jointgap preflight` lists it)."
+            "What can be seen and told apart is reckoned from the plan alone, with assumed noise where the campaign "
+            "states none (`jointgap preflight` lists it)."
         )
     return lines
 

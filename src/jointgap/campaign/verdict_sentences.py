@@ -11,10 +11,12 @@ from jointgap.report.plain_words import joined, percent, rounded_gap
 ENOUGH = ("no_disagreement", "parameters_only")
 """Verdicts by which the model meets the measurement with nothing added."""
 
-# Share of the squared excess over the noise on held-out data. An effect that leaves more than this is not said to close the gap.
+# Share of the squared excess over the noise on held-out data. An effect that leaves more than this is not said to close
+# the gap.
 _MOST_LEFT = 0.5
 
-# Gap on held-out data [standard deviations of the noise] that still counts as noise: another seed of noise moves it by less.
+# Gap on held-out data [standard deviations of the noise] that still counts as noise: another seed of noise moves it by
+# less.
 _NOISE_GAP = 1.2
 
 
@@ -25,16 +27,17 @@ def answer(verdict: Mapping[str, Any]) -> str:
     fitted = "the data used for fitting"
     data, them = (fitted, "them") if unmet else ("these data", "the measurement")
     return {
-        "no_disagreement": f"Nothing is missing that {data} could show: the model as it stands meets {them} within the noise.{unmet}",
-        "parameters_only": f"No effect is missing that {data} could show: with other parameters within their stated ranges the model "
-        f"meets {them} within the noise.{unmet}",
+        "no_disagreement": f"Nothing is missing that {data} could show: the model as it stands meets {them} within the "
+        f"noise.{unmet}",
+        "parameters_only": f"No effect is missing that {data} could show: with other parameters within their stated "
+        f"ranges the model meets {them} within the noise.{unmet}",
         "named": f"{named} With this {taken} the model meets {fitted if unmet else them} within the noise.{unmet}",
-        "named_with_remaining_misfit": f"{named} This closes most of the gap{f' on {fitted}' if unmet else ''}, but not all: a small "
-        f"rest is left that none of the effects tried explains.{unmet}",
-        "ambiguous": f"Something is missing, but these data cannot tell what: {count} explanations fit equally well. None of them "
-        "was added to the model.",
-        "unexplained": "Something is missing, and it is none of the effects tried: the model and the measurement disagree by more "
-        "than the noise, and no explanation holds. No effect was added to the model.",
+        "named_with_remaining_misfit": f"{named} This closes most of the gap{f' on {fitted}' if unmet else ''}, but "
+        f"not all: a small rest is left that none of the effects tried explains.{unmet}",
+        "ambiguous": f"Something is missing, but these data cannot tell what: {count} explanations fit equally well. "
+        "None of them was added to the model.",
+        "unexplained": "Something is missing, and it is none of the effects tried: the model and the measurement "
+        "disagree by more than the noise, and no explanation holds. No effect was added to the model.",
     }[verdict["verdict"]]
 
 
@@ -62,7 +65,8 @@ def _unmet_held_out(verdict: Mapping[str, Any]) -> str:
     if not unmet:
         return reason
     more = "more" if added else "something"
-    return f"{reason} It does not meet the held-out data: the gap {where} is {rounded_gap(max(unmet))}, so {more} may be missing."
+    largest = rounded_gap(max(unmet))
+    return f"{reason} It does not meet the held-out data: the gap {where} is {largest}, so {more} may be missing."
 
 
 def _is_unmet(verdict: Mapping[str, Any], gap: Mapping[str, float | None]) -> bool:

@@ -40,7 +40,11 @@ class Pin:
 
 
 def animation(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """Mechanism with its clearances magnified, the loose joints' journals in their bearings, contact force by colour and curve."""
+    """Mechanism with its clearances magnified, the loose joints' journals in their bearings, contact force by colour
+    and curve.
+
+    Arguments as in `draw`.
+    """
     first = revolution(tables["trajectory"], scenario, 1)
     chosen = _frames(len(first) - 1, scenario.figures.animation_frames)
     samples = first.iloc[chosen].reset_index(drop=True)
@@ -160,7 +164,8 @@ class _Mechanism:
         nearby = slice(max(frame - 1, 0), max(frame - 1, 0) + 2)
         slowed = FRAME_DURATION / np.diff(self.time[nearby])[0]
         self.words.set_text(
-            f"crank angle {self.angle[frame]:5.1f} deg\ntime {1e3 * self.time[frame]:6.2f} ms\nslowed {slowed:.0f} times"
+            f"crank angle {self.angle[frame]:5.1f} deg\ntime {1e3 * self.time[frame]:6.2f} ms\nslowed {slowed:.0f} "
+            "times"
         )
 
 

@@ -119,8 +119,8 @@ def draw(name: str, tables: Mapping[str, pd.DataFrame | None], verdict: Mapping[
     name : str
         One of `CATALOGUE`.
     tables : mapping of str to DataFrame
-        Tables by name. One that is absent, None or empty gives a figure that says so: without a named effect there is no
-        force to show, without loose joints no optimum.
+        Tables by name. One that is absent, None or empty gives a figure that says so: without a named effect there is
+        no force to show, without loose joints no optimum.
     verdict : mapping
         Content of ``verdict.json``; of a preflight the key ``preflight`` is enough.
 

@@ -23,7 +23,7 @@ SPREADS = "standard deviations of the noise"
 
 
 def message_sheet(title: str, sentence: str) -> Drawing:
-    """A sheet that says in a sentence why there is nothing to draw."""
+    """A sheet with a `title` that says in a `sentence` why there is nothing to draw."""
     sheet = Sheet(1.2, 1, 1)
     panel = sheet.panel((0, 0), title, Quantity("", ""), Quantity("", ""))
     panel.axes.set_axis_off()
@@ -38,7 +38,7 @@ def _runs_in(frame: pd.DataFrame) -> list[str]:
 
 
 def list_rows(panel: Panel, names: Sequence[str]) -> None:
-    """Names down the ordinate, the first on top."""
+    """The `names` down the ordinate of a `panel`, the first on top."""
     panel.rows(names, range(len(names)))
     panel.axes.set_ylim(len(names) - 0.4, -0.6)
     panel.axes.grid(True, axis="y", alpha=0.5)
@@ -50,7 +50,11 @@ _LINEAR_MEANS = 6.0  # larger means are shown on a logarithmic scale of colours
 
 
 def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
-    """Mean whitened residual of the recalibrated model by crank angle, a panel for each channel; flagged windows outlined."""
+    """Mean whitened residual of the recalibrated model by crank angle, a panel for each channel; flagged windows
+    outlined.
+
+    Arguments as in `draw`.
+    """
     bins, windows = tables["map_bins"], tables["map_windows"]
     channels = list(bins["channel"].unique())
     heights = [bins[bins["channel"] == channel]["run"].nunique() for channel in channels]
@@ -131,7 +135,10 @@ _SAMPLE = Quantity("sample", "1")
 
 
 def residuals(tables: Tables, verdict: Verdict) -> Drawing:
-    """Measured less predicted over the noise's spread, by crank angle: a row for each channel, a column for each run."""
+    """Measured less predicted over the noise's spread, by crank angle: a row for each channel, a column for each run.
+
+    Arguments as in `draw`.
+    """
     samples = tables["residuals"]
     before, after = ((samples["measured"] - samples[model]) / samples["spread"] for model in ("base", "augmented"))
     moments = ("before", "after") if (before != after).any() else ("before",)  # nothing was added
@@ -200,7 +207,11 @@ ROLES = {"confirm": "held out: took no part in fitting or choosing", "identify":
 
 
 def gaps(tables: Tables, verdict: Verdict) -> Drawing:
-    """Root mean squared whitened residual by run and channel, with 90 % intervals; 1 is the noise. Nothing after where nothing was added."""
+    """Root mean squared whitened residual by run and channel, with 90 % intervals; 1 is the noise. Nothing after where
+    nothing was added.
+
+    Arguments as in `draw`.
+    """
     table = tables["gaps"]
     roles = [role for role in ROLES if (table["role"] == role).any()]
     counts = [int((table["role"] == role).sum()) for role in roles]
@@ -267,7 +278,11 @@ _APART = DEFAULT_SETTINGS.decision.min_delta_bic
 
 
 def ranking(tables: Tables, verdict: Verdict) -> Drawing:
-    """The best explanations by how far they are behind the best one in BIC, and by the share of the misfit they explain."""
+    """The best explanations by how far they are behind the best one in BIC, and by the share of the misfit they
+    explain.
+
+    Arguments as in `draw`.
+    """
     best = _shown(tables["ranking"])
     names = [in_words(label).replace(" + ", " +\n") for label in best["explanation"]]
     sheet = Sheet(1.35 + 0.31 * max(3, len(best)), 1, 2, width_ratios=(1.25, 1.0))
@@ -329,7 +344,10 @@ _COLOURS = ("simulation", "network", "second surrogate", "paper", "spline", "fir
 
 
 def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
-    """What the named effects push the slider with (or turn the crank) along each run: over x, over v, and over both."""
+    """What the named effects push the slider with (or turn the crank) along each run: over x, over v, and over both.
+
+    Arguments as in `draw`.
+    """
     samples = tables["missing_force"]
     shown = [name for name in FORCES if samples[name].abs().max() > 0.0]
     if not shown:
@@ -371,7 +389,10 @@ _MOTIONS = {"reduction": "motion frozen", "resimulated": "simulated again"}
 
 
 def optimum(tables: Tables, verdict: Verdict) -> Drawing:
-    """Optimal link lengths and what they gain, of the model as it stood and with the effect added."""
+    """Optimal link lengths and what they gain, of the model as it stood and with the effect added.
+
+    Arguments as in `draw`.
+    """
     optima = tables["campaign_optimum"].dropna(subset=["crank_length"])
     if optima.empty:
         return message_sheet("Optimum before and after", "the model could not be optimised again: see the summary")
@@ -415,7 +436,11 @@ _MERGED = "cannot be told apart here"
 
 
 def confusability(tables: Tables, verdict: Verdict) -> Drawing:
-    """Cosines between what any two effects do to the measurement once the nuisances are re-fitted; merged classes outlined."""
+    """Cosines between what any two effects do to the measurement once the nuisances are re-fitted; merged classes
+    outlined.
+
+    Arguments as in `draw`.
+    """
     pairs = tables["confusability"]
     labels = sorted({*pairs["first"], *pairs["second"]})
     number = {label: place for place, label in enumerate(labels)}
@@ -488,9 +513,13 @@ def _short_of_one(value: float) -> str:
 
 
 def detectable(tables: Tables, verdict: Verdict) -> Drawing:
-    """The smallest size of each effect that this experiment shows, over the one that makes a gap of 1.5, with its value.
+    """The smallest size of each effect that this experiment shows, over the one that makes a gap of 1.5, with its
+    value.
 
-    Where the value falls as the effect grows, the ratio is turned over: to the left of the line is always what is easily seen.
+    Where the value falls as the effect grows, the ratio is turned over: to the left of the line is always what is
+    easily seen.
+
+    Arguments as in `draw`.
     """
     effects = tables["detectable"]
     ratio = (effects["smallest_detectable"] / effects["typical"]).abs()

@@ -1,4 +1,5 @@
-"""Every figure of a scenario: its title and caption, where the report files it, and which tables it needs. Imports nothing heavy.
+"""Every figure of a scenario: its title and caption, where the report files it, and which tables it needs. Imports
+nothing heavy.
 
 A further figure is a function of a module beside this one, and its entry here.
 """
@@ -21,11 +22,12 @@ class FigureSpec:
     category : str
         Section of the report.
     function : str
-        ``module:function`` within `jointgap.figures`: tables, and scenario or verdict, in, `Drawing` out. A name, as the
-        functions import matplotlib, which the rules do without.
+        ``module:function`` within `jointgap.figures`: tables, and scenario or verdict, in, `Drawing` out. A name, as
+        the functions import matplotlib, which the rules do without.
     tables : tuple of str
-        Names of the tables it needs; ``predictions`` is the frame that `jointgap.figures.figure_data.predictions` makes of the
-        fits, ``fit_history`` and ``fit_errors`` are those of all outputs below each other, with a column ``output``.
+        Names of the tables it needs; ``predictions`` is the frame that `jointgap.figures.figure_data.predictions` makes
+        of the fits, ``fit_history`` and ``fit_errors`` are those of all outputs below each other, with a column
+        ``output``.
     caption : str
         What it shows and how to read it, as reStructuredText.
     nothing : str
@@ -44,7 +46,9 @@ class FigureSpec:
         return resolve_name(f"jointgap.figures.{self.function}")
 
     def rst(self, wildcard: str) -> str:
-        """The caption as Snakemake's report takes it; `wildcard` is what the figure is of, ``scenario`` or ``campaign``."""
+        """The caption as Snakemake's report takes it; `wildcard` is what the figure is of, ``scenario`` or
+        ``campaign``.
+        """
         sources = [_FITS if table == "predictions" else table for table in self.tables]
         source = f"{'Table' if len(sources) == 1 else 'Tables'}: {', '.join(sources)}."
         return f"**{self.title}** ({wildcard} ``{{{{ snakemake.wildcards.{wildcard} }}}}``). {self.caption} {source}\n"

@@ -22,8 +22,10 @@ MODES = ("flight", "impact", "contact")
 def eccentricity(samples: pd.DataFrame, name: str, joint: Joint | None) -> tuple[np.ndarray, np.ndarray]:
     """Journal's centre seen from its bearing's centre, components along the fixed x and y [m].
 
-    The table's vector points to the centre of the joint's body, so it is turned round where this body carries the
-    bearing. Undefined directions (centres coincide, as always in an ideal joint) give nan.
+    `samples` are rows of table `TRAJECTORY`, `name` is that of the `joint`. The table's vector points to the centre of
+    the joint's body (`jointgap.joints`), so it is turned round where this body carries the bearing. Undefined
+    directions (centres
+    coincide, as always in an ideal joint) give nan.
     """
     sign = 1.0 if joint is not None and joint.journal == JOINT[name].body else -1.0
     r, gamma = (samples[f"{quantity}{JOINT_NUMBERS[name]}"].to_numpy() for quantity in ("r", "gamma"))
@@ -31,7 +33,10 @@ def eccentricity(samples: pd.DataFrame, name: str, joint: Joint | None) -> tuple
 
 
 def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """Orbit of each journal's centre in its bearing, and how far it goes beyond the clearance."""
+    """Orbit of each journal's centre in its bearing, and how far it goes beyond the clearance.
+
+    Arguments as in `draw`.
+    """
     trajectory, number_settled = tables["trajectory"], scenario.optimise.ensemble.settled_revolution
     mechanism = scenario.mechanism.applied()
     drawn = loose_joints(scenario)
@@ -72,7 +77,10 @@ def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
 
 
 def contact_forces(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """Normal force in the loose joints over the crank angle, and their modes as bands; first and settled revolution."""
+    """Normal force in the loose joints over the crank angle, and their modes as bands; first and settled revolution.
+
+    Arguments as in `draw`.
+    """
     settled, joints = scenario.optimise.ensemble.settled_revolution, loose_joints(scenario)
     parts = {"first revolution": 1, f"settled revolution ({settled})": settled}
     sheet = Sheet(4.4 + 0.5 * len(joints), 4, 1, height_ratios=[2.0, 0.25 * len(joints)] * 2)
@@ -97,7 +105,10 @@ def contact_forces(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Dr
 
 
 def impacts(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """Every contact of the simulation at the crank angle where it begins: impulse, peak force, approach speed."""
+    """Every contact of the simulation at the crank angle where it begins: impulse, peak force, approach speed.
+
+    Arguments as in `draw`.
+    """
     events, trajectory = tables["events"], tables["trajectory"]
     turn = degrees(trajectory["crank_angle"])[0] - np.degrees(trajectory["crank_angle"].iloc[0])
     begins = np.degrees(events.loc[events["event"] == "impact", "crank_angle"]) + turn
@@ -132,14 +143,17 @@ def impacts(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
 
 
 def _contacts(events: pd.DataFrame) -> pd.DataFrame:
-    """One row a contact of a joint: its beginning, with what the table tells of it at its end; null where it goes on."""
+    """One row a contact of a joint: its beginning, with what the table says at its end; null where it goes on."""
     begins = events[events["event"] == "impact"].reset_index(drop=True)
     ends = events[events["event"] == "separation"].reset_index(drop=True)
     return begins[["crank_angle", "approach_speed"]].join(ends[["impulse", "peak_force", "maxima"]])
 
 
 def drive_and_guide(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """What drives the crank and what guides the slider: crank speed and torque, force and moment of the guide."""
+    """What drives the crank and what guides the slider: crank speed and torque, force and moment of the guide.
+
+    Arguments as in `draw`.
+    """
     settled = scenario.optimise.ensemble.settled_revolution
     parts = {"first revolution": (1, "first"), f"settled revolution ({settled})": (settled, "settled")}
     shown = (

@@ -42,6 +42,8 @@ def draw_all(
 ) -> tuple[Path, ...]:
     """Draw the figures `names` (all still ones by default) and save them in `folder`; the files written.
 
+    `tables` and `scenario` as in `draw`.
+
     Raises
     ------
     InputError

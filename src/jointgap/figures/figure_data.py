@@ -30,7 +30,7 @@ def revolution(trajectory: pd.DataFrame, scenario: Scenario, number: int) -> pd.
 
 
 def settled_revolution(trajectory: pd.DataFrame, scenario: Scenario) -> pd.DataFrame:
-    """The samples of the revolution that the scenario takes as settled."""
+    """The samples of a `trajectory` (table `TRAJECTORY`) in the revolution that the `scenario` takes as settled."""
     return revolution(trajectory, scenario, scenario.optimise.ensemble.settled_revolution)
 
 
@@ -40,7 +40,7 @@ def loose_joints(scenario: Scenario) -> dict[str, int]:
 
 
 def degrees(crank_angle: pd.Series) -> np.ndarray:
-    """Crank angle for an abscissa, running from the start of its revolution [deg]: the revolution begins in [0, 360)."""
+    """Crank angle for an abscissa, from the start of its revolution on [deg]: the revolution begins in [0, 360)."""
     angle = np.degrees(crank_angle.to_numpy())
     return angle - 360.0 * np.floor(angle[0] / 360.0 + 1e-9)
 
@@ -75,7 +75,7 @@ def predictions(
 
 
 def predicted(tables: Mapping[str, pd.DataFrame], surrogate: str, output: str) -> pd.DataFrame:
-    """The rows of one surrogate and output in the frame ``predictions``."""
+    """The rows of one `surrogate` and `output` in the frame ``predictions`` of the `tables`."""
     frame = tables["predictions"]
     chosen = frame[(frame["surrogate"] == surrogate) & (frame["output"] == output)]
     return chosen.reset_index(drop=True)

@@ -1,7 +1,10 @@
-"""Figures 9-16: rod, piston and transmission angle without clearance (desired) and with it, and what other lengths leave of the error."""
+"""Figures 9-16: rod, piston and transmission angle without clearance (desired) and with it, and what other lengths
+leave of the error.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -41,42 +44,7 @@ PISTON = [_orders("slider", "", "piston")]
 TRANSMISSION = Curve("transmission_angle", "transmission angle", "transmission angle", "deg", 180.0 / np.pi)
 
 
-def rod_position(tables: Tables, scenario: Scenario) -> Drawing:
-    """Rod's mass centre: position (figure 9)."""
-    return _compare(tables, [axis["position"] for axis in ROD])
-
-
-def rod_velocity(tables: Tables, scenario: Scenario) -> Drawing:
-    """Rod's mass centre: velocity (figure 10)."""
-    return _compare(tables, [axis["velocity"] for axis in ROD])
-
-
-def rod_acceleration(tables: Tables, scenario: Scenario) -> Drawing:
-    """Rod's mass centre: acceleration (figure 11)."""
-    return _compare(tables, [axis["acceleration"] for axis in ROD])
-
-
-def piston_position(tables: Tables, scenario: Scenario) -> Drawing:
-    """Piston: position (figure 12)."""
-    return _compare(tables, [axis["position"] for axis in PISTON])
-
-
-def piston_velocity(tables: Tables, scenario: Scenario) -> Drawing:
-    """Piston: velocity (figure 13)."""
-    return _compare(tables, [axis["velocity"] for axis in PISTON])
-
-
-def piston_acceleration(tables: Tables, scenario: Scenario) -> Drawing:
-    """Piston: acceleration (figure 14)."""
-    return _compare(tables, [axis["acceleration"] for axis in PISTON])
-
-
-def transmission_angles(tables: Tables, scenario: Scenario) -> Drawing:
-    """Transmission angle with and without clearance (figure 15)."""
-    return _compare(tables, [TRANSMISSION])
-
-
-def _compare(tables: Tables, curves: list[Curve]) -> Drawing:
+def _compare(curves: list[Curve], tables: Tables, scenario: Scenario) -> Drawing:
     """Desired and actual above, their difference below, a column for each curve."""
     sources = dict(list(tables["kinematics"].groupby("source")))
     angle = degrees(sources["simulation"]["crank_angle"])
@@ -107,11 +75,28 @@ def _spread_scale(panel: Panel, desired: np.ndarray, shown: np.ndarray) -> None:
         panel.linear_then_logarithmic(round_up(peak))
 
 
+rod_position, rod_velocity, rod_acceleration = (
+    partial(_compare, [axis[order] for axis in ROD]) for order in ("position", "velocity", "acceleration")
+)
+"""Rod's mass centre, figures 9-11: both axes."""
+
+piston_position, piston_velocity, piston_acceleration = (
+    partial(_compare, [axis[order] for axis in PISTON]) for order in ("position", "velocity", "acceleration")
+)
+"""Piston, figures 12-14."""
+
+transmission_angles = partial(_compare, [TRANSMISSION])
+"""Transmission angle with and without clearance, figure 15."""
+
+
 ACTUAL, OPTIMISED = "desired − actual", "desired − optimised"
 
 
 def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
-    """Errors of the transmission angle before and after the optimisation, clearance motion frozen (figure 16)."""
+    """Errors of the transmission angle before and after the optimisation, clearance motion frozen (figure 16).
+
+    Arguments as in `draw`.
+    """
     samples = revolution(tables["trajectory"], scenario, 1)
     crank_angle, angle = samples["crank_angle"].to_numpy(), degrees(samples["crank_angle"])
     coordinates = [f"{name}{number}" for number in loose_joints(scenario).values() for name in ("r", "gamma")]

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -59,22 +60,7 @@ def _accelerations(joint: int, name: str) -> Output:
     return Output(f"gamma{joint}_ddot", f"{name}: acceleration {symbol}", value, 1.0, error, 1.0)
 
 
-def clearances(tables: Tables, scenario: Scenario) -> Drawing:
-    """Equivalent clearances and convergence errors (figure 5)."""
-    return _values_and_errors(tables, scenario, (_lengths,))
-
-
-def directions(tables: Tables, scenario: Scenario) -> Drawing:
-    """Directions of the clearances and convergence errors (figure 6)."""
-    return _values_and_errors(tables, scenario, (_directions,))
-
-
-def derivatives(tables: Tables, scenario: Scenario) -> Drawing:
-    """Time derivatives of the directions and convergence errors (figure 7)."""
-    return _values_and_errors(tables, scenario, (_rates, _accelerations))
-
-
-def _values_and_errors(tables: Tables, scenario: Scenario, kinds: tuple) -> Drawing:
+def _values_and_errors(kinds: tuple, tables: Tables, scenario: Scenario) -> Drawing:
     """Values above their errors, a column for each joint, a pair of rows for each kind of output."""
     samples = revolution(tables["trajectory"], scenario, 1)
     angle = degrees(samples["crank_angle"])
@@ -103,6 +89,16 @@ def _values_and_errors(tables: Tables, scenario: Scenario, kinds: tuple) -> Draw
     return sheet.drawing()
 
 
+clearances = partial(_values_and_errors, (_lengths,))
+"""Equivalent clearances and convergence errors, figure 5."""
+
+directions = partial(_values_and_errors, (_directions,))
+"""Directions of the clearances and convergence errors, figure 6."""
+
+derivatives = partial(_values_and_errors, (_rates, _accelerations))
+"""Time derivatives of the directions and convergence errors, figure 7."""
+
+
 _SYMBOLS = {"r": "r", "gamma": r"\gamma", "gamma_dot": r"\dot\gamma", "gamma_ddot": r"\ddot\gamma"}
 PAPER_ITERATIONS = 20_000  # of every network in the paper
 SHAPES = {4: (2.9, 1, 4), 8: (4.6, 2, 4), 12: (6.4, 3, 4)}  # height, rows and columns by the number of outputs
@@ -118,7 +114,10 @@ def symbol(output: str) -> str:
 
 
 def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
-    """Mean square error at the training points over the iterations, a panel for each network (figure 8)."""
+    """Mean square error at the training points over the iterations, a panel for each network (figure 8).
+
+    Arguments as in `draw`.
+    """
     history, default = tables["fit_history"], scenario.surrogate.seeds[0]
     paper = tables["fit_errors"].drop_duplicates("output").set_index("output")["paper_mse"]
     learned = outputs(scenario.mechanism.applied().loose)
@@ -172,7 +171,10 @@ _MARKS = (
 
 
 def held_out(tables: Tables, scenario: Scenario) -> Drawing:
-    """Errors at the training points and between them, networks, second surrogate and splines, beside the paper's."""
+    """Errors at the training points and between them, networks, second surrogate and splines, beside the paper's.
+
+    Arguments as in `draw`.
+    """
     errors, learned = tables["fit_errors"], outputs(scenario.mechanism.applied().loose)
     sheet = Sheet(6.6, 2, 1)
     above: Panel | None = None
@@ -217,7 +219,10 @@ DIFFERENCE = "derivative of one network − the other network"
 
 
 def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
-    """Rates of the directions learned and derived; errors of the piston's motion that follow from either."""
+    """Rates of the directions learned and derived; errors of the piston's motion that follow from either.
+
+    Arguments as in `draw`.
+    """
     joints = loose_joints(scenario)
     shares = 2 * len(joints)  # the piston's two panels take half of the width each, those of the joints a share each
     sheet = Sheet(5.6, 2, shares, width=width_for(len(joints)))

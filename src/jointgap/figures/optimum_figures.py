@@ -35,7 +35,10 @@ LENGTHS = {
 
 
 def valley(tables: Tables, scenario: Scenario) -> Drawing:
-    """Objective over both lengths with what the optimisers did on it; reductions along the valley's floor."""
+    """Objective over both lengths with what the optimisers did on it; reductions along the valley's floor.
+
+    Arguments as in `draw`.
+    """
     box = next(iter(scenario.optimise.boxes))
     chosen = {
         name: frame[(frame["source"] == NETWORKS) & (frame["box"] == box)]
@@ -120,7 +123,10 @@ def _points(panel: Panel, optima: pd.DataFrame, box: str, x: str, x_factor: floa
 
 
 def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
-    """Reductions with the clearance motion frozen, beside those of the mechanism simulated with the new lengths."""
+    """Reductions with the clearance motion frozen, beside those of the mechanism simulated with the new lengths.
+
+    Arguments as in `draw`.
+    """
     table, box = tables["optimise_resimulated"], next(iter(scenario.optimise.boxes))
     told = {name if name.startswith("printed_") else f"{name}_{box}_genetic": words for name, words in LENGTHS.items()}
     wanted = [point for point in table["point"].unique() if point in told]

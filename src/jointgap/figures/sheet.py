@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MultipleLocator, NullLocator
 from numpy.typing import ArrayLike
@@ -49,7 +50,9 @@ def round_up(value: float) -> float:
 
 
 def tick_label(value: float, position: int) -> str:
-    """Tick label: plain up to 1000, a power of ten beyond."""
+    """Label of a tick at a `value`: plain up to 10 000, a power of ten beyond. Its `position` among the ticks is
+    matplotlib's.
+    """
     if abs(value) < 1e4:
         return f"{value:g}".replace("-", "−")
     exponent = int(np.floor(np.log10(abs(value)) + 1e-9))
@@ -79,14 +82,20 @@ class Panel:
         axes.set_ylabel(y.label)
 
     def line(self, series: str, x: ArrayLike, y: ArrayLike, colour: str, **style) -> None:
-        """A curve; it breaks where `y` is nan. `style` is matplotlib's."""
+        """A curve `x`, `y`, each (n,) in its axis' unit, called `series`; it breaks where `y` is nan.
+
+        `colour` is a name of `COLOURS`, `style` what else matplotlib takes.
+        """
         self.axes.plot(x, y, label=series, color=COLOURS[colour], **style)
         self.record(series, x, y)
 
     def marks(
         self, series: str, x: ArrayLike, y: ArrayLike, colour: str, low=None, high=None, labels=None, along="y", **style
     ) -> None:
-        """Points, with bars from `low` to `high` along an axis where these are given; `labels` name categories."""
+        """Points `x`, `y`, each (n,) in its axis' unit; `series`, `colour` and `style` as in `line`.
+
+        With bars from `low` to `high` (n,) `along` an axis where these are given; `labels` name categories.
+        """
         style = {"marker": "o", "markersize": 4.0, "linestyle": "none"} | style
         if low is not None:
             centre = np.asarray(y if along == "y" else x)
@@ -96,8 +105,13 @@ class Panel:
             self.axes.plot(x, y, label=series, color=COLOURS[colour], **style)
         self.record(series, x, y, low=low, high=high, label=labels)
 
-    def contours(self, series: str, x: np.ndarray, y: np.ndarray, value: np.ndarray, quantity: Quantity, **style):
-        """Filled contours over a grid of shape (len(y), len(x)); hands back what a colour bar needs."""
+    def contours(
+        self, series: str, x: np.ndarray, y: np.ndarray, value: np.ndarray, quantity: Quantity, **style
+    ) -> QuadContourSet:
+        """Filled contours of a `value` (len(y), len(x)) over the grid of `x` and `y`; gives what a colour bar needs.
+
+        `quantity` says what the value is; `series` and `style` as in `line`.
+        """
         drawn = self.axes.contourf(x, y, value, **style)
         grid_x, grid_y = np.meshgrid(x, y)
         self.record(
@@ -111,7 +125,7 @@ class Panel:
         return drawn
 
     def horizontal_line(self, series: str, y: float) -> None:
-        """A horizontal line across the panel, not in the legend."""
+        """A horizontal line across the panel at `y`, recorded as `series`, not in the legend."""
         self.axes.axhline(y, color=COLOURS["limit"], linewidth=0.9, linestyle=":")
         self.record(series, [np.nan], [y])
 
@@ -121,12 +135,14 @@ class Panel:
         self.axes.grid(False, axis="x")
 
     def rows(self, names: Sequence[str], places: ArrayLike) -> None:
-        """Names on the ordinate at `places`."""
+        """The `names` on the ordinate at `places`."""
         self.axes.set_yticks(places, names)
         self.axes.grid(False, axis="y")
 
     def bands(self, row: float, label: str, x: np.ndarray, values: np.ndarray, kinds: Sequence[str]) -> None:
-        """A band at height `row` that shows by colour which of `kinds` the text `values` (n,) over `x` (n,) is."""
+        """A band at height `row` that shows by colour which of `kinds` the text `values` (n,) over `x` (n,) is,
+        recorded as `label`.
+        """
         starts = np.flatnonzero(np.append(True, values[1:] != values[:-1]))
         edges = np.append(x[starts], x[-1])
         for kind in kinds:
@@ -138,7 +154,7 @@ class Panel:
             )
 
     def vertical_line(self, series: str, x: float, named: bool = True) -> None:
-        """A vertical line across the panel, in the legend if `named`."""
+        """A vertical line across the panel at `x`, in the legend as `series` if `named`."""
         self.axes.axvline(x, label=series if named else None, color=COLOURS["limit"], linewidth=0.9, linestyle="--")
         self.record(series, [x], [np.nan])
 
@@ -179,14 +195,18 @@ class Panel:
         self.axes.axhspan(-threshold, threshold, color="#F4F4F4", zorder=0)
 
     def spread_scale(self, shown: np.ndarray) -> None:
-        """An ordinate that is linear for the bulk of the values `shown` and logarithmic beyond, where the first impacts dwarf the rest."""
+        """An ordinate linear for the bulk of the values `shown` and logarithmic beyond, where the first impacts dwarf
+        the rest.
+        """
         size = np.abs(shown[np.isfinite(shown)])
         bulk = np.percentile(size, BULK)
         if size.max() > IMPACTS_DWARF * bulk > 0.0:
             self.linear_then_logarithmic(round_up(bulk))
 
     def record(self, series: str, x: ArrayLike, y: ArrayLike, **more) -> None:
-        """Note points for the data beside the figure; `more` names further columns of the table."""
+        """Note points `x`, `y` (n,) of a `series` for the data beside the figure; `more` are further columns of
+        `PLOTTED`.
+        """
         constant = {
             "panel": self.title,
             "series": series,
@@ -213,7 +233,9 @@ class Sheet:
         self.panels: list[Panel] = []
 
     def panel(self, place: tuple, title: str, x: Quantity, y: Quantity, below: Panel | None = None) -> Panel:
-        """A panel at `place` = (row, column) of the grid; `below` names the one whose abscissa it shares."""
+        """A panel with a `title` at `place` = (row, column) of the grid, `x` and `y` its axes; it shares the abscissa
+        of `below`.
+        """
         axes = self.figure.add_subplot(self.grid[place], sharex=below.axes if below else None)
         panel = Panel(axes, title, x, y)
         if below:

@@ -148,7 +148,8 @@ def _still(drawing: Drawing) -> dict[str, Callable]:
 
 def _moving(drawing: Drawing) -> dict[str, Callable]:
     def gif(path):
-        # One palette for all frames, taken from a frame late enough to hold every colour: what stands still stays the same
+        # One palette for all frames, taken from a frame late enough to hold every colour: what stands still stays the
+        # same
         # in each frame, and only what moves is stored again.
         frames = [Image.fromarray(frame) for frame in drawing.frames]
         palette = frames[-1].quantize(128, method=Image.Quantize.MAXCOVERAGE)

@@ -19,7 +19,7 @@ MM, UM = 1e3, 1e6
 
 
 def claims(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[VariantOptimum]) -> Iterator[Row]:
-    """A row for each claim that has a subject in this mechanism; arguments as for `jointgap.compare.compare`."""
+    """A row for each claim that has a subject in this mechanism. Arguments as in `comparison.compare`."""
     loose = scenario.mechanism.applied().loose
     first = frames["trajectory"].iloc[: scenario.simulate.samples_per_revolution + 1].reset_index(drop=True)
     turned = np.degrees(first["crank_angle"] - first["crank_angle"].iloc[0]).to_numpy()
@@ -44,7 +44,8 @@ def _contact(first: pd.DataFrame, turned: np.ndarray, scenario: Scenario) -> Ite
         share[joint] = float(lost[turned > UNSTABLE_UNTIL_DEG].mean())
     worst = max(last.values())
     told = [
-        f"in the {joint.replace('_', ' ')} at {last[joint]:.1f} deg ({share[joint]:.1%} of what follows 30 deg is off contact)"
+        f"in the {joint.replace('_', ' ')} at {last[joint]:.1f} deg ({share[joint]:.1%} of what follows 30 deg is off "
+        "contact)"
         for joint in last
     ]
     yield claim(
@@ -90,7 +91,8 @@ def _deviations(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFrame) ->
         max(x, y) * MM,
         "mm",
         max(x, y) <= ABOUT * ROD_DEVIATION_M,
-        f"Largest deviation {x * MM:.3f} mm in X and {y * MM:.3f} mm in Y; up to 20 % more than the paper's counts as about.",
+        f"Largest deviation {x * MM:.3f} mm in X and {y * MM:.3f} mm in Y; up to 20 % more than the paper's counts as "
+        "about.",
     )
     piston, _ = _largest(first, ideal, "slider_position")
     yield claim(
@@ -99,7 +101,8 @@ def _deviations(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFrame) ->
         piston * MM,
         "mm",
         piston <= ABOUT * PISTON_DEVIATION_M,
-        f"Largest deviation {piston * MM:.3f} mm; up to 20 % more counts. The clearances and the rod's tilt allow little else.",
+        f"Largest deviation {piston * MM:.3f} mm; up to 20 % more counts. The clearances and the rod's tilt allow "
+        "little else.",
     )
     for quantity, unit in (("velocity", "m/s"), ("acceleration", "m/s^2")):
         sizes = {axis: _rms(first, ideal, f"rod_{quantity}_{axis}") for axis in "xy"}
@@ -110,8 +113,8 @@ def _deviations(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFrame) ->
             sizes["y"] / sizes["x"],
             "Y / X, RMS",
             None if abs(sizes["y"] / sizes["x"] - 1) < ALIKE else sizes["y"] > sizes["x"],
-            f"RMS {sizes['x']:.4g} in X and {sizes['y']:.4g} {unit} in Y; peaks {peaks['x']:.4g} and {peaks['y']:.4g} {unit}. "
-            f"Within {ALIKE:.0%} of each other they count as alike.",
+            f"RMS {sizes['x']:.4g} in X and {sizes['y']:.4g} {unit} in Y; peaks {peaks['x']:.4g} and {peaks['y']:.4g} "
+            f"{unit}. Within {ALIKE:.0%} of each other they count as alike.",
         )
     peaks = {
         words: _largest(first, ideal, column)
@@ -153,8 +156,8 @@ def _superposed(first: pd.DataFrame, ideal: pd.DataFrame, loose: Sequence[str]) 
         1.0 - left,
         "share of variance",
         1.0 - left > 0.95,
-        f"{terms.removeprefix(' + ')} explains {1 - left:.1%} of the variance of the piston's deviation, the best of the joints "
-        f"alone {1 - alone:.1%}; the rod's tilt does the rest.",
+        f"{terms.removeprefix(' + ')} explains {1 - left:.1%} of the variance of the piston's deviation, the best of "
+        f"the joints alone {1 - alone:.1%}; the rod's tilt does the rest.",
     )
 
 
@@ -168,7 +171,8 @@ def _networks(errors: pd.DataFrame, scenario: Scenario) -> Row:
     why = (
         "So it is the training that stopped short, not what lies between its points."
         if held_out < 2.0 * trained
-        else "Between the points it trained at it does not know the motion: contacts ring faster than the points can show."
+        else "Between the points it trained at it does not know the motion: contacts ring faster than the points can "
+        "show."
     )
     return claim(
         "the networks deviate by nearly zero on inputs not used in training",
@@ -176,8 +180,9 @@ def _networks(errors: pd.DataFrame, scenario: Scenario) -> Row:
         float(ratios.max()),
         "held-out MSE / paper's MSE",
         bool((ratios <= 1.0).all()),
-        f"On samples between the training points {int((ratios <= 1).sum())} of {len(ratios)} networks stay at or below the paper's training MSE; "
-        f"farthest from it is {worst} with {held_out:.2g} against {trained:.2g} in training{'.' if ratios.max() <= 1 else '. ' + why}",
+        f"On samples between the training points {int((ratios <= 1).sum())} of {len(ratios)} networks stay at or "
+        f"below the paper's training MSE; farthest from it is {worst} with {held_out:.2g} against {trained:.2g} in "
+        f"training{'.' if ratios.max() <= 1 else '. ' + why}",
     )
 
 
@@ -210,8 +215,9 @@ def _optimisers(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Itera
         float(counts[tightest]),
         "end points",
         counts[tightest] > 1,
-        f"Six starts end in {counts[tightest]} {'point' if counts[tightest] == 1 else 'points'} (more than {ONE_POINT * UM:.0f} um apart) at the tolerance {tightest:.0e} and in "
-        f"{counts[loosest]} at {loosest:.0e}: what looks like minima is where a search stopped.",
+        f"Six starts end in {counts[tightest]} {'point' if counts[tightest] == 1 else 'points'} (more than "
+        f"{ONE_POINT * UM:.0f} um apart) at the tolerance {tightest:.0e} and in {counts[loosest]} at {loosest:.0e}: "
+        "what looks like minima is where a search stopped.",
     )
     within = genetic["evaluations_within_1_percent"], local["evaluations_within_1_percent"]
     enough = [
@@ -251,10 +257,11 @@ def _real_gain(again: pd.DataFrame, worth: pd.DataFrame, scenario: Scenario) -> 
             middle,
             "%",
             True if low > 0 else False if high < 0 else None,
-            f"RMS reduction {middle:.2f} % (5-95 %: {low:.2f} to {high:.2f} %) in {row['members']:.0f} perturbed starts for each pair of "
-            f"lengths, beside {100 * row['frozen_reduction']:.2f} % with the clearance motion frozen; better in "
-            f"{row['share_better']:.0%} of the pairs. In degrees: RMS error {np.degrees(row['original_error']):.4f} before and "
-            f"{np.degrees(row['error']):.4f} after. {_worth(worth, point)}",
+            f"RMS reduction {middle:.2f} % (5-95 %: {low:.2f} to {high:.2f} %) in {row['members']:.0f} perturbed "
+            f"starts for each pair of lengths, beside {100 * row['frozen_reduction']:.2f} % with the clearance "
+            f"motion frozen; better in {row['share_better']:.0%} of the pairs. In degrees: RMS error "
+            f"{np.degrees(row['original_error']):.4f} before and {np.degrees(row['error']):.4f} after. "
+            f"{_worth(worth, point)}",
         )
 
 
@@ -264,7 +271,8 @@ def _worth(worth: pd.DataFrame, point: str) -> str:
     smallest, departure = np.degrees(row["smallest_transmission_angle"]), np.degrees(row["largest_departure"])
     change = np.degrees(row["smallest_transmission_angle_change"])
     return (
-        f"Over the settled cycle the smallest transmission angle becomes {smallest:.3f} deg ({change:+.3f} deg), {departure:.3f} deg "
-        f"from 90 deg at most; the stroke changes by {row['stroke_change'] * MM:+.3f} mm, the dead centres by "
-        f"{row['outer_dead_centre_change'] * MM:+.3f} mm (outer) and {row['inner_dead_centre_change'] * MM:+.3f} mm (inner)."
+        f"Over the settled cycle the smallest transmission angle becomes {smallest:.3f} deg ({change:+.3f} deg), "
+        f"{departure:.3f} deg from 90 deg at most; the stroke changes by {row['stroke_change'] * MM:+.3f} mm, the "
+        f"dead centres by {row['outer_dead_centre_change'] * MM:+.3f} mm (outer) and "
+        f"{row['inner_dead_centre_change'] * MM:+.3f} mm (inner)."
     )

@@ -34,8 +34,9 @@ def _counts(comparison: pd.DataFrame) -> str:
         return int(counts.get(verdict, 0))
 
     return (
-        f"Of the paper's training errors, put to the networks and to the second surrogate, {count('reached')} are reached and {count('missed')} missed; of its other "
-        f"numbers {count('agrees')} agree and {count('differs')} differ. {_claims(comparison)}"
+        f"Of the paper's training errors, put to the networks and to the second surrogate, {count('reached')} are "
+        f"reached and {count('missed')} missed; of its other numbers {count('agrees')} agree and {count('differs')} "
+        f"differ. {_claims(comparison)}"
     )
 
 
@@ -50,13 +51,14 @@ def _introduction(scenario: Scenario, comparison: pd.DataFrame) -> list[str]:
     if found := departures(scenario.mechanism, scenario.simulate):
         return [
             scenario.description,
-            f"The paper's printed numbers are not comparable with this mechanism ({'; '.join(found)}), so none is listed. "
-            f"{_claims(comparison)}",
+            f"The paper's printed numbers are not comparable with this mechanism ({'; '.join(found)}), so none is "
+            f"listed. {_claims(comparison)}",
         ]
     return [
         scenario.description,
-        f"{_counts(comparison)} A number agrees within {AGREES:.0%} of the paper's, an optimum length within {LENGTH_AGREES:.1%}. "
-        "Nothing is tuned to match: contact parameters, bounds and window are those of the configuration.",
+        f"{_counts(comparison)} A number agrees within {AGREES:.0%} of the paper's, an optimum length within "
+        f"{LENGTH_AGREES:.1%}. Nothing is tuned to match: contact parameters, bounds and window are those of the "
+        "configuration.",
     ]
 
 

@@ -64,7 +64,8 @@ def looseness_variants(name: str, scenarios: Mapping[str, Scenario]) -> tuple[st
 
 
 def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) -> VariantOptimum:
-    """What the lengths found on the simulation's own motion gain in the `scenario` called `name`, by its table `resimulated`.
+    """What the lengths found on the simulation's own motion gain in the `scenario` called `name`, by its table
+    `resimulated`.
 
     Lengths found on networks would hang on how long these were trained, which may differ between scenarios.
     """
@@ -95,7 +96,8 @@ def more_is_better(variants: Iterable[VariantOptimum]) -> bool | None:
     """Whether the reduction grows with the count of loose joints.
 
     True where all scenarios with one joint more lie above all with one fewer, spreads included; False where, spreads
-    included, some scenario with more joints lies below one with fewer; None where spreads overlap or there is one count alone.
+    included, some scenario with more joints lies below one with fewer; None where spreads overlap or there is one count
+    alone.
     """
     counts = list(_by_count(variants).values())
     if len(counts) < 2:
@@ -146,9 +148,9 @@ def conclusion(variants: Sequence[VariantOptimum]) -> str:
         return "The spreads overlap, so this cannot be decided."
     ranked = sorted(variants, key=lambda variant: variant.reduction)
     return (
-        f"{_with_count(ranked[-1])} gains most and {_with_count(ranked[0])} least, so the number of loose joints is not what "
-        "matters. What matters is how much of the error is proportional to the sine of the crank angle, the only part that "
-        "another length ratio can remove."
+        f"{_with_count(ranked[-1])} gains most and {_with_count(ranked[0])} least, so the number of loose joints is "
+        "not what matters. What matters is how much of the error is proportional to the sine of the crank angle, the "
+        "only part that another length ratio can remove."
     )
 
 

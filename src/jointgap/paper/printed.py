@@ -22,7 +22,7 @@ TRAINING_MSE = {
 
 
 def reference_mse(output: str) -> float:
-    """The paper's training error of an output; for the crank pivot, which the paper has ideal, that of its crank pin."""
+    """The paper's training error of an output; for the crank pivot, which is ideal there, that of its crank pin."""
     return TRAINING_MSE[output.replace("1", "2")]
 
 
@@ -34,7 +34,8 @@ CLEARANCE_M, CRANK_M, ROD_M, SPEED_RAD_S = 0.001, 0.150, 0.564, 20.0 * math.pi
 
 
 def departures(mechanism: Mechanism, simulate: Simulate) -> tuple[str, ...]:
-    """In which ways a mechanism is another than the paper's, in words; none where the paper's printed numbers speak of it.
+    """In which ways `mechanism` and `simulate` differ from the paper's, in words; none where its printed numbers speak
+    of them.
 
     What the paper does not print (the contact, and which body carries the journals) is no departure.
     """
@@ -133,6 +134,8 @@ class Row:
 
 
 def claim(item: str, paper: float | None, ours: float | None, unit: str, holds: bool | None, sentence: str) -> Row:
-    """A claim with its verdict; `holds` None: cannot be told."""
+    """The claim `item`: `paper` and `ours` in `unit`, the evidence in a `sentence`; where `holds` is None it cannot be
+    told.
+    """
     verdict = UNKNOWN if holds is None else HOLDS if holds else FAILS
     return Row("claim", item, unit, paper, ours, sentence, verdict)

@@ -24,7 +24,10 @@ PERCENT = 100
 
 
 def numbers(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Iterator[Row]:
-    """A row for each printed number, none for a mechanism that is not the paper's; arguments as for `jointgap.compare.compare`."""
+    """A row for each printed number, none for another mechanism than the paper's.
+
+    Arguments as in `jointgap.paper.comparison.compare`.
+    """
     if departures(scenario.mechanism, scenario.simulate):
         return
     yield from _training_errors(frames["fit_errors"], scenario)
@@ -63,9 +66,10 @@ def _training_errors(errors: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
             "1",
             printed,
             float(ours["training_mse"]),
-            f"Default seed after {done} iterations{budget}, another simulation's data. Between its training points the same network "
-            f"has {ours['held_out_mse']:.2g}, a spline through them {ours['spline_held_out_mse']:.2g}: the training error alone "
-            f"says little.{reached} {_over_seeds(networks[networks['output'] == output])}",
+            f"Default seed after {done} iterations{budget}, another simulation's data. Between its training points "
+            f"the same network has {ours['held_out_mse']:.2g}, a spline through them "
+            f"{ours['spline_held_out_mse']:.2g}: the training error alone says little.{reached} "
+            f"{_over_seeds(networks[networks['output'] == output])}",
             REACHED if ours["training_mse"] <= printed else MISSED,
         )
 
@@ -77,8 +81,9 @@ def _over_seeds(rows: pd.DataFrame) -> str:
     training, held_out = rows["training_mse"], rows["held_out_mse"]
     fewest, most = rows["iterations"].min(), rows["iterations"].max()
     return (
-        f"Over {len(rows)} seeds ({fewest} to {most} iterations): training median {training.median():.2g} ({training.min():.2g} to "
-        f"{training.max():.2g}), between the points median {held_out.median():.2g} ({held_out.min():.2g} to {held_out.max():.2g})."
+        f"Over {len(rows)} seeds ({fewest} to {most} iterations): training median {training.median():.2g} "
+        f"({training.min():.2g} to {training.max():.2g}), between the points median {held_out.median():.2g} "
+        f"({held_out.min():.2g} to {held_out.max():.2g})."
     )
 
 
@@ -94,9 +99,9 @@ def _second_surrogate(errors: pd.DataFrame) -> Iterator[Row]:
             "1",
             printed,
             float(row["held_out_mse"]),
-            f"The paper's is a training error. {row['training_points']:.0f} points of its own, none held out, {row['weights']:.0f} "
-            f"weights for the joint; a spline through the same points has {row['spline_held_out_mse']:.2g}: "
-            f"{'the network' if better else 'the spline'} wins.",
+            f"The paper's is a training error. {row['training_points']:.0f} points of its own, none held out, "
+            f"{row['weights']:.0f} weights for the joint; a spline through the same points has "
+            f"{row['spline_held_out_mse']:.2g}: {'the network' if better else 'the spline'} wins.",
             REACHED if row["held_out_mse"] <= printed else MISSED,
         )
 
@@ -123,7 +128,8 @@ def _optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
         "mm",
         printed.rod_length * MM,
         ours["rod_length"] * MM,
-        f"Along the valley the error falls with L3 all the way, so that bounds decide, which the paper does not print; {where}.",
+        "Along the valley the error falls with L3 all the way, so that bounds decide, which the paper does not print; "
+        f"{where}.",
         agrees=LENGTH_AGREES,
     )
     yield Row(
@@ -132,9 +138,10 @@ def _optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
         "%",
         printed.reduction * PERCENT,
         ours["rms_reduction"] * PERCENT,
-        f"RMS, {np.degrees(ours['rms']) / (1 - ours['rms_reduction']):.4f} deg before and {np.degrees(ours['rms']):.4f} deg after; by mean absolute {ours['mean_absolute_reduction']:.2%}, peak {ours['peak_reduction']:.2%}, sum of squares "
-        f"{ours['sum_of_squares_reduction']:.2%}. Measure, window, friction and carrier of the journals decide, none of which the "
-        "paper prints.",
+        f"RMS, {np.degrees(ours['rms']) / (1 - ours['rms_reduction']):.4f} deg before and "
+        f"{np.degrees(ours['rms']):.4f} deg after; by mean absolute {ours['mean_absolute_reduction']:.2%}, peak "
+        f"{ours['peak_reduction']:.2%}, sum of squares {ours['sum_of_squares_reduction']:.2%}. Measure, window, "
+        "friction and carrier of the journals decide, none of which the paper prints.",
     )
     if printed.evaluations is not None:
         within = ours["evaluations_within_1_percent"]
@@ -153,7 +160,8 @@ def _optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
             + (
                 "Population and generations are settings, which the paper does not print."
                 if ours.name == "genetic"
-                else "Of the best start; gradients are exact and not counted, by differences each would take two calls more."
+                else "Of the best start; gradients are exact and not counted, by differences each would take two calls "
+                "more."
             ),
         )
 
@@ -166,8 +174,8 @@ def _another_end(printed: PrintedOptimum, ends: pd.DataFrame) -> Iterator[Row]:
     spread = tightest["rms_reduction"].max() - tightest["rms_reduction"].min()
     sentence = (
         f"The poorest of our six end points at the loosest tolerance tried ({ours['tolerance']:.0e}); at the tightest "
-        f"({tightest['tolerance'].iloc[0]:.0e}) the six differ by {spread * PERCENT:.2g} percentage points: such end points are where "
-        "a search stopped in a flat valley."
+        f"({tightest['tolerance'].iloc[0]:.0e}) the six differ by {spread * PERCENT:.2g} percentage points: such end "
+        "points are where a search stopped in a flat valley."
     )
     for name, theirs, value, unit in (
         ("crank length L2", printed.crank_length * MM, ours["crank_length"] * MM, "mm"),
@@ -190,6 +198,6 @@ def _printed_points(optima: pd.DataFrame) -> Iterator[Row]:
             printed.reduction * PERCENT,
             float(ours["rms_reduction"]) * PERCENT,
             f"RMS on our motion; (1 - R) L3 = {ours['invariant'] * MM:.2f} mm, the paper's "
-            f"{(1 - printed.reduction) * printed.rod_length * MM:.2f} mm: constant along the valley for any measure linear in the "
-            "angle, so the three printed points are one valley.",
+            f"{(1 - printed.reduction) * printed.rod_length * MM:.2f} mm: constant along the valley for any measure "
+            "linear in the angle, so the three printed points are one valley.",
         )

@@ -1,4 +1,5 @@
-"""The scenarios side by side: one row each, the same point (genetic algorithm on the networks, main box) in all of them.
+"""The scenarios side by side: one row each, the same point (genetic algorithm on the networks, main box) in all of
+them.
 
 A second part puts scenarios beside each other that differ in nothing but which joints are loose.
 """
@@ -36,10 +37,11 @@ HEADS = (
 _ALIGN = "lllrrrrrrrrrrr"
 TITLE = "The scenarios side by side"
 TEXT = (
-    "Reductions of the RMS error of the transmission angle at the lengths that the genetic algorithm finds on the networks (main box), "
-    "against the original lengths: with the clearance motion frozen, and simulated again with the new lengths (median, 5-95 % of an "
-    "ensemble of perturbed starts) over the window and over a whole settled revolution. Training and held-out errors: how many of the "
-    "outputs are at or below the paper's training errors, of those for which it has one."
+    "Reductions of the RMS error of the transmission angle at the lengths that the genetic algorithm finds on the "
+    "networks (main box), against the original lengths: with the clearance motion frozen, and simulated again with "
+    "the new lengths (median, 5-95 % of an ensemble of perturbed starts) over the window and over a whole settled "
+    "revolution. Training and held-out errors: how many of the outputs are at or below the paper's training errors, "
+    "of those for which it has one."
 )
 COUNT_HEADS = (
     "loose joints",
@@ -151,8 +153,8 @@ def _families(table: pd.DataFrame) -> Iterator[tuple[str, list[tuple[str, ...]]]
             settled = f"{100 * row.found_settled:.2f}"
             cells.append((str(row.loose_joints), row.scenario, ", ".join(loose), _spread(*sizes), settled, *angles))
         words = (
-            "These scenarios differ in nothing but which joints are loose. RMS reductions at the lengths that the genetic algorithm "
-            f"finds on each simulation's own motion, simulated again. {conclusion(variants)}"
+            "These scenarios differ in nothing but which joints are loose. RMS reductions at the lengths that the "
+            f"genetic algorithm finds on each simulation's own motion, simulated again. {conclusion(variants)}"
         )
         yield words, cells
 

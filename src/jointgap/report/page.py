@@ -1,6 +1,7 @@
 """A page, written once and shown twice: as Markdown, and as one HTML file that needs nothing beside it.
 
-A page is a title and a row of blocks. What a block looks like stands in ``templates/``, a template for each of the two forms.
+A page is a title and a row of blocks. What a block looks like stands in ``templates/``, a template for each of the two
+forms.
 """
 
 import base64
@@ -23,7 +24,9 @@ class Heading:
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Sentences; what stands between backticks is code, here and in lists and tables. A strong one is the page's answer."""
+    """Sentences; what stands between backticks is code, here and in lists and tables. A strong one is the page's
+    answer.
+    """
 
     kind: ClassVar = "paragraph"
     text: str

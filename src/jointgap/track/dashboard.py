@@ -64,7 +64,7 @@ def dashboard(
 
 
 def _become_server(address: str, artifacts: Path, port: str) -> None:
-    """MLflow's own server command in place of this process, so that a signal reaches it and nothing is left to tidy up."""
+    """MLflow's own server command in place of this process: a signal reaches it, and nothing is left to tidy up."""
     command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", address, "--host", HOST, "--port", port]
     command += ["--artifacts-destination", artifacts.as_uri(), "--workers", "1"]  # of what is published through it
     # a browser may keep its connection open; every request on a line of its own would hide the addresses above

@@ -49,7 +49,7 @@ class FinishedTables:
         return pd.concat([tables.read(table, self.tables[name]) for name in self.names(table)], ignore_index=True)
 
     def datasets(self, inputs: list[str], results: list[str]) -> tuple[Dataset, ...]:
-        """The named files, those that were given, as what a run read and what it wrote."""
+        """Those files that were given, by name, as what a run read (`inputs`) and what it wrote (`results`)."""
         return tuple(
             Dataset(name, self.tables[name], context)
             for context, names in (("input", inputs), ("result", results))

@@ -28,7 +28,7 @@ def default_address(results: Path) -> str:
 
 
 def address_for(results: Path, tracking_uri: str | None = None) -> str:
-    """The store to use: the one given, else ``MLFLOW_TRACKING_URI``, else the one in the results folder."""
+    """The store to use: `tracking_uri`, else ``MLFLOW_TRACKING_URI``, else the one in the folder `results`."""
     address = tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or default_address(results)
     kind, found, file = address.partition("sqlite:///")
     # absolute, for the dashboard's server runs in another folder
@@ -36,7 +36,7 @@ def address_for(results: Path, tracking_uri: str | None = None) -> str:
 
 
 def artifacts_beside(address: str, results: Path) -> Path:
-    """Folder of artifacts of a store without a server: beside the SQLite file, else in the results folder."""
+    """Folder of artifacts of the store at `address` without a server: beside the SQLite file, else in `results`."""
     folder = Path(address.removeprefix("sqlite:///")).parent if address.startswith("sqlite:///") else results
     return folder.resolve() / "mlflow-artifacts"
 
@@ -114,17 +114,17 @@ class Store:
             if not (isinstance(error, RequestException | OSError) or kinds & {"mlflow", "sqlalchemy", "alembic"}):
                 raise
             remote = self.address.startswith("http")
-            mend = (
+            fix = (
                 "start the server, correct MLFLOW_TRACKING_URI, or unset it to use the store in the results folder"
                 if remote
                 else "check permission and space, or delete the file to publish from nothing"
             )
             reason = str(error).strip().splitlines()[0][:300]
             verb = "cannot be reached or refuses" if remote else "cannot be used"
-            raise InputError(f"MLflow store {self.address} {verb} ({reason}); {mend}") from error
+            raise InputError(f"MLflow store {self.address} {verb} ({reason}); {fix}") from error
 
     def experiment(self, stage: str, create: bool = True) -> str | None:
-        """Id of the stage's experiment; made (or brought back from deletion) where it is missing and `create` says so."""
+        """Id of the experiment of a `stage`; made (or brought back from deletion) where it is missing, if `create`."""
         name = EXPERIMENT + stage
         with self._explained():
             found = self._client.get_experiment_by_name(name)
@@ -162,7 +162,7 @@ class Store:
             )
 
     def runs(self, experiment_id: str, tags: dict[str, str]) -> list[StoredRun]:
-        """Runs of an experiment that carry all `tags` and are not deleted, newest first."""
+        """Runs of the experiment `experiment_id` that carry all `tags` and are not deleted, newest first."""
         wanted = " and ".join(f"tags.`{key}` = '{value}'" for key, value in tags.items())
         found, token = [], None
         with self._explained():
@@ -184,7 +184,9 @@ class Store:
         ]
 
     def write(self, experiment_id: str, name: str, record: Record, tags: dict[str, str]) -> str:
-        """Log one run whole and mark it complete last; its id."""
+        """Log a `record` whole, as a run called `name` with `tags` in `experiment_id`, and mark it complete last; the
+        run's id.
+        """
         entities = self._entities
         with self._explained():
             run_id = self._client.create_run(experiment_id, run_name=name, tags=tags).info.run_id
@@ -237,7 +239,7 @@ class Store:
         )
 
     def tag(self, run_id: str, key: str, value: str) -> None:
-        """Set a tag of a run."""
+        """Set the tag `key` of the run `run_id` to `value`."""
         with self._explained():
             self._client.set_tag(run_id, key, value)
 
@@ -256,7 +258,10 @@ def _hush() -> None:
 
 
 def create_store(results: Path, tracking_uri: str | None = None) -> str:
-    """Make the store if it is missing, so that many processes can publish at once; its address.
+    """Make the store of `address_for(results, tracking_uri)` if it is missing, so that many processes can publish at
+    once.
+
+    Returns its address.
 
     Raises
     ------

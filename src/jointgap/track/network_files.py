@@ -56,8 +56,9 @@ def clearance_to_files(fit: pd.DataFrame, joint: int) -> dict[str, bytes]:
         "settling": None if pd.isna(bias["settling"]) else float(bias["settling"]),
         "speed": None if pd.isna(bias["speed"]) else float(bias["speed"]),
         "turns": int(bias["turns"]),
-        "use": "s = tanh^2((crank_angle - start_angle) / settling), 1 where settling is null; r = s |w|; gamma = direction of "
-        "w, unwrapped, plus turns; rates by calculus, times speed; null: the speed of the crank is not constant",
+        "use": "s = tanh^2((crank_angle - start_angle) / settling), 1 where settling is null; r = s |w|; gamma = "
+        "direction of w, unwrapped, plus turns; rates by calculus, times speed; null: the speed of the crank is not "
+        "constant",
     }
     return _pack(layers, description)
 
@@ -80,7 +81,8 @@ def _pack(layers: list[tuple[np.ndarray, np.ndarray]], description: dict) -> dic
 
 
 def load(folder: Path | str) -> Network:
-    """The network of one output in a folder that holds `network.json` and `weights.npz`, for `jointgap.surrogate.evaluate`.
+    """The network of one output in a folder that holds `network.json` and `weights.npz`, for
+    `jointgap.surrogate.evaluate`.
 
     Raises
     ------

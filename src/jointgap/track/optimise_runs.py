@@ -1,7 +1,7 @@
 """Optimisation: a run for the scenario with its main optimum, and under it one for each pair of lengths found.
 
-What stands before the slash of a metric's name is the section in which the interface shows it. Reductions are in percent,
-for the interface rounds to two decimals.
+What stands before the slash of a metric's name is the section in which the interface shows it. Reductions are in
+percent, for the interface rounds to two decimals.
 """
 
 import numpy as np

@@ -164,7 +164,8 @@ def _user() -> str:
 
 
 def commit(folder: Path = Path(__file__).parent) -> str:
-    """The commit that `folder` is checked out at, with ``-changed`` where tracked files differ; ``unknown`` outside git.
+    """The commit that `folder` is checked out at, with ``-changed`` where tracked files differ; ``unknown`` outside
+    git.
 
     Parameters
     ----------

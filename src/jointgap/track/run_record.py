@@ -156,7 +156,7 @@ class Record:
 
 
 def flatten(options: Mapping, prefix: str = "") -> dict[str, str]:
-    """Nested options as one level of text: keys joined by dots, lists as JSON.
+    """Nested `options` as one level of text: keys joined by dots behind a `prefix`, lists as JSON.
 
     A list keeps one key, so that the names do not depend on how long it is.
     """

@@ -1,4 +1,6 @@
-"""What is tracked of a scenario: from finished tables to records, a function a stage. The larger stages have modules of their own."""
+"""What is tracked of a scenario: from finished tables to records, a function a stage. The larger stages have modules of
+their own.
+"""
 
 import re
 from collections.abc import Sequence
