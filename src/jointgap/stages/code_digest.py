@@ -15,7 +15,11 @@ def code_digest(function: Callable[..., Any]) -> str:
     own, modules = code_of(function)
     digest = hashlib.sha256(own.encode())
     for name in sorted(modules):
-        digest.update(name.encode() + source_of(name).read_bytes())
+        source = source_of(name)
+        digest.update(name.encode() + source.read_bytes())
+        if source.name == "__init__.py":  # templates are code too
+            for template in sorted(source.parent.glob("templates/*.j2")):
+                digest.update(template.name.encode() + template.read_bytes())
     return digest.hexdigest()[:12]
 
 
