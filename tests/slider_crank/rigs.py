@@ -4,6 +4,7 @@ import numpy as np
 
 from jointgap.config import Simulate
 from jointgap.config.campaign_file import Campaign
+from jointgap.config.channels import CHANNELS as UNITS
 from jointgap.dynamics import simulate
 from jointgap.recordings import Measurements, Recording
 
@@ -50,7 +51,10 @@ def campaign(content: dict, channels=tuple(CHANNELS), speeds=(30.0, 45.0), **key
         {"id": name, "file": f"{name}.csv", "speed": speed, "role": role} | run
         for name, speed, role in zip(("slow", "fast"), speeds, ("identify", "confirm"), strict=True)
     ]
-    own = {name: CHANNELS[name] | keys.get("sensors", {}).get(name, {}) for name in channels}
+    own = {
+        name: CHANNELS.get(name, {"column": name, "unit": UNITS[name]}) | keys.get("sensors", {}).get(name, {})
+        for name in channels
+    }
     keys.pop("sensors", None)
     return Campaign.model_validate({"name": "rig", "mechanism": content, "runs": runs, "channels": own} | keys)
 

@@ -96,3 +96,56 @@ def test_a_wide_band_hardly_filters_and_a_narrow_one_leaves_the_first_order():
     )
     inside = slice(60, 120)
     assert narrow[inside] == pytest.approx(expected[inside], abs=0.05 * amplitudes[0])
+
+
+def test_a_causal_low_pass_turns_its_corner_by_half_a_period_and_comes_late():
+    time = np.arange(40_000) * INTERVAL
+    at_corner = sensors.low_pass(np.cos(2 * math.pi * CORNER * time), INTERVAL, CORNER, causal=True)
+    inside = slice(15_000, 25_000)
+    assert at_corner[inside] == pytest.approx(-math.sqrt(0.5) * np.cos(2 * math.pi * CORNER * time[inside]), abs=1e-3)
+    slow = np.cos(2 * math.pi * 1.0 * time)
+    delay = 2.6131 / (2 * math.pi * CORNER)  # of Butterworth's polynomial of 4th order at low frequencies
+    late = np.cos(2 * math.pi * 1.0 * (time - delay))
+    assert sensors.low_pass(slow, INTERVAL, CORNER, causal=True)[inside] == pytest.approx(late[inside], abs=1e-3)
+    assert sensors.low_pass(slow + 5.0, INTERVAL, CORNER, causal=True)[:1] == pytest.approx(
+        [6.0]
+    )  # without a transient
+
+
+def test_a_causal_sensor_reads_late_and_one_without_delay_does_not():
+    plain = read(model_of())["slider_position"]
+    time = recorded(campaign(mechanism())).runs["slow"].time
+    velocity = np.gradient(plain, time)
+    delays = {}
+    for kind in ("causal", "zero_phase"):
+        own = campaign(mechanism(), sensors={"slider_position": {"bandwidth": "400 Hz", "filter": kind}})
+        shift = plain - read(build_model(own, recorded(own)))["slider_position"]
+        delays[kind] = float(shift[5:-5] @ velocity[5:-5]) / float(velocity[5:-5] @ velocity[5:-5])
+    assert delays["causal"] == pytest.approx(2.6131 / (2 * math.pi * 400.0), rel=0.05)  # of the analogue filter
+    assert delays["zero_phase"] == pytest.approx(0.0, abs=2e-6)
+
+
+def test_a_gain_acts_on_gravity_too_and_a_bias_on_neither():
+    own = campaign(mechanism(gravity_direction=0.0), sensors={"slider_acceleration": {"reads_gravity": True}})
+    model, true = build_model(own), read(build_model(campaign(mechanism())))["slider_acceleration"]
+    by_label = {candidate.label: candidate for candidate in model.candidates}
+    faults = [
+        (by_label["sensor_bias:slider_acceleration"], {"bias": 0.3}),
+        (by_label["sensor_gain:slider_acceleration"], {"gain_error": 0.05}),
+    ]
+    found = model.simulate("slow", model.nominal("slow"), faults)["slider_acceleration"]
+    assert found == pytest.approx(1.05 * (true - 9.80665) + 0.3, rel=1e-12)
+
+
+def test_a_lag_is_exact_for_straight_lines_and_comes_late():
+    time, lag = np.arange(400) * 1e-3, 0.02
+    ramp = sensors.lagged(3.0 * time, 1e-3, lag)
+    assert ramp == pytest.approx(3.0 * (time - lag * (1.0 - np.exp(-time / lag))), abs=1e-12)
+    assert ramp[-1] == pytest.approx(3.0 * (time[-1] - lag), abs=1e-8)
+
+
+def test_filters_see_ten_samples_of_a_corner_and_half_a_degree_of_the_crank():
+    assert np.diff(sensors.filter_times(0.0, 1.0, 0.72, [])) == pytest.approx(np.full(1000, 1e-3), rel=1e-9)
+    fine = sensors.filter_times(0.0, 1.0, 0.72, [50.0, 1000.0])
+    assert np.diff(fine) == pytest.approx(np.full(10_000, 1e-4), rel=1e-9)
+    assert (fine[0], fine[-1]) == (0.0, 1.0)
