@@ -76,8 +76,8 @@ def test_a_law_for_what_is_missing_is_sought_from_the_better_base(case, chain, b
     unexplained = Decision("unexplained", better, better)
     monkeypatch.setattr(model_selection, "select_hypothesis", lambda *_: unexplained)
     stages.decide(case())
-    asked, nothing = [], force_law.Regressed(None, False, "no law holds")
-    monkeypatch.setattr(force_law, "regress", lambda problem, base, *_: asked.append(base) or nothing)
+    asked, nothing = [], force_law.ForceLawResult(None, False, "no law holds")
+    monkeypatch.setattr(force_law, "find_force_law", lambda problem, base, *_: asked.append(base) or nothing)
     later = case()
     later.library = []
     stages.regress(later)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.force_law import law_of, regress, term_of
+from jointgap.identification.force_law import find_force_law, law_of, term_of
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.thresholds import Thresholds
@@ -70,7 +70,7 @@ def coefficient_errors(found) -> dict[str, float]:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_cubic_resistance_is_found_and_told_from_a_quadratic_one(seed):
     problem, base = measured(lambda x, v, angle: -0.3 * v**3, seed)
-    found = regress(problem, base, LIBRARY, LIMITS)
+    found = find_force_law(problem, base, LIBRARY, LIMITS)
     assert found.accepted, found.because
     assert (found.law.effect, found.law.site, found.law.formula) == ("discovered_slider_force", "slider", "c1*v^3")
     assert found.law.coefficients["c1"] == pytest.approx(-0.3, abs=4 * coefficient_errors(found)["c1"])
@@ -79,7 +79,7 @@ def test_a_cubic_resistance_is_found_and_told_from_a_quadratic_one(seed):
 
 def test_two_terms_are_found_where_two_act():
     problem, base = measured(lambda x, v, angle: -0.4 * v**3 + 2.0 * x * v)
-    found = regress(problem, base, LIBRARY, LIMITS)
+    found = find_force_law(problem, base, LIBRARY, LIMITS)
     assert found.accepted, found.because
     assert {term_of(c) for c in found.fit.hypothesis} == {"v^3", "x*v"}
     truth = {"v^3": -0.4, "x*v": 2.0}
@@ -90,14 +90,14 @@ def test_two_terms_are_found_where_two_act():
 
 def test_where_nothing_is_hidden_no_law_is_accepted():
     problem, base = measured(lambda x, v, angle: 0.0 * x)
-    found = regress(problem, base, LIBRARY, LIMITS)
+    found = find_force_law(problem, base, LIBRARY, LIMITS)
     assert not found.accepted
     assert "chance" in found.because
 
 
 def test_a_force_that_no_sum_of_two_terms_comes_near_is_not_put_into_a_formula():
     problem, base = measured(lambda x, v, angle: 1.5 * np.cos(7 * angle))
-    found = regress(problem, base, LIBRARY, LIMITS)
+    found = find_force_law(problem, base, LIBRARY, LIMITS)
     assert not found.accepted
     assert "only" in found.because or "chance" in found.because
 
@@ -105,7 +105,7 @@ def test_a_force_that_no_sum_of_two_terms_comes_near_is_not_put_into_a_formula()
 def test_a_law_that_only_comes_near_is_not_accepted():
     problem, base = measured(lambda x, v, angle: -0.2 * v**7)
     assert "v^7" not in TERMS
-    found = regress(problem, base, LIBRARY, LIMITS)
+    found = find_force_law(problem, base, LIBRARY, LIMITS)
     assert not found.accepted
     assert "only" in found.because
 
@@ -114,14 +114,14 @@ def test_a_term_that_cannot_be_simulated_is_reported_and_the_others_go_on():
     problem, base = measured(lambda x, v, angle: -0.3 * v**3)
     laws = {**TERMS, "bad": lambda x, v, angle: np.full_like(x, np.nan)}
     problem = Problem(replace(problem.model, laws=laws), stated_noise(problem.model))
-    found = regress(problem, base, (term("bad"), *LIBRARY), LIMITS)
+    found = find_force_law(problem, base, (term("bad"), *LIBRARY), LIMITS)
     assert "discovered_slider_force[bad]" in found.failed
     assert found.law.formula == "c1*v^3"
 
 
 def test_without_any_term_that_can_be_simulated_there_is_no_law():
     problem, base = measured(lambda x, v, angle: -0.3 * v**3)
-    found = regress(problem, base, (), LIMITS)
+    found = find_force_law(problem, base, (), LIMITS)
     assert found.fit is None and found.law is None and not found.accepted
 
 
@@ -145,6 +145,6 @@ def test_the_same_force_in_another_form_is_no_rival():
     problem, base = measured(lambda x, v, angle: -0.3 * v**3)
     laws = {**TERMS, "v*v*v": TERMS["v^3"]}
     problem = Problem(replace(problem.model, laws=laws), stated_noise(problem.model))
-    found = regress(problem, base, (*LIBRARY, term("v*v*v")), LIMITS)
+    found = find_force_law(problem, base, (*LIBRARY, term("v*v*v")), LIMITS)
     assert found.accepted and not found.rivals
     assert {one.label for one in (found.fit, *found.others)} >= {term(text).label for text in ("v^3", "v*v*v")}

@@ -12,7 +12,7 @@ from jointgap.config.load import load_campaign
 from jointgap.dynamics.simulation import simulate
 from jointgap.formula import compile_formula
 from jointgap.identification.baseline import other_numerics, recalibrate
-from jointgap.identification.force_law import Regressed, effect_of, regress, term_of
+from jointgap.identification.force_law import ForceLawResult, effect_of, find_force_law, term_of
 from jointgap.identification.noise_model import estimate_noise
 from jointgap.identification.protocol import runs_of
 from jointgap.identification.screening import simulate_signatures
@@ -64,13 +64,13 @@ def measured(folder: Path, formula: str) -> SliderCrankModel:
     return build_model(loaded, read_measurements(loaded))
 
 
-def regressed(model: SliderCrankModel) -> Regressed:
+def regressed(model: SliderCrankModel) -> ForceLawResult:
     nominal = {run: {p.name: p.nominal for p in model.nuisances if p.run in (None, run)} for run in runs_of(model)}
     missed = {s.key: s.value - model.simulate(s.run, nominal[s.run])[s.channel] for s in model.series}
     base = recalibrate(model, estimate_noise(model, missed))
     known = simulate_signatures(base.problem, base.base, base.differences, candidates=())
     limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    return regress(base.problem, base.base, library(model), limits, base.differences)
+    return find_force_law(base.problem, base.base, library(model), limits, base.differences)
 
 
 def test_a_cubic_resistance_is_found_with_its_size_and_goes_into_a_mechanism_file(tmp_path):

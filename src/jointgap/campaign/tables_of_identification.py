@@ -14,7 +14,7 @@ from jointgap.identification.baseline import Baseline
 from jointgap.identification.decision import NO_DISAGREEMENT, Decision, Ranked
 from jointgap.identification.estimates import effect_estimates
 from jointgap.identification.fit import FAILED, Fit
-from jointgap.identification.force_law import Regressed
+from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.gauss_newton import compress_rows
 from jointgap.identification.noise_model import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
@@ -355,14 +355,14 @@ def outcome_of(decision: Decision, seconds: Mapping[str, float]) -> Outcome:
     return Outcome(decision.verdict, decision.because, decision.chosen, decision.base, decision.equivalent, ranking)
 
 
-def outcome_with_law(outcome: Outcome, proposed: Regressed) -> Outcome:
+def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
     """The outcome with a force law for what is missing, where one is accepted and has no rival.
 
     Parameters
     ----------
     outcome : Outcome
         Of the listed effects: ``unexplained``.
-    proposed : Regressed
+    proposed : ForceLawResult
     """
     laws = ranking_frame(proposed.ranking, proposed.fit.label if proposed.named else "")
     ranking = pd.concat([outcome.ranking, laws], ignore_index=True)

@@ -1,7 +1,9 @@
-"""Before anything is measured: which effects a campaign can detect and tell apart, and what further run or channel helps most."""
+"""Before anything is measured: which effects a campaign can detect and tell apart, and which run or channel helps most."""
 
+import itertools
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,13 +16,8 @@ from jointgap.identification.noise_model import Key, numerics_noise
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Model, Series, runs_of
 from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.settings import DEFAULT_SETTINGS, DetectabilitySettings, IdentificationSettings
 from jointgap.identification.whitening import Noise
-
-ASSUMED_SHARE = 0.02
-"""Noise of a channel of which none is stated, as a share of what it varies by."""
-
-ASSUMED_ANGLE = np.deg2rad(0.2)
-"""Noise [rad] of an angle of which none is stated."""
 
 
 @dataclass(frozen=True)
@@ -30,12 +27,11 @@ class Preflight:
     Attributes
     ----------
     effects : DataFrame
-        Per candidate: label; parameter that a verdict states first; smallest_detectable: its value where the effect is found
-        with a probability of 90 %; unit, empty where the parameter is no coordinate; typical: its value where the gap after
-        recalibration is 1.5; falls: whether the value falls as the effect grows; detectable. NaN where the effect cannot be seen
-        at any size.
+        Per candidate: label; parameter that a verdict states first; smallest_detectable: its value [SI] where the effect is
+        found with a probability of 90 %; unit, empty where the parameter is no coordinate; typical: its value where the gap
+        after recalibration is 1.5; falls: whether the value falls as the effect grows; detectable. NaN where no size shows it.
     cosines : DataFrame
-        Labels by labels: largest cosine between what two effects change beyond what nuisances can.
+        Labels by labels [1]: largest cosine between what two effects change beyond what nuisances can.
     merged : list of lists of str
         Effects that cannot be told apart at a gap of 1.5.
     undetectable : list of str
@@ -43,7 +39,7 @@ class Preflight:
     failed : dict of label to str
         Effects of which nothing is known since they could not be simulated, and why.
     sizes : dict of label to float
-        As smallest_detectable, of the first coordinate; infinite where the effect cannot be seen.
+        As smallest_detectable, of the first coordinate [SI]; infinite where the effect cannot be seen.
     assumed : tuple of str
         Noise that was assumed where none is stated, by run and channel.
     """
@@ -62,6 +58,7 @@ def preflight(
     noise: Mapping[Key, Noise] | None = None,
     rate: float = 0.01,
     counts: Mapping[Key, int] | None = None,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> Preflight:
     """Detectability and confusability of every candidate about the nominal model, as far as all is linear.
 
@@ -70,19 +67,20 @@ def preflight(
     model : Model
         Values of its series are not looked at.
     noise : mapping of (run, channel) to Noise, optional
-        As stated where absent, or assumed (`ASSUMED_SHARE`, `ASSUMED_ANGLE`), with what other numerics predict added.
+        As stated where absent, or assumed (`assumed_noise`), with what other numerics predict added.
     rate : float
-        False alarms allowed over all candidates.
+        [1] False alarms allowed over all candidates.
     counts : mapping of (run, channel) to int, optional
         How many samples there will be, where they are not as many as the model's: these then stand for them.
+    settings : IdentificationSettings
 
     Raises
     ------
     SimulationError
         The model cannot be simulated as it stands.
     """
-    problem, survey, assumed = _surveyed(model, noise, rate, counts or {})
-    return _preflight(problem.model, survey, tuple(assumed.values()))
+    _, detectability, assumed = _detectability(model, noise, rate, counts or {}, settings)
+    return _preflight(model, detectability, tuple(assumed.values()))
 
 
 def advise(
@@ -91,6 +89,7 @@ def advise(
     noise: Mapping[Key, Noise] | None = None,
     rate: float = 0.01,
     counts: Mapping[Key, int] | None = None,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> tuple[Preflight, pd.DataFrame]:
     """Which one further run or channel helps a planned campaign most.
 
@@ -100,7 +99,7 @@ def advise(
         With all runs and channels that could be had.
     planned : collection of (run, channel)
         Those that the campaign has.
-    noise, rate, counts
+    noise, rate, counts, settings
         As in `preflight`.
 
     Returns
@@ -112,11 +111,11 @@ def advise(
         by how much the smallest detectable sizes shrink (median over effects).
     """
     counts = counts or {}
-    problem, survey, assumed = _surveyed(model, noise, rate, counts)
+    problem, detectability, assumed = _detectability(model, noise, rate, counts, settings)
     keys = [part.series.key for part in problem.parts]
     runs, channels = ({key[i] for key in planned} for i in (0, 1))
-    told = tuple(text for key, text in assumed.items() if key in planned)
-    base = _preflight(model, _of(survey, problem, planned, counts), told)
+    assumptions = tuple(text for key, text in assumed.items() if key in planned)
+    base = _preflight(model, _part(detectability, problem, planned, counts), assumptions)
     choices = {
         f"run {run}": {*planned, *(key for key in keys if key[0] == run and key[1] in channels)}
         for run in dict.fromkeys(key[0] for key in keys)
@@ -127,66 +126,79 @@ def advise(
         if channel not in channels
     }
     rows = [
-        {"change": change, **_help(base, _preflight(model, _of(survey, problem, wider, counts), ()))}
+        {"change": change, **_improvement(base, _preflight(model, _part(detectability, problem, wider, counts), ()))}
         for change, wider in choices.items()
     ]
     table = pd.DataFrame(rows, columns=["change", "newly_detectable", "separated", "gain"])
-    worth = table["newly_detectable"].map(len) + table["separated"].map(len) if len(table) else []
-    ordered = table.assign(worth=worth).sort_values(
-        ["worth", "gain"], ascending=False, kind="stable", ignore_index=True
+    helped = table["newly_detectable"].map(len) + table["separated"].map(len) if len(table) else []
+    ordered = table.assign(helped=helped).sort_values(
+        ["helped", "gain"], ascending=False, kind="stable", ignore_index=True
     )
-    return base, ordered.drop(columns="worth")
+    return base, ordered.drop(columns="helped")
 
 
-def assumed_noise(model: Model) -> tuple[dict[Key, Noise], dict[Key, str]]:
+def assumed_noise(
+    model: Model, settings: DetectabilitySettings = DEFAULT_SETTINGS.detectability
+) -> tuple[dict[Key, Noise], dict[Key, str]]:
     """Noise as stated, or assumed where it is not, and in words what was assumed of which run and channel.
+
+    Parameters
+    ----------
+    model : Model
+    settings : DetectabilitySettings
 
     Raises
     ------
     InputError
         A channel whose noise is not stated is predicted to be 0 throughout.
     """
-    found, told = {}, {}
+    noise, assumptions = {}, {}
     for run in runs_of(model):
-        at = {p.name: p.nominal for p in model.nuisances if p.run in (None, run)}
-        predicted = model.simulate(run, at)
-        for series in (one for one in model.series if one.run == run):
+        predicted = model.simulate(run, {p.name: p.nominal for p in model.nuisances if p.run in (None, run)})
+        for series in (series for series in model.series if series.run == run):
             if series.stated_noise is not None:
-                found[series.key] = Noise(series.stated_noise)
+                noise[series.key] = Noise(series.stated_noise)
                 continue
-            sd, why = _assumed(series, predicted[series.channel])
-            found[series.key] = Noise(np.full(series.value.shape, sd), source="assumed")
-            told[series.key] = f"{series.channel} in run {run}: {sd:.3g} {series.unit}, {why}"
-    return found, told
+            sd, reason = _assumed_sd(series, predicted[series.channel], settings)
+            noise[series.key] = Noise(np.full(series.value.shape, sd), source="assumed")
+            assumptions[series.key] = f"{series.channel} in run {run}: {sd:.3g} {series.unit}, {reason}"
+    return noise, assumptions
 
 
-def _assumed(series: Series, predicted: np.ndarray) -> tuple[float, str]:
+def _assumed_sd(series: Series, predicted: np.ndarray, settings: DetectabilitySettings) -> tuple[float, str]:
+    """Standard deviation [unit], and where it comes from."""
+    share = settings.assumed_noise_share
     if series.unit == "rad":
-        return float(ASSUMED_ANGLE), "0.2 deg"
+        return float(np.deg2rad(settings.assumed_angle_noise_deg)), f"{settings.assumed_angle_noise_deg:g} deg"
     varies, size = float(np.std(predicted)), float(np.sqrt(np.mean(predicted**2)))
     if size == 0.0:
         raise InputError(
             f"run {series.run}, channel {series.channel}: it is predicted to be 0 throughout; state its `noise`"
         )
-    if varies > 1e-3 * size:
-        return ASSUMED_SHARE * varies, f"{100 * ASSUMED_SHARE:.0f} % of what it varies by"
-    return ASSUMED_SHARE * size, f"{100 * ASSUMED_SHARE:.0f} % of its size, as it hardly varies"
+    if varies > settings.hardly_varies * size:
+        return share * varies, f"{100 * share:.0f} % of what it varies by"
+    return share * size, f"{100 * share:.0f} % of its size, as it hardly varies"
 
 
-def _surveyed(
-    model: Model, noise, rate: float, counts: Mapping[Key, int]
+def _detectability(
+    model: Model,
+    noise: Mapping[Key, Noise] | None,
+    rate: float,
+    counts: Mapping[Key, int],
+    settings: IdentificationSettings,
 ) -> tuple[Problem, Detectability, dict[Key, str]]:
+    """The planned problem, what it can detect, and the noise that was assumed, in words."""
     assumed: dict[Key, str] = {}
     if noise is None:
-        noise, assumed = assumed_noise(model)
-        noise = numerics_noise(model, {}, noise)
-    problem = Problem(model, noise, planned=True)
+        noise, assumed = assumed_noise(model, settings.detectability)
+        noise = numerics_noise(model, {}, noise, settings.noise)
+    problem = Problem(model, noise, planned=True, settings=settings)
     differences = FiniteDifferences(problem)
     base = fit_hypothesis(problem, differences=differences)
     if base.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
     known = simulate_signatures(problem, base, differences)
-    return problem, Detectability(known, *_lengths(problem.parts, counts), rate, problem.settings), assumed
+    return problem, Detectability(known, *_lengths(problem.parts, counts), rate, settings), assumed
 
 
 def _lengths(parts: Iterable, counts: Mapping[Key, int]) -> tuple[list[int], list[int]]:
@@ -198,27 +210,30 @@ def _lengths(parts: Iterable, counts: Mapping[Key, int]) -> tuple[list[int], lis
     ]
 
 
-def _of(survey: Detectability, problem: Problem, keys: Collection[Key], counts: Mapping[Key, int]) -> Detectability:
+def _part(
+    detectability: Detectability, problem: Problem, keys: Collection[Key], counts: Mapping[Key, int]
+) -> Detectability:
+    """What these channels and runs alone can detect."""
     parts = [part for part in problem.parts if part.series.key in keys]
     rows = np.concatenate([np.arange(part.place.start, part.place.stop) for part in parts])
-    return survey.part(rows, *_lengths(parts, counts))
+    return detectability.part(rows, *_lengths(parts, counts))
 
 
-def _preflight(model: Model, survey: Detectability, assumed: tuple[str, ...]) -> Preflight:
-    rows, sizes, failed = [], {}, dict(survey.known.failed)
+def _preflight(model: Model, detectability: Detectability, assumed: tuple[str, ...]) -> Preflight:
+    rows, sizes, failed = [], {}, dict(detectability.known.failed)
     for candidate in model.candidates:
-        there = candidate.label in survey.labels
-        smallest = survey.detectable_size(candidate.label) if there else np.inf
-        typical = survey.typical_size(candidate.label) if there else np.inf
+        simulated = candidate.label in detectability.labels
+        smallest = detectability.detectable_size(candidate.label) if simulated else np.inf
+        typical = detectability.typical_size(candidate.label) if simulated else np.inf
         sizes[candidate.label] = smallest
-        parameter, unit, stated, falls = _stated(candidate, smallest)
+        parameter, unit, value, falls = _stated_first(candidate, smallest)
         rows.append(
             {
                 "label": candidate.label,
                 "parameter": parameter,
-                "smallest_detectable": stated,
+                "smallest_detectable": value,
                 "unit": unit,
-                "typical": _stated(candidate, typical)[2],
+                "typical": _stated_first(candidate, typical)[2],
                 "falls": falls,
                 "detectable": bool(np.isfinite(smallest) and np.isfinite(typical)),
             }
@@ -226,17 +241,17 @@ def _preflight(model: Model, survey: Detectability, assumed: tuple[str, ...]) ->
     columns = ["label", "parameter", "smallest_detectable", "unit", "typical", "falls", "detectable"]
     effects = pd.DataFrame(rows, columns=columns)
     seen = [row["label"] for row in rows if row["detectable"]]
-    known = [row["label"] for row in rows if row["label"] in survey.labels]
+    known = [row["label"] for row in rows if row["label"] in detectability.labels]
     cosines = pd.DataFrame(np.eye(len(known)), index=known, columns=known)
     for i, label in enumerate(known):
         for other in known[i + 1 :]:
-            cosines.loc[label, other] = cosines.loc[other, label] = survey.cosine(label, other)
+            cosines.loc[label, other] = cosines.loc[other, label] = detectability.cosine(label, other)
     undetectable = [row["label"] for row in rows if not row["detectable"] and row["label"] not in failed]
-    return Preflight(effects, cosines, survey.merged(seen), undetectable, failed, sizes, assumed)
+    return Preflight(effects, cosines, detectability.merged(seen), undetectable, failed, sizes, assumed)
 
 
-def _stated(candidate: Candidate, size: float) -> tuple[str, str, float, bool]:
-    """The parameter that a verdict states first, its unit, its value at a size of the first coordinate, and whether it falls.
+def _stated_first(candidate: Candidate, size: float) -> tuple[str, str, float, bool]:
+    """The parameter that a verdict states first, its unit, its value at an amplitude [SI], and whether that falls.
 
     The value is NaN at infinity; the unit is empty where the parameter is not the coordinate itself, or that and a constant.
     """
@@ -248,12 +263,12 @@ def _stated(candidate: Candidate, size: float) -> tuple[str, str, float, bool]:
         return candidate.parameters({**shapes, first.key: value})
 
     parameter = next(iter(named(amount)))
-    one, two = named(amount)[parameter], named(2 * amount)[parameter]
-    proportional = np.isclose(two - one, amount, rtol=1e-6)
-    return parameter, first.unit if proportional else "", one if np.isfinite(size) else float("nan"), bool(two < one)
+    single, double = named(amount)[parameter], named(2 * amount)[parameter]
+    unit = first.unit if np.isclose(double - single, amount, rtol=1e-6) else ""
+    return parameter, unit, single if np.isfinite(size) else float("nan"), bool(double < single)
 
 
-def _help(base: Preflight, wider: Preflight) -> dict:
+def _improvement(base: Preflight, wider: Preflight) -> dict[str, Any]:
     together = {pair for group in wider.merged for pair in _pairs(group)}
     seen = [label for label, size in base.sizes.items() if np.isfinite(size) and np.isfinite(wider.sizes[label])]
     gains = [base.sizes[label] / wider.sizes[label] for label in seen]
@@ -265,4 +280,4 @@ def _help(base: Preflight, wider: Preflight) -> dict:
 
 
 def _pairs(group: list[str]) -> list[tuple[str, str]]:
-    return [(one, other) for i, one in enumerate(group) for other in group[i + 1 :]]
+    return list(itertools.combinations(group, 2))

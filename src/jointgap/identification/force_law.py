@@ -1,13 +1,13 @@
 """A force law for what no known effect explains: the sum of one or two terms of a library that fits best when simulated.
 
 The library is the model's: one candidate for each term, called ``effect[term]`` and with its coefficient as the only
-coordinate, such as ``discovered_slider_force[v^3]``. Nothing is differentiated: the terms are told apart by what they do to the
+coordinate, such as ``discovered_slider_force[v^3]``. No measurement is differentiated: terms are told apart by what they do to the
 simulated measurements, like every other effect.
 """
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,17 +18,12 @@ from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
-from jointgap.identification.screening import Screen, Screened, simulate_signatures
+from jointgap.identification.screening import Screen, Screened, Signature, simulate_signatures
+from jointgap.identification.settings import ForceLawSettings, IdentificationSettings
 from jointgap.identification.thresholds import Thresholds
 
 COEFFICIENTS = ("c1", "c2")
 """Names of the coefficients in a formula, as many as a law may have terms."""
-
-_SHARE = 0.99  # of the misfit that a law has to explain where it leaves more than noise: it is then within 10 % (rms)
-_SAME = 0.1  # laws of one effect whose share in the measurements differs by less are one law in two forms
-
-_FITTED = 6  # of the sums of one size that would explain most if all were linear, so many are simulated
-_OF_EACH = 3  # single terms of each effect, and pairs that add to the best one: where joints are loose, the linear order misleads
 
 
 @dataclass(frozen=True)
@@ -66,8 +61,8 @@ class Law:
 
 
 @dataclass(frozen=True)
-class Regressed:
-    """What the regression proposes.
+class ForceLawResult:
+    """What the search proposes.
 
     Attributes
     ----------
@@ -123,18 +118,18 @@ class Regressed:
         return None if self.fit is None else law_of(self.fit.hypothesis, self.fit.mapping)
 
 
-def regress(
+def find_force_law(
     problem: Problem,
     base: Fit,
     library: Sequence[Candidate],
     limits: Thresholds,
     differences: FiniteDifferences | None = None,
-) -> Regressed:
+) -> ForceLawResult:
     """Find the law, of at most two terms of one effect, that takes the place of what is missing.
 
-    All sums are ranked by what they would explain if the motion answered linearly. The best are fitted by forward simulation, from
-    the multiple of the linear answer that fits best (a loose joint answers to a little force more than in proportion). They are
-    compared by BIC with the number of sums that were open to choice counted in (the extended criterion of Chen and Chen,
+    All sums are ranked by what they would explain if the motion responded linearly. The best are fitted by forward simulation,
+    from the multiple of the linear answer that fits best (a loose joint responds to a small force more than in proportion). They
+    are compared by BIC with the number of sums that were open to choice counted in (the extended criterion of Chen and Chen,
     Biometrika 95 (2008) 759-771); a second term must improve it by as much as tells two explanations apart.
 
     Parameters
@@ -151,46 +146,54 @@ def regress(
 
     Returns
     -------
-    Regressed
+    ForceLawResult
     """
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
     known = simulate_signatures(problem, base, differences, library)
-    screen = Screen(known)
+    screen, settings = Screen(known), problem.settings.force_law
     sums = [screen.explained(chosen) for chosen in _subsets(known.found)]
     if not sums:
-        return Regressed(None, False, "no term of the library could be simulated", failed=known.failed)
-    counts = {size: sum(len(one.signatures) == size for one in sums) for size in range(1, len(COEFFICIENTS) + 1)}
+        return ForceLawResult(None, False, "no term of the library could be simulated", failed=known.failed)
+    counts = {
+        size: sum(len(candidate.signatures) == size for candidate in sums) for size in range(1, len(COEFFICIENTS) + 1)
+    }
 
-    def price(hypothesis: Hypothesis) -> float:
-        """What the choice among all sums of so many terms is worth, beside the BIC's own k ln n."""
+    def choice_cost(hypothesis: Hypothesis) -> float:
+        """[BIC] What the choice among all sums of as many terms costs, beside the BIC's own k ln n."""
         return 2.0 * math.log(counts[len(hypothesis)])
 
-    sums.sort(key=lambda one: one.bic)
+    sums.sort(key=lambda screened: screened.bic)
 
     def fitted(chosen: Sequence[Screened]) -> list[Fit]:
         return [fit_screened(problem, differences, known, one) for one in chosen]
 
-    fits = fitted(_singles(sums))
-    alone = min(fits, key=lambda one: one.bic)
-    fits += fitted(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus))
-    cost = {one.label: one.bic + price(one.hypothesis) for one in fits}
-    fits.sort(key=lambda one: cost[one.label])
+    fits = fitted(_singles(sums, settings))
+    alone = min(fits, key=lambda fit: fit.bic)
+    fits += fitted(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus, settings))
+    cost = {fit.label: fit.bic + choice_cost(fit.hypothesis) for fit in fits}
+    fits.sort(key=lambda fit: cost[fit.label])
     best = fits[0]
     if best.status == FAILED:
-        return Regressed(None, False, best.reason, [], fits, known.failed, [weigh(base, one, limits) for one in fits])
+        return ForceLawResult(
+            None, False, best.reason, [], fits, known.failed, [weigh(base, one, limits) for one in fits]
+        )
     best = next(
         (one for one in fits if len(one.hypothesis) == 1 and cost[one.label] - cost[best.label] < min_delta_bic), best
     )
     rest = [one for one in fits if one is not best]
-    rivals = [one for one in rest if cost[one.label] - cost[best.label] < min_delta_bic and _differs(one, best, base)]
-    accepted, because = _gate(base, best, cost[best.label], limits, min_delta_bic)
+    rivals = [
+        one
+        for one in rest
+        if cost[one.label] - cost[best.label] < min_delta_bic and _differs(one, best, base, settings.same_law_share)
+    ]
+    accepted, because = _gate(base, best, cost[best.label], limits, problem.settings)
     others = [one for one in rest if one not in rivals]
     best = fit_hypothesis(
         problem, best.hypothesis, best.mapping, differences=differences, refresh=True
     )  # for its intervals
     ranking = [weigh(base, one, limits) for one in (best, *rivals, *others)]
-    return Regressed(best, accepted, because, rivals, others, known.failed, ranking)
+    return ForceLawResult(best, accepted, because, rivals, others, known.failed, ranking)
 
 
 def law_of(hypothesis: Hypothesis, values: Mapping[str, float]) -> Law:
@@ -201,7 +204,7 @@ def law_of(hypothesis: Hypothesis, values: Mapping[str, float]) -> Law:
     hypothesis : tuple of Candidate
         Of one effect.
     values : mapping of str to float
-        By key, as in `Fit.mapping`.
+        [SI] By key, as in `Fit.mapping`.
     """
     named = dict(zip(COEFFICIENTS, hypothesis, strict=False))
     keys = {name: f"{candidate.label}.{candidate.amplitudes[0]}" for name, candidate in named.items()}
@@ -224,47 +227,48 @@ def _product(coefficient: str, term: str) -> str:
     return coefficient if term == "1" else f"{coefficient}*{term}"
 
 
-def _subsets(found):
+def _subsets(found: Sequence[Signature]) -> Iterator[tuple[Signature, ...]]:
     """All sets of terms of one effect that a law may have."""
     for size in range(1, len(COEFFICIENTS) + 1):
         for chosen in itertools.combinations(found, size):
-            if len({effect_of(one.candidate) for one in chosen}) == 1:
+            if len({effect_of(signature.candidate) for signature in chosen}) == 1:
                 yield chosen
 
 
-def _singles(sums: Sequence[Screened]) -> list[Screened]:
+def _singles(sums: Sequence[Screened], settings: ForceLawSettings) -> list[Screened]:
     """The single terms that explain most, among them some of each effect; `sums` is best first."""
     singles = [one for one in sums if len(one.signatures) == 1]
-    chosen = singles[:_FITTED]
+    chosen = singles[: settings.max_fitted]
     for effect in dict.fromkeys(effect_of(one.hypothesis[0]) for one in singles):
         of_effect = [one for one in singles if effect_of(one.hypothesis[0]) == effect]
-        chosen += [one for one in of_effect[:_OF_EACH] if one not in chosen]
+        chosen += [one for one in of_effect[: settings.fitted_per_effect] if one not in chosen]
     return chosen
 
 
-def _pairs(sums: Sequence[Screened], alone: Fit, enough: bool) -> list[Screened]:
+def _pairs(sums: Sequence[Screened], alone: Fit, sufficient: bool, settings: ForceLawSettings) -> list[Screened]:
     """The pairs that add to the best single term, and the best others where it is not enough; `sums` is best first."""
     pairs = [one for one in sums if len(one.signatures) > 1]
     adding = [one for one in pairs if {c.label for c in alone.hypothesis} < {c.label for c in one.hypothesis}]
-    chosen = adding[:_OF_EACH]
-    return chosen if enough else chosen + [one for one in pairs[:_FITTED] if one not in chosen]
+    chosen = adding[: settings.fitted_per_effect]
+    return chosen if sufficient else chosen + [pair for pair in pairs[: settings.max_fitted] if pair not in chosen]
 
 
-def _differs(one: Fit, best: Fit, base: Fit) -> bool:
+def _differs(fit: Fit, best: Fit, base: Fit, same_share: float) -> bool:
     """Whether a sum says something else than the best one: not the same force in another form, nor with a term added."""
-    if {c.label for c in one.hypothesis} > {c.label for c in best.hypothesis}:
+    if {c.label for c in fit.hypothesis} > {c.label for c in best.hypothesis}:
         return False
-    another = effect_of(one.hypothesis[0]) != effect_of(best.hypothesis[0])
-    apart = np.linalg.norm(one.residual - best.residual)
-    return another or bool(apart > _SAME * np.linalg.norm(base.residual - best.residual))
+    another = effect_of(fit.hypothesis[0]) != effect_of(best.hypothesis[0])
+    distance = np.linalg.norm(fit.residual - best.residual)
+    return another or bool(distance > same_share * np.linalg.norm(base.residual - best.residual))
 
 
-def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds, min_delta_bic: float) -> tuple[bool, str]:
+def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds, settings: IdentificationSettings) -> tuple[bool, str]:
+    """Whether a law may be reported, and why."""
     ranked = weigh(base, best, limits)
-    if base.bic - cost < max(min_delta_bic, limits.max_gain_threshold):
+    if base.bic - cost < max(settings.decision.min_delta_bic, limits.max_gain_threshold):
         return False, f"the best sum, {best.label}, is not better than chance"
     if ranked.passes:
         return True, "with it the model leaves noise alone"
-    if ranked.share >= _SHARE:
+    if ranked.share >= settings.force_law.min_explained_share:
         return True, f"it explains {ranked.share:.1%} of the misfit"
     return False, f"the best sum, {best.label}, explains {ranked.share:.1%} of the misfit only"

@@ -214,7 +214,7 @@ def regress(state: "CampaignState") -> None:
         state.folder.write_all(state.folder.read_all(OUTCOME_TABLES, "decide"), "regress")
         return
     baseline = state.verdict_baseline
-    proposed = force_law.regress(
+    proposed = force_law.find_force_law(
         baseline.problem, baseline.base, state.library, state.screening.limits, baseline.differences
     )
     state.write_outcome(outcome_with_law(state.outcome("decide"), proposed), "regress")
