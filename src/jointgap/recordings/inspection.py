@@ -51,19 +51,19 @@ def _turned(run: CampaignRun, recording: Recording) -> np.ndarray:
     if not recording.has_angle:
         return run.speed * (recording.time - recording.time[0])
     angle = recording.crank_angle
-    known = np.isfinite(angle)
-    if known.all():
+    finite = np.isfinite(angle)
+    if finite.all():
         return angle
     steady = _steady_rotation(recording)  # gaps at the ends are bridged by it
     departure = angle - steady
-    return steady + np.interp(recording.time, recording.time[known], departure[known])
+    return steady + np.interp(recording.time, recording.time[finite], departure[finite])
 
 
 def _steady_rotation(recording: Recording) -> np.ndarray:
     """Crank angle (n,) [rad] if the crank turned steadily: the straight line nearest to the measured ones."""
-    known = np.isfinite(recording.crank_angle)
+    finite = np.isfinite(recording.crank_angle)
     time = recording.time - recording.time[0]  # times since an epoch would leave no digits
-    return np.polyval(np.polyfit(time[known], recording.crank_angle[known], 1), time)
+    return np.polyval(np.polyfit(time[finite], recording.crank_angle[finite], 1), time)
 
 
 def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:

@@ -76,8 +76,8 @@ def angle_outliers(time: np.ndarray, angle: np.ndarray, limits: RecordingLimits 
         [s]; [rad], continuous, NaN in gaps.
     limits : RecordingLimits
     """
-    known = np.flatnonzero(np.isfinite(angle))
-    before, here, after = known[:-2], known[1:-1], known[2:]
+    finite = np.flatnonzero(np.isfinite(angle))
+    before, here, after = finite[:-2], finite[1:-1], finite[2:]
     share = (time[here] - time[before]) / (time[after] - time[before])
     away = np.abs(angle[here] - (1.0 - share) * angle[before] - share * angle[after])
     if not here.size:
@@ -113,16 +113,16 @@ def inconsistent(
     if recording.has_angle:
         ideal = _ideal(campaign, run, recording)
         for name in sorted(channels.keys() & ideal.keys()):
-            known = np.isfinite(channels[name]) & np.isfinite(ideal[name])
-            reference, values = ideal[name][known], channels[name][known]
+            finite = np.isfinite(channels[name]) & np.isfinite(ideal[name])
+            reference, values = ideal[name][finite], channels[name][finite]
             doubts.append(_doubt(campaign, name, "what the mechanism makes of crank_angle", reference, values, limits))
     return [doubt for doubt in doubts if doubt]
 
 
 def _misses_spikes(campaign: Campaign, name: str, values: np.ndarray, limits: RecordingLimits) -> bool:
     """Whether a channel has spikes, as impacts make them, that a sum over its samples may miss."""
-    known = values[np.isfinite(values)]
-    away = known - known.mean()
+    finite = values[np.isfinite(values)]
+    away = finite - finite.mean()
     kurtosis = float(np.mean(away**4) / np.mean(away**2) ** 2)
     return campaign.channels[name].bandwidth is None and kurtosis > limits.max_kurtosis
 
@@ -131,9 +131,9 @@ def _changes(
     time: np.ndarray, turned: np.ndarray, channel: np.ndarray, rate: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Changes of `channel` over quarter turns, and the integrals of `rate` over them."""
-    known = np.isfinite(channel) & np.isfinite(rate)
+    finite = np.isfinite(channel) & np.isfinite(rate)
     turned = np.maximum.accumulate(turned)  # angles without times may step back by noise
-    time, turned, channel, rate = (values[known] for values in (time, turned, channel, rate))
+    time, turned, channel, rate = (values[finite] for values in (time, turned, channel, rate))
     integral = np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time)))
     later = np.searchsorted(turned, turned + tau / 4)
     here = np.flatnonzero(later < turned.size)

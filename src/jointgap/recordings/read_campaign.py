@@ -129,10 +129,10 @@ def _are(count: int) -> str:
 
 
 def _check_varies(file: RunFile, name: str, values: np.ndarray) -> None:
-    known = values[np.isfinite(values)]
-    if known.size < file.limits.min_samples:
-        what, fix = f"has {known.size} values, too few of {file.limits.min_samples}", "give the measurement"
-    elif np.ptp(known) == 0.0:
+    finite = values[np.isfinite(values)]
+    if finite.size < file.limits.min_samples:
+        what, fix = f"has {finite.size} values, too few of {file.limits.min_samples}", "give the measurement"
+    elif np.ptp(finite) == 0.0:
         what, fix = "is constant, so the sensor told nothing", "mend it"
     else:
         return

@@ -65,20 +65,20 @@ def continuous_angle(time: np.ndarray | None, angle: np.ndarray, speed: float) -
     (n,) array
         [rad]; begins where `angle` does.
     """
-    known = np.flatnonzero(np.isfinite(angle))
+    finite = np.flatnonzero(np.isfinite(angle))
     continuous = np.full(angle.shape, np.nan)
-    if not known.size:
+    if not finite.size:
         return continuous
-    steps = np.diff(angle[known])
+    steps = np.diff(angle[finite])
     if time is None:
         full_steps = _nearest(steps, np.zeros(steps.size))
     else:
-        lapse = np.diff(time[known])
+        lapse = np.diff(time[finite])
         full_steps = _nearest(steps, speed * lapse)
         short = speed * lapse < tau / 4
         if short.any():  # across gaps the speed as measured is a better guide than the nominal one
             full_steps = _nearest(steps, full_steps[short].sum() / lapse[short].sum() * lapse)
-    continuous[known] = angle[known[0]] + np.append(0.0, np.cumsum(full_steps))
+    continuous[finite] = angle[finite[0]] + np.append(0.0, np.cumsum(full_steps))
     return continuous
 
 
@@ -139,8 +139,8 @@ def checked_rotation(
 
 
 def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
-    known = np.flatnonzero(np.isfinite(angle))
-    first, last = known[0], known[-1]
+    finite = np.flatnonzero(np.isfinite(angle))
+    first, last = finite[0], finite[-1]
     return float((angle[last] - angle[first]) / (time[last] - time[first]))
 
 
@@ -163,9 +163,9 @@ def _check_time_alone(file: RunFile, time: np.ndarray, least: float) -> None:
     if not fits(1.0, least):
         fitting = [unit for unit in UNITS["time"] if fits(file.in_unit("time", unit))]
         raise InputError(
-            f"{file.place('time')}: {time.size} samples over {span:.4g} s are {turns:.4g} revolutions at the "
-            f"nominal {_rpm(file.run.speed)}; at least one revolution and "
-            f"{limits.min_samples_per_revolution:g} samples in each are needed; {_proposal(file, 'time', fitting)}"
+            f"{file.place('time')}: {time.size} samples over {span:.4g} s are {turns:.4g} revolutions at the nominal "
+            f"{_rpm(file.run.speed)}; at least one revolution and {limits.min_samples_per_revolution:g} samples in "
+            f"each are needed; {_proposal(file, 'time', fitting)}"
         )
 
 
@@ -227,14 +227,14 @@ def _check_enough(file: RunFile, total: float, samples: int) -> None:
 
 def _turns_back(file: RunFile, angle: np.ndarray) -> InputError:
     """The error of an `angle` [rad], mirrored where the run is clockwise, that falls on the whole."""
-    known = np.degrees(angle[np.isfinite(angle)])
+    finite = np.degrees(angle[np.isfinite(angle)])
     if file.run.direction == "clockwise":
         return InputError(
-            f"{file.place('crank_angle')}: the angle rises from {-known[0]:.6g} to {-known[-1]:.6g} deg, but run "
+            f"{file.place('crank_angle')}: the angle rises from {-finite[0]:.6g} to {-finite[-1]:.6g} deg, but run "
             f"'{file.run.id}' has 'direction: clockwise'; remove it, or change the sign of the angles"
         )
     return InputError(
-        f"{file.place('crank_angle')}: the angle falls from {known[0]:.6g} to {known[-1]:.6g} deg; if the crank turns "
+        f"{file.place('crank_angle')}: the angle falls from {finite[0]:.6g} to {finite[-1]:.6g} deg; if the crank turns "
         "clockwise, give the run 'direction: clockwise', else change the sign of the angles"
     )
 

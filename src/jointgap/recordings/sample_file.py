@@ -21,8 +21,8 @@ _ARCHIVES = {
     b"\xd0\xcf\x11\xe0": "a spreadsheet",
 }
 _COMMA_NUMBER = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?$")
-_LONGEST_UNIT = 15  # characters
-_LONGEST = 60  # characters of a text that are shown
+_MAX_UNIT_LENGTH = 15  # characters
+_MAX_TEXT_LENGTH = 60  # characters of a text that are shown
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,14 @@ class Columns:
 def read_columns(path: Path, wanted: Sequence[str], form: Csv) -> Columns:
     """The columns `wanted` of a file.
 
+    Parameters
+    ----------
+    path : Path
+    wanted : sequence of str
+        Headings.
+    form : Csv
+        Separator and decimal mark, where the campaign states them.
+
     Raises
     ------
     InputError
@@ -62,12 +70,12 @@ def read_columns(path: Path, wanted: Sequence[str], form: Csv) -> Columns:
         if content.startswith(start):
             raise InputError(f"{path}: is {kind}; save the samples as CSV or Parquet")
     if content.startswith(_PARQUET) or path.suffix == ".parquet":
-        found = _parquet(path, wanted)
+        columns = _parquet(path, wanted)
     else:
-        found = _csv(path, _decoded(path, content), wanted, form)
-    if not found.rows.size:
+        columns = _csv(path, _decoded(path, content), wanted, form)
+    if not columns.rows.size:
         raise InputError(f"{path}: holds headings but no samples; give the file of the measurement")
-    return found
+    return columns
 
 
 def _decoded(path: Path, content: bytes) -> str:
@@ -94,7 +102,7 @@ def _csv(path: Path, text: str, wanted: Sequence[str], form: Csv) -> Columns:
                 f"{path}, row {number}: a quotation mark is not closed, or the row has no end; mend the row"
             )
     header_row, header = lines[0]
-    separator = form.separator or max(SEPARATORS, key=lambda mark: _found(_split(header, mark), wanted))
+    separator = form.separator or max(SEPARATORS, key=lambda mark: _columns_found(_split(header, mark), wanted))
     headings = _split(header, separator)
     _check_headings(f"{path}, row {header_row}", headings, wanted, _hidden_headings(numbered, header_row, wanted))
     places = {column: headings.index(column) for column in wanted}
@@ -115,13 +123,13 @@ def _split(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
 
 
-def _found(headings: list[str], wanted: Sequence[str]) -> tuple[int, int]:
+def _columns_found(headings: list[str], wanted: Sequence[str]) -> tuple[int, int]:
     """How well a separator parts the headings: columns found, then columns at all."""
     return len(set(wanted) & set(headings)), len(headings)
 
 
 def _hidden_headings(numbered: list[tuple[int, str]], header_row: int, wanted: Sequence[str]) -> str:
-    """The mend where the headings stand in a comment, as some programs write them."""
+    """What to do where the headings stand in a comment, as some programs write them."""
     for number, line in numbered:
         if number >= header_row:
             break
@@ -131,10 +139,10 @@ def _hidden_headings(numbered: list[tuple[int, str]], header_row: int, wanted: S
     return ""
 
 
-def _check_headings(where: str, headings: Sequence[str], wanted: Sequence[str], mend: str) -> None:
+def _check_headings(where: str, headings: Sequence[str], wanted: Sequence[str], fix: str) -> None:
     for column in wanted:
         if column not in headings:
-            hint = mend or did_you_mean(column, (_shortened(heading) for heading in headings if heading))
+            hint = fix or did_you_mean(column, (_shortened(heading) for heading in headings if heading))
             raise InputError(f"{where}: has no column '{column}' among its headings; {hint}")
         if list(headings).count(column) > 1:
             raise InputError(f"{where}: has the column '{column}' twice; name each column differently")
@@ -149,14 +157,14 @@ def _cells(
     else:
         parsed = csv.reader((line for _, line in lines), delimiter=separator)
     cells: dict[str, list[str]] = {column: [] for column in places}
-    for (row, _), found in zip(lines, parsed, strict=True):
-        if len(found) != width and (len(found) < width or any(cell.strip() for cell in found[width:])):
+    for (row, _), line in zip(lines, parsed, strict=True):
+        if len(line) != width and (len(line) < width or any(cell.strip() for cell in line[width:])):
             raise InputError(
-                f"{path}, row {row}: has {len(found)} cells, but there are {width} headings (separator {separator!r}); "
+                f"{path}, row {row}: has {len(line)} cells, but there are {width} headings (separator {separator!r}); "
                 "mend the row, or give csv.separator and csv.decimal"
             )
         for column, place in places.items():
-            cells[column].append(found[place].strip())
+            cells[column].append(line[place].strip())
     return cells
 
 
@@ -166,7 +174,7 @@ def _row_of_units(cells: dict[str, list[str]]) -> dict[str, str]:
     A row of empty cells is a row of samples: a gap.
     """
     first = {column: texts[0] for column, texts in cells.items() if texts}
-    if not any(first.values()) or any(_is_number(text) or len(text) > _LONGEST_UNIT for text in first.values()):
+    if not any(first.values()) or any(_is_number(text) or len(text) > _MAX_UNIT_LENGTH for text in first.values()):
         return {}
     return {column: text.strip("[]() ") for column, text in first.items()}
 
@@ -215,8 +223,8 @@ def _numbers(path: Path, column: str, texts: list[str], rows: np.ndarray, decima
 def _finite(path: Path, column: str, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
     if (infinite := np.flatnonzero(np.isinf(values))).size:
         raise InputError(
-            f"{path}, column {column}, row {rows[infinite[0]]}: is infinite; "
-            "correct it, or leave the cell empty where nothing was measured"
+            f"{path}, column {column}, row {rows[infinite[0]]}: is infinite; correct it, or leave the cell empty "
+            "where nothing was measured"
         )
     return values
 
@@ -242,7 +250,7 @@ def _parquet(path: Path, wanted: Sequence[str]) -> Columns:
     except (pa.ArrowException, OSError) as error:
         raise _unreadable(path, error) from error
     rows = np.arange(1, table.num_rows + 1)
-    return Columns({column: _finite(path, column, found, rows) for column, found in values.items()}, rows, {})
+    return Columns({column: _finite(path, column, numbers, rows) for column, numbers in values.items()}, rows, {})
 
 
 def _unreadable(path: Path, error: Exception) -> InputError:
@@ -250,4 +258,4 @@ def _unreadable(path: Path, error: Exception) -> InputError:
 
 
 def _shortened(text: str) -> str:
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    return text if len(text) <= _MAX_TEXT_LENGTH else f"{text[:_MAX_TEXT_LENGTH]}..."

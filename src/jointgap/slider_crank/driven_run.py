@@ -123,8 +123,8 @@ def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) ->
     back : int
         Revolutions of the lead-in.
     """
-    known = np.isfinite(samples.read)
-    time, angle = samples.elapsed[known], samples.read[known]
+    finite = np.isfinite(samples.read)
+    time, angle = samples.elapsed[finite], samples.read[finite]
     turn = float(np.interp(angle[0] + tau, angle, time))
     first = time < turn
     lead = [(time[first] - k * turn, angle[first] - k * tau) for k in range(back + 1, 0, -1)]
@@ -215,9 +215,9 @@ def motor_run(
     begin = float(np.interp(first, coarse, angle_over_time.x))
     if samples.encoded and back:
         for _ in range(4):
-            known = np.isfinite(samples.read)
+            finite = np.isfinite(samples.read)
             shift = samples.first_angle - values.get("first_angle", samples.first_angle) + offset
-            away = angle_over_time(begin + samples.elapsed[known]) + shift - samples.read[known]
+            away = angle_over_time(begin + samples.elapsed[finite]) + shift - samples.read[finite]
             begin = max(begin - float(np.mean(away)) / speed, 0.0)
 
     def at(elapsed: np.ndarray) -> np.ndarray:

@@ -23,9 +23,6 @@ from jointgap.slider_crank.run_simulation import NUMERICS, RunPlan, channels_rea
 from jointgap.slider_crank.sensor_faults import sensor_candidates
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
 
-PLANNED_ORDER = 1.37
-"""Order [1] of a force that swings by itself, before data tell one: near no harmonic of the crank."""
-
 
 class SliderCrankModel:
     """A `jointgap.identification.protocol.Model` of a slider-crank.
@@ -68,8 +65,8 @@ class SliderCrankModel:
             values = self.nominal(run)
             if channels := chaotic_channels(campaign, plan, values, noise[run]):
                 kept = ~held_out[run] | held_out[run].all()
-                known = {channel: np.where(kept, measured[run][channel], np.nan) for channel in channels}
-                self._chaotic[run] = chaotic_run(campaign, plan, channels, values, known, noise[run])
+                fitted = {channel: np.where(kept, measured[run][channel], np.nan) for channel in channels}
+                self._chaotic[run] = chaotic_run(campaign, plan, channels, values, fitted, noise[run])
         self.series = tuple(
             series for run in plans for series in self._all_series(run, measured[run], noise[run], held_out[run])
         )
@@ -132,7 +129,7 @@ class SliderCrankModel:
             MotionScale.of(self.campaign.mechanism, speed),
             {p.name: p for p in self.nuisances if p.run is None},
             self.campaign.drive == "constant_speed",
-            PLANNED_ORDER * speed / tau,
+            self.settings.sample_grid.planned_force_order * speed / tau,
             tuple(self.plans),
         )
         encoder = "crank_angle" in self.campaign.channels

@@ -33,7 +33,7 @@ def build_model(
     measurements : Measurements, optional
         None for a campaign that is yet to be measured: some revolutions of each run are planned.
     revolutions : mapping of str to float, optional
-        Of a campaign that is planned: how many a run is known to have. One whose motion is chaotic is planned as long,
+        Of a campaign that is planned: how many a run is fitted to have. One whose motion is chaotic is planned as long,
         as each cycle tells something new; one that repeats is not, as simulated cycles are alike.
     settings : SliderCrankSettings
 
@@ -61,12 +61,12 @@ def build_model(
         if encoder is None and measurements is not None and campaign.drive == "constant_speed":
             # what is held out of a run that is split may not tell how its beginning turned
             hidden = held_out[run.id] & (not held_out[run.id].all())
-            known = {channel: np.where(hidden, np.nan, value) for channel, value in measured[run.id].items()}
+            fitted = {channel: np.where(hidden, np.nan, value) for channel, value in measured[run.id].items()}
             if "speed" in campaign.nuisance:
-                plan = _with_speed(campaign, plan, known)
+                plan = _with_speed(campaign, plan, fitted)
             if run.first_angle is None:
                 searched.add(run.id)
-                plan = _with_first_angle(campaign, plan, known)
+                plan = _with_first_angle(campaign, plan, fitted)
         plans[run.id] = plan
     return SliderCrankModel(campaign, plans, measured, noise, held_out, frozenset(searched), settings)
 
@@ -142,10 +142,10 @@ def _with_first_angle(campaign: Campaign, plan: RunPlan, measured: dict[str, np.
     misfit = np.zeros(count)
     phase = np.round(own.elapsed * own.speed / tau * count).astype(int)
     for channel, value in measured.items():
-        known = np.isfinite(value)
-        spread = max(float(np.std(simulated[channel])), float(np.std(value[known])), 1e-300)
+        finite = np.isfinite(value)
+        spread = max(float(np.std(simulated[channel])), float(np.std(value[finite])), 1e-300)
         for shift in range(count):
-            away = value[known] - simulated[channel][(phase[known] + shift) % count]
+            away = value[finite] - simulated[channel][(phase[finite] + shift) % count]
             misfit[shift] += np.median(np.abs(away)) / spread  # a median: spikes of impacts lie a little aside
     first = float(np.argmin(misfit)) * tau / count
     return replace(plan, samples=replace(own, first_angle=first, angle=own.angle - own.first_angle + first))

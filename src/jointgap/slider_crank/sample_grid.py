@@ -79,8 +79,8 @@ class SampleGrid:
 
     def line(self, angle: np.ndarray) -> tuple[float, float]:
         """First value [rad] and slope [rad/s] of the straight line through `angle` (n,) [rad] where it was read."""
-        known = np.isfinite(self.read)
-        slope, first = np.polyfit(self.elapsed[known], angle[known], 1)
+        finite = np.isfinite(self.read)
+        slope, first = np.polyfit(self.elapsed[finite], angle[finite], 1)
         return float(first), float(slope)
 
 
@@ -140,15 +140,15 @@ def sample_grid(
     InputError
         Neither times nor angles.
     """
-    known, timed = np.isfinite(read), bool(np.isfinite(time).all())
-    if timed and known.sum() >= 2:
+    finite, timed = np.isfinite(read), bool(np.isfinite(time).all())
+    if timed and finite.sum() >= 2:
         elapsed = time - time[0]
-        slope, first, sd = _robust_line(elapsed[known], read[known], settings.outlier_standard_deviations)
-        error = settings.error_inflation * settings.reach_standard_errors * sd / math.sqrt(known.sum())
-        span = max(float(np.ptp(elapsed[known])), 1e-300)
+        slope, first, sd = _robust_line(elapsed[finite], read[finite], settings.outlier_standard_deviations)
+        error = settings.error_inflation * settings.reach_standard_errors * sd / math.sqrt(finite.sum())
+        span = max(float(np.ptp(elapsed[finite])), 1e-300)
         angle = first + slope * elapsed
         if not constant:
-            angle = np.interp(elapsed, elapsed[known], read[known])
+            angle = np.interp(elapsed, elapsed[finite], read[finite])
         # of a line through n points the first value has twice the standard error of the mean, the slope sqrt(12) / span
         first_reach = 2.0 * error + 0.5 * resolution
         speed_reach = (math.sqrt(12.0) * error + 0.5 * resolution) / span
@@ -156,13 +156,13 @@ def sample_grid(
     if timed:
         first = first_angle or 0.0
         return SampleGrid(time, read, first + speed * (time - time[0]), first, speed)
-    if known.sum() < 2:
+    if finite.sum() < 2:
         raise InputError("a run has neither times nor crank angles; give the column of one of them")
     rows = np.arange(read.size)
-    slope, start, _ = _robust_line(rows[known].astype(float), read[known], settings.outlier_standard_deviations)
+    slope, start, _ = _robust_line(rows[finite].astype(float), read[finite], settings.outlier_standard_deviations)
     angle = start + slope * rows
-    if np.abs(read - angle)[known].max() > max(settings.even_rows_rad, 2.0 * resolution):
-        angle = np.interp(rows, rows[known], read[known])
+    if np.abs(read - angle)[finite].max() > max(settings.even_rows_rad, 2.0 * resolution):
+        angle = np.interp(rows, rows[finite], read[finite])
     return SampleGrid((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, timed=False)
 
 
@@ -216,9 +216,9 @@ def _aperiodic_share(elapsed: np.ndarray, values: Sequence[np.ndarray], speed: f
     series = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)])
     total = 0.0
     for value in values:
-        known = np.isfinite(value)
-        centred = value[known] - value[known].mean()
-        weight = np.linalg.lstsq(series[known], centred, rcond=None)[0]
-        residual = centred - series[known] @ weight
+        finite = np.isfinite(value)
+        centred = value[finite] - value[finite].mean()
+        weight = np.linalg.lstsq(series[finite], centred, rcond=None)[0]
+        residual = centred - series[finite] @ weight
         total += float(residual @ residual) / max(float(centred @ centred), 1e-300)
     return total

@@ -91,6 +91,9 @@ class SampleGridSettings:
         effects have.
     max_planned_revolutions : int
         Of a chaotic run that is planned as long as it was recorded: beyond, the simulated cycles limit what is told.
+    planned_force_order : float
+        [1, of the crank's speed] Frequency of a force that swings by itself, before data tell it: near no harmonic of
+        the crank.
     outlier_standard_deviations : float
         [1, robust standard deviations] A reading of the crank angle farther from its straight line is an outlier;
         usual.
@@ -113,6 +116,7 @@ class SampleGridSettings:
     planned_revolutions: int = 4
     planned_samples_per_revolution: int = 120
     max_planned_revolutions: int = 60
+    planned_force_order: float = 1.37
     outlier_standard_deviations: float = 5.0
     even_rows_rad: float = math.radians(0.5)
     reach_standard_errors: float = 5.0
