@@ -8,6 +8,7 @@ codes and of the list of joints: any change compiles anew.
 import hashlib
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numba
@@ -54,7 +55,7 @@ def cache_folder(beside: Path) -> str:
 _FOLDER = cache_folder(_PACKAGE / "__pycache__")
 
 
-def compiled(function, **flags):
+def compiled(function, **flags) -> Callable:
     """`function` as machine code: cached on disk, free of the interpreter's lock, dividing by IEEE rules.
 
     Products and sums may fuse (faster and rounding less); nothing else is reordered.
@@ -67,6 +68,6 @@ def compiled(function, **flags):
         numba.config.CACHE_DIR = before
 
 
-def inlined(function):
+def inlined(function) -> Callable:
     """`compiled`, and put in wherever it is called: for what runs millions of times."""
     return compiled(function, forceinline=True)

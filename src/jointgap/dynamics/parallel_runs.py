@@ -169,7 +169,14 @@ def rod_and_slider(p: Parameters, crank_angle, states, auxiliary_states) -> tupl
 
 @compiled
 def prescribed_speeds(p, times):
-    """Speeds [rad/s] of a prescribed crank at `times` (n,) [s]."""
+    """Speeds [rad/s] of a prescribed crank at `times` (n,) [s].
+
+    Parameters
+    ----------
+    p : Parameters
+    times : (n,) array
+        [s].
+    """
     speeds = np.empty(times.size)
     for i in range(times.size):
         speeds[i] = crank_motion(p, times[i])[1]
@@ -177,7 +184,15 @@ def prescribed_speeds(p, times):
 
 
 def crank_speeds(p: Parameters, times, auxiliary_states) -> np.ndarray:
-    """Crank speeds [rad/s] at samples, (n,)."""
+    """Crank speeds [rad/s] at samples, (n,).
+
+    Parameters
+    ----------
+    p : Parameters
+    times : (n,) array
+        [s].
+    auxiliary_states : (n, 11) array
+    """
     return auxiliary_states[:, 6] if p.drive.kind == MOTOR else prescribed_speeds(p, times)
 
 

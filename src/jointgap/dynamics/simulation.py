@@ -128,6 +128,16 @@ def integrate_to_angles(
 ) -> IntegrationResult:
     """IntegrationResult from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start angle.
 
+    Parameters
+    ----------
+    p : Parameters
+    start : tuple of (8,) and (11,) array
+        Clearance state and auxiliary state.
+    angles : (n,) array
+        Samples [rad].
+    tolerance : float
+        Local error of a step [m].
+
     Raises
     ------
     InputError

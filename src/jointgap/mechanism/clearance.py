@@ -40,7 +40,15 @@ class ClearanceMotion:
 
     @classmethod
     def from_table(cls, table: pd.DataFrame, loose: Iterable[str]) -> "ClearanceMotion":
-        """Read the columns ``r2, r2_dot, r2_ddot, gamma2, ... gamma2_ddot`` of a trajectory, and so on for joints `loose`."""
+        """Read the columns ``r2, r2_dot, r2_ddot, gamma2, ... gamma2_ddot`` of a trajectory, and so on for joints `loose`.
+
+        Parameters
+        ----------
+        table : DataFrame
+            A trajectory.
+        loose : iterable of str
+            Names of joints.
+        """
 
         def motion(name: str) -> Motion:
             return Motion.of(*(table[f"{name}{suffix}"].to_numpy(dtype=float) for suffix in ("", "_dot", "_ddot")))

@@ -22,7 +22,13 @@ class Motion:
 
     @classmethod
     def of(cls, position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLike = 0.0) -> "Motion":
-        """Make arrays of what is given; what is left out stands still."""
+        """Make arrays of what is given; what is left out stands still.
+
+        Parameters
+        ----------
+        position, velocity, acceleration : array_like
+            Of one shape or scalars [m or rad, by s, by s^2].
+        """
         return cls(np.asarray(position), np.asarray(velocity), np.asarray(acceleration))
 
     def __add__(self, other: "Motion") -> "Motion":

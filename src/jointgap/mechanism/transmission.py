@@ -68,7 +68,15 @@ def transmission_angle(
 
 
 def check_reach(cosine: np.ndarray, crank_angle: ArrayLike, rod_length: ArrayLike) -> None:
-    """Raise an `InputError` where the height to span, in rod lengths, is 1 or more; undefined samples pass."""
+    """Raise an `InputError` where the height to span, in rod lengths, is 1 or more; undefined samples pass.
+
+    Parameters
+    ----------
+    cosine : ndarray
+        Height to span over the rod's length.
+    crank_angle, rod_length : array_like
+        [rad], [m]; they broadcast with `cosine`.
+    """
     span = np.abs(cosine)
     if not np.any(span >= 1.0):
         return

@@ -164,6 +164,14 @@ def _record(generation: int, pop: Population, evaluations: int) -> pd.DataFrame:
 
 
 def evaluations_until(values: np.ndarray, best: float, tolerance: float) -> int | None:
-    """After how many evaluations a value within `tolerance` (relative) of `best` was found; None if never."""
+    """After how many evaluations a value within `tolerance` (relative) of `best` was found; None if never.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        In the order of evaluation [rad^2].
+    best, tolerance : float
+        [rad^2], share of it.
+    """
     near = np.flatnonzero(values <= best * (1.0 + tolerance))
     return int(near[0]) + 1 if len(near) else None

@@ -118,5 +118,13 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
 
 
 def search_from_all(objective: Objective, region: Region, tolerance: float) -> tuple[LocalResult, ...]:
-    """`search` from each of the six starting points."""
+    """`search` from each of the six starting points.
+
+    Parameters
+    ----------
+    objective : Objective
+    region : Region
+    tolerance : float
+        As in `search`.
+    """
     return tuple(search(objective, region, start, tolerance) for start in starting_points(region))

@@ -38,7 +38,13 @@ def measure(error: ArrayLike) -> Measures:
 
 
 def reductions(measures: Measures, original: Measures) -> Measures:
-    """By which fraction each measure lies below that of the original lengths; negative where it grew."""
+    """By which fraction each measure lies below that of the original lengths; negative where it grew.
+
+    Parameters
+    ----------
+    measures, original : Measures
+        At the new and at the original lengths.
+    """
     return Measures(*(1.0 - getattr(measures, name) / getattr(original, name) for name in MEASURES))
 
 

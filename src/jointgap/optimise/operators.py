@@ -30,6 +30,13 @@ def stochastic_uniform(expectation: np.ndarray, count: int, random: np.random.Ge
     """Indices of `count` parents, shape (count,), shuffled.
 
     Parent i is taken floor(count * expectation[i]) times or once more.
+
+    Parameters
+    ----------
+    expectation : ndarray, shape (n,)
+        Shares of the parents, sum 1.
+    count : int
+    random : Generator
     """
     marks = (np.arange(count) + random.random()) / count
     edges = np.cumsum(expectation)
@@ -38,12 +45,27 @@ def stochastic_uniform(expectation: np.ndarray, count: int, random: np.random.Ge
 
 
 def intermediate_crossover(first: np.ndarray, second: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """A random point between each pair of parents, shapes (n, 2)."""
+    """A random point between each pair of parents, shapes (n, 2).
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (n, 2)
+        Parents (L2, L3) [m].
+    random : Generator
+    """
     return first + random.random((len(first), 1)) * (second - first)
 
 
 def feasible_mutation(parents: np.ndarray, region: Region, random: np.random.Generator) -> np.ndarray:
-    """Each parent (n, 2) moved by up to the box's width in a random direction, cut at the region's edge."""
+    """Each parent (n, 2) moved by up to the box's width in a random direction, cut at the region's edge.
+
+    Parameters
+    ----------
+    parents : ndarray, shape (n, 2)
+        (L2, L3) [m].
+    region : Region
+    random : Generator
+    """
     angle = 2.0 * np.pi * random.random(len(parents))
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     moves = random.random((len(parents), 1)) * direction * region.size

@@ -43,6 +43,11 @@ def objectives(
 
     The surrogates and ``simulation`` over the configured window of the first revolution, on samples that are no training
     points; ``simulation_settled`` over a whole settled revolution.
+
+    Parameters
+    ----------
+    mechanism, simulate, options, training_points, trajectory, surrogates
+        As in `optimise`.
     """
     samples = stretches(simulate, options, training_points)
     coordinates = [f"{name}{JOINT_NUMBERS[joint]}" for joint in mechanism.loose for name in ("r", "gamma")]

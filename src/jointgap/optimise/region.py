@@ -32,6 +32,13 @@ class Region:
     def of(cls, box: Box, ratio_limit: float) -> "Region":
         """The region of one configured box.
 
+        Parameters
+        ----------
+        box : Box
+            Bounds [m].
+        ratio_limit : float
+            Largest crank length over rod length.
+
         Raises
         ------
         InputError
@@ -62,7 +69,13 @@ class Region:
         return inside & (self.inequality(lengths) <= slack)
 
     def sample(self, count: int, random: np.random.Generator) -> np.ndarray:
-        """`count` points spread evenly over the region, shape (count, 2) [m]."""
+        """`count` points spread evenly over the region, shape (count, 2) [m].
+
+        Parameters
+        ----------
+        count : int
+        random : Generator
+        """
         points = np.empty((0, 2))
         while len(points) < count:
             drawn = self.lower + random.random((count, 2)) * self.size
@@ -70,7 +83,13 @@ class Region:
         return points[:count]
 
     def reach(self, start: ArrayLike, step: ArrayLike) -> float:
-        """The largest factor, at most 1, by which `step` (2,) can be taken from `start` (2,) without leaving."""
+        """The largest factor, at most 1, by which `step` (2,) can be taken from `start` (2,) without leaving.
+
+        Parameters
+        ----------
+        start, step : array_like, shape (2,)
+            (L2, L3) [m].
+        """
         start, step = np.asarray(start), np.asarray(step)
         room = np.append(np.where(step > 0.0, self.upper - start, start - self.lower), -self.inequality(start))
         speed = np.append(np.abs(step), self.inequality(step))

@@ -62,6 +62,12 @@ def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
     """Starting clearance vectors r2 x, r2 y, r3 x, r3 y, r1 x, r1 y, shape (members, 6) [m].
 
     Normally distributed, and the same for a joint whichever others are loose; zero in joints that are ideal.
+
+    Parameters
+    ----------
+    options : Ensemble
+    loose : iterable of str
+        Names of the loose joints.
     """
     random, loose = np.random.default_rng(options.seed), tuple(loose)
     drawn = [random.normal(0.0, options.perturbation, (options.members, columns)) for columns in (4, 2)]
@@ -70,6 +76,13 @@ def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
 
 def stretches(simulate: Simulate, optimise: Optimise, training_points: int) -> dict[str, np.ndarray]:
     """Samples of a trajectory over which an error counts.
+
+    Parameters
+    ----------
+    simulate, optimise
+        Sections of the configuration.
+    training_points : int
+        Of the networks' grid over a revolution.
 
     Returns
     -------
@@ -125,12 +138,25 @@ def resimulate(
 
 
 def reduction_pairs(new: Measures, original: Measures, name: str) -> np.ndarray:
-    """The reduction of one measure that each pair of single runs would have shown, shape (members * members,)."""
+    """The reduction of one measure that each pair of single runs would have shown, shape (members * members,).
+
+    Parameters
+    ----------
+    new, original : Measures
+        Of shape (members,) each.
+    name : str
+        Which measure.
+    """
     return (1.0 - np.divide.outer(getattr(new, name), getattr(original, name))).ravel()
 
 
 def compare(new: Resimulation, original: Resimulation) -> list[dict[str, object]]:
     """Per stretch and measure: both errors and the reduction with their spreads.
+
+    Parameters
+    ----------
+    new, original : Resimulation
+        At other lengths and at the original ones.
 
     Returns
     -------

@@ -37,7 +37,13 @@ class Point:
 
 
 def printed_points(mechanism: Mechanism, simulate: Simulate) -> list[Point]:
-    """What the paper prints as its optima; none for a mechanism that is not the paper's."""
+    """What the paper prints as its optima; none for a mechanism that is not the paper's.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    simulate : Simulate
+    """
     if departures(mechanism, simulate):
         return []
     return [Point(point.key, "printed", (point.crank_length, point.rod_length)) for point in OPTIMA]
@@ -82,7 +88,14 @@ class Search:
 
 
 def search_all(objectives: dict[str, Objective], options: Optimise) -> list[Search]:
-    """Run both optimisers for every objective (by source) in every configured box."""
+    """Run both optimisers for every objective (by source) in every configured box.
+
+    Parameters
+    ----------
+    objectives : dict of str to Objective
+        By source.
+    options : Optimise
+    """
     searches = []
     for source, objective in objectives.items():
         for box, bounds in options.boxes.items():
@@ -93,7 +106,15 @@ def search_all(objectives: dict[str, Objective], options: Optimise) -> list[Sear
 
 
 def optima(objectives: dict[str, Objective], searches: list[Search], printed: list[Point]) -> pd.DataFrame:
-    """Frame of the table optimise_optima; with the points `printed` beside those found."""
+    """Frame of the table optimise_optima; with the points `printed` beside those found.
+
+    Parameters
+    ----------
+    objectives : dict of str to Objective
+        By source.
+    searches : list of Search
+    printed : list of Point
+    """
     rows = []
     for source, objective in objectives.items():
         fixed = [Point("original", "original", objective.original), *printed]

@@ -17,6 +17,11 @@ CRANK_LENGTHS, ROD_LENGTHS = 61, 37  # points of the grid: every 0.1 mm by 0.25 
 def grid(objective: Objective, region: Region) -> pd.DataFrame:
     """The four measures over the box.
 
+    Parameters
+    ----------
+    objective : Objective
+    region : Region
+
     Returns
     -------
     DataFrame
@@ -41,12 +46,27 @@ def grid(objective: Objective, region: Region) -> pd.DataFrame:
 
 
 def invariant(reduction: float, rod_length: float, name: str) -> float:
-    """(1 - R) L3 [m], or (1 - R) L3^2 [m^2] for the sum of squares: constant along the valley's floor."""
+    """(1 - R) L3 [m], or (1 - R) L3^2 [m^2] for the sum of squares: constant along the valley's floor.
+
+    Parameters
+    ----------
+    reduction : float
+        R.
+    rod_length : float
+        L3 [m].
+    name : str
+        Which measure.
+    """
     return (1.0 - reduction) * rod_length ** (2 if name == "sum_of_squares" else 1)
 
 
 def floor(objective: Objective, region: Region) -> pd.DataFrame:
     """The best crank length for each rod length and measure; the crank's bounds and the inequality are not looked at.
+
+    Parameters
+    ----------
+    objective : Objective
+    region : Region
 
     Returns
     -------

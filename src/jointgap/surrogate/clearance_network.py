@@ -67,7 +67,15 @@ class ClearanceNetwork:
         object.__setattr__(self, "_gamma", (grid, gamma))
 
     def vector(self, crank_angle: np.ndarray, orders: int = DERIVATIVES + 1) -> list[np.ndarray]:
-        """w and its derivatives by the crank angle, complex arrays of shape (n,) for angles of shape (n,)."""
+        """w and its derivatives by the crank angle, complex arrays of shape (n,) for angles of shape (n,).
+
+        Parameters
+        ----------
+        crank_angle : ndarray, shape (n,)
+            [rad].
+        orders : int
+            How many: value, first, second, third derivative.
+        """
         order = np.argsort(crank_angle, kind="stable")
         found = [np.empty(len(crank_angle), complex) for _ in range(orders)]
         for block in self.layer.blocks(crank_angle[order], orders):
@@ -96,6 +104,13 @@ class ClearanceNetwork:
 
     def output(self, name: str, crank_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """One of the joint's four outputs and its derivative by the crank angle, in SI, of the shape of `crank_angle`.
+
+        Parameters
+        ----------
+        name : str
+            Column of the trajectory.
+        crank_angle : array_like
+            [rad].
 
         Raises
         ------
@@ -166,7 +181,15 @@ class ClearanceNetwork:
 
 
 def start_factor(crank_angle: np.ndarray, start_angle: float, settling: float) -> list[np.ndarray]:
-    """s = tanh^2((angle - start) / settling) and its three derivatives by the angle; 1, 0, 0, 0 if settling is infinite."""
+    """s = tanh^2((angle - start) / settling) and its three derivatives by the angle; 1, 0, 0, 0 if settling is infinite.
+
+    Parameters
+    ----------
+    crank_angle : ndarray, shape (n,)
+        [rad].
+    start_angle, settling : float
+        [rad].
+    """
     if np.isinf(settling):
         return [np.full(len(crank_angle), value) for value in (1.0, 0.0, 0.0, 0.0)]
     t = np.tanh((crank_angle - start_angle) / settling)

@@ -7,7 +7,14 @@ from jointgap.surrogate.network import Network
 
 
 def values(network: Network, crank_angle: ArrayLike) -> np.ndarray:
-    """The output at crank angles of any shape [rad], in its SI unit; same shape."""
+    """The output at crank angles of any shape [rad], in its SI unit; same shape.
+
+    Parameters
+    ----------
+    network : Network
+    crank_angle : array_like
+        [rad].
+    """
     return _propagate(network, crank_angle)[0]
 
 
@@ -16,6 +23,12 @@ def values_and_slopes(network: Network, crank_angle: ArrayLike) -> tuple[np.ndar
 
     Times the crank's speed the derivative is the time derivative: d(gamma)/dt of one network can be held against the
     network of gamma_dot.
+
+    Parameters
+    ----------
+    network : Network
+    crank_angle : array_like
+        [rad].
     """
     return _propagate(network, crank_angle)
 

@@ -27,6 +27,13 @@ class Points:
 
     @classmethod
     def of(cls, crank_angle: np.ndarray, values: np.ndarray) -> "Points":
+        """Points of the samples that are defined.
+
+        Parameters
+        ----------
+        crank_angle, values : ndarray, shape (n,)
+            [rad], SI; NaN where undefined.
+        """
         defined = np.isfinite(values)
         return cls(crank_angle[defined], values[defined], int(np.sum(~defined)))
 

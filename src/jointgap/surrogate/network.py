@@ -36,7 +36,7 @@ class Layout:
         """Number of parameters; 361 for the paper's network."""
         return sum(rows * columns for rows, columns in self.shapes)
 
-    def split(self, parameters):
+    def split(self, parameters) -> list:
         """Matrices of the layers, each of shape (..., neurons, sources + 1), as views of parameters (..., size).
 
         Works on numpy arrays and on torch tensors.

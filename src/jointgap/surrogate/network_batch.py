@@ -100,7 +100,13 @@ class NetworkEvaluation:
         return chosen
 
     def replaced(self, other: "NetworkEvaluation", members: torch.Tensor) -> "NetworkEvaluation":
-        """This evaluation with the members of a mask (B,) taken from another one."""
+        """This evaluation with the members of a mask (B,) taken from another one.
+
+        Parameters
+        ----------
+        other : NetworkEvaluation
+        members : Tensor of bool, shape (B,)
+        """
         if members.all():
             return other
         merged = object.__new__(NetworkEvaluation)
@@ -149,6 +155,7 @@ class NetworkEvaluation:
 
         Parameters
         ----------
+        member : int
         out : ndarray, shape (N, N), Fortran order
             Filled with J J^T in its lower triangle; the upper one keeps what it had.
         work : two ndarrays like `out`

@@ -39,7 +39,14 @@ class Dual(Damped):
         self._spare = np.zeros_like(self._factor)
 
     def form(self, evaluation: Evaluation, index: int) -> float:
-        """Form J J^T and return its trace."""
+        """Form J J^T and return its trace.
+
+        Parameters
+        ----------
+        evaluation : Evaluation
+        index : int
+            Member of the batch.
+        """
         evaluation.products_of_rows(index, self._matrix, (self._factor, self._spare))
         return float(self._matrix[self._diagonal].sum())
 
@@ -48,6 +55,13 @@ class Dual(Damped):
 
     @staticmethod
     def expand(evaluation: Evaluation, solutions: torch.Tensor) -> torch.Tensor:
+        """The step v = J^T u, shape (B, P).
+
+        Parameters
+        ----------
+        evaluation : Evaluation
+        solutions : Tensor, shape (B, N)
+        """
         return evaluation.pull_back(solutions)
 
 
@@ -58,7 +72,14 @@ class Primal(Damped):
         super().__init__(model.size)
 
     def form(self, evaluation: Evaluation, index: int) -> float:
-        """Form J^T J and return its trace."""
+        """Form J^T J and return its trace.
+
+        Parameters
+        ----------
+        evaluation : Evaluation
+        index : int
+            Member of the batch.
+        """
         self._jacobian = evaluation.jacobian()[index].numpy()
         self._matrix[...] = self._jacobian.T @ self._jacobian
         return float(self._matrix[self._diagonal].sum())
@@ -68,4 +89,11 @@ class Primal(Damped):
 
     @staticmethod
     def expand(evaluation: Evaluation, solutions: torch.Tensor) -> torch.Tensor:
+        """The step v: the solutions themselves, shape (B, P).
+
+        Parameters
+        ----------
+        evaluation : Evaluation
+        solutions : Tensor, shape (B, P)
+        """
         return solutions

@@ -25,7 +25,15 @@ MISSED = 0.3  # error of the interpolation, in errors allowed, that makes a samp
 
 
 def column(kind: str, joint: int) -> str:
-    """Column of the trajectory: r_dot of joint 2 is r2_dot."""
+    """Column of the trajectory: r_dot of joint 2 is r2_dot.
+
+    Parameters
+    ----------
+    kind : str
+        r, r_dot, gamma ...
+    joint : int
+        The paper's number.
+    """
     quantity, _, dots = kind.partition("_")
     return f"{quantity}{joint}{'_' * bool(dots)}{dots}"
 

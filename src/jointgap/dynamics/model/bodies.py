@@ -90,7 +90,7 @@ def crank_accelerations(p, crank, torque, pivot, pin):
 
 
 @inlined
-def bodies_under(p, crank, here, x, torque, force, pin, piston, pivot):
+def bodies_under(p, crank, here, x, torque, force, pin, piston, pivot) -> tuple:
     """Accelerations of everything under given forces.
 
     Parameters

@@ -11,7 +11,15 @@ from jointgap.dynamics.model.formula_evaluator import evaluate
 
 @compiled
 def formula_value(program, v, x, crank_speed, crank_angle, time):
-    """Value of a formula whose program is a record."""
+    """Value of a formula whose program is a record.
+
+    Parameters
+    ----------
+    program : record
+        See `jointgap.dynamics.model.parameters.program_record`.
+    v, x, crank_speed, crank_angle, time : float
+        Slider's velocity [m/s] and position [m], crank's speed [rad/s] and angle [rad], time [s].
+    """
     return evaluate(program.codes[: program.length], program.numbers, v, x, crank_speed, crank_angle, time)
 
 
@@ -54,5 +62,12 @@ def crank_losses(p, x, v, crank_speed, crank_angle, time):
 
 @compiled
 def motor_torque(drive, speed):
-    """Torque [N m] of a motor with a straight line from its stall torque to its no-load speed."""
+    """Torque [N m] of a motor with a straight line from its stall torque to its no-load speed.
+
+    Parameters
+    ----------
+    drive : DriveParameters
+    speed : float
+        Of the crank [rad/s].
+    """
     return drive.stall_torque * (1.0 - speed / drive.no_load_speed)

@@ -44,8 +44,16 @@ class Pose(NamedTuple):
 
 
 @inlined
-def pose(bodies, crank, y, x):
-    """Where rod and slider are, from the clearance vectors."""
+def pose(bodies, crank, y, x) -> Pose:
+    """Where rod and slider are, from the clearance vectors.
+
+    Parameters
+    ----------
+    bodies : BodyParameters
+    crank : Crank
+    y, x : tuples of 8 and 11 floats
+        Clearance state and auxiliary state.
+    """
     length = bodies.rod_length
     end_y = bodies.crank_length * crank.sine + y[1] + x[1]
     end_vy = bodies.crank_length * crank.speed * crank.cosine + y[5] + x[5]
@@ -58,7 +66,7 @@ def pose(bodies, crank, y, x):
 
 
 @inlined
-def accelerations(p, time, crank_angle, crank, y, x, modes, damping):
+def accelerations(p, time, crank_angle, crank, y, x, modes, damping) -> tuple:
     """All accelerations at a state, and the forces behind them.
 
     Parameters

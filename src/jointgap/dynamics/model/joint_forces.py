@@ -18,15 +18,24 @@ _LUGRE = FRICTION_LAWS["lugre"]
 
 
 @inlined
-def arms_and_sliding(joint, penetration, swing, body_rate, partner_rate):
-    """Levers [m] of the contact point about both centres, sliding speed [m/s] there; `swing` is that of the centres."""
+def arms_and_sliding(joint, penetration, swing, body_rate, partner_rate) -> tuple:
+    """Levers [m] of the contact point about both centres, sliding speed [m/s] there; `swing` is that of the centres.
+
+    Parameters
+    ----------
+    joint : JointParameters
+    penetration : float
+        [m].
+    swing, body_rate, partner_rate : float
+        Speed of the centres along the tangent [m/s], angular velocities of the bodies [rad/s].
+    """
     body_arm = joint.side * joint.body_radius - 0.5 * penetration
     partner_arm = joint.side * joint.partner_radius + 0.5 * penetration
     return body_arm, partner_arm, swing + body_arm * body_rate - partner_arm * partner_rate
 
 
 @inlined
-def joint_force(joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_rate, bristle):
+def joint_force(joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_rate, bristle) -> tuple:
     """Force of the partner on the body in a loose joint.
 
     The bodies touch halfway through their overlap: one common point, so that no angular momentum is lost between them.
@@ -86,7 +95,16 @@ def bristle_motion(joint, mode, ex, ey, vx, vy, body_rate, partner_rate, bristle
 
 @compiled
 def pin_friction(joint, fx, fy, speed, sign_speed):
-    """Moment [N m] on the body by friction in an ideal joint with the reaction (fx, fy) [N]: -k r |F| sgn w, w = `speed`."""
+    """Moment [N m] on the body by friction in an ideal joint with the reaction (fx, fy) [N]: -k r |F| sgn w, w = `speed`.
+
+    Parameters
+    ----------
+    joint : JointParameters
+    fx, fy : float
+        Reaction [N].
+    speed, sign_speed : float
+        Of the body relative to its partner, and over which the sign is made smooth [rad/s].
+    """
     if joint.pin_friction == 0.0:
         return 0.0
     size = math.sqrt(fx * fx + fy * fy)
@@ -95,5 +113,13 @@ def pin_friction(joint, fx, fy, speed, sign_speed):
 
 @compiled
 def reaction(fx, fy, moment):
-    """Force in an ideal joint, as `joint_force` has it, with the friction's `moment` [N m] on the body."""
+    """Force in an ideal joint, as `joint_force` has it, with the friction's `moment` [N m] on the body.
+
+    Parameters
+    ----------
+    fx, fy : float
+        [N].
+    moment : float
+        [N m].
+    """
     return math.sqrt(fx * fx + fy * fy), 0.0, fx, fy, moment, -moment

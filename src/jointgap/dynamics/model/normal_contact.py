@@ -181,7 +181,13 @@ def penalty_restitution(
 
 @compiled
 def smooth_step(x, x0, y0, x1, y1):
-    """y0 up to x0, y1 from x1 > x0 on, between them the cubic with zero slope at both ends."""
+    """y0 up to x0, y1 from x1 > x0 on, between them the cubic with zero slope at both ends.
+
+    Parameters
+    ----------
+    x, x0, y0, x1, y1 : float
+        Argument, and the two ends of the step.
+    """
     if x <= x0:
         return y0
     if x >= x1:
@@ -192,7 +198,15 @@ def smooth_step(x, x0, y0, x1, y1):
 
 @compiled
 def elastic_force(penetration, stiffness, exponent):
-    """K d^n [N]; 0 for d <= 0."""
+    """K d^n [N]; 0 for d <= 0.
+
+    Parameters
+    ----------
+    penetration : float
+        d [m].
+    stiffness, exponent : float
+        K [N/m^n] and n.
+    """
     if penetration <= 0.0:
         return 0.0
     if exponent == 1.5:

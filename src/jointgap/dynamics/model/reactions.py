@@ -82,7 +82,15 @@ def constrained(p, time, crank_angle, crank, here, x, torque, pin, piston, pivot
 
 @compiled
 def factorise(matrix, first, last):
-    """Replace the rows and columns first ... last of a positive definite matrix by its triangular factors L D L^T."""
+    """Replace the rows and columns first ... last of a positive definite matrix by its triangular factors L D L^T.
+
+    Parameters
+    ----------
+    matrix : (4, 4) array
+        Changed in place.
+    first, last : int
+        Rows that count: first ... last - 1.
+    """
     for i in range(first, last):
         for j in range(first, i):
             share = matrix[i, j]
@@ -95,7 +103,16 @@ def factorise(matrix, first, last):
 
 @compiled
 def solve(factors, first, last, right):
-    """Solution (4,) of matrix * solution = -right from the matrix's `factorise`d form."""
+    """Solution (4,) of matrix * solution = -right from the matrix's `factorise`d form.
+
+    Parameters
+    ----------
+    factors : (4, 4) array
+        Factorised matrix.
+    first, last : int
+        Rows that count: first ... last - 1.
+    right : tuple of 4 floats or more
+    """
     solution = np.zeros(4)
     for i in range(first, last):
         solution[i] = -right[i]

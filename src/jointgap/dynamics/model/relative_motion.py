@@ -8,7 +8,7 @@ _PIECES = 16
 
 
 @inlined
-def relative_motion(here):
+def relative_motion(here) -> tuple:
     """Clearance vector, rate and second rate of crank pin, piston pin and crank pivot, 6 numbers each [m, m/s, m/s^2]."""
     y, a, x, b = here.clearance_state, here.clearance_rates, here.auxiliary_state, here.auxiliary_rates
     return (
@@ -52,6 +52,15 @@ def turns_after(turns, before, after, duration):
     """Whole turns of a clearance vector after `duration` [s], counted where it passes the negative x-axis.
 
     Its direction is atan2(y, x) + 2 pi `turns`.
+
+    Parameters
+    ----------
+    turns : float
+        Whole turns before.
+    before, after : tuples of 6 floats
+        Clearance vector [m], its rate [m/s] and second rate [m/s^2].
+    duration : float
+        [s].
     """
     x0, y0, x1, y1 = before[0], before[1], after[0], after[1]
     along = x0 * x1 + y0 * y1
@@ -66,8 +75,17 @@ def turns_after(turns, before, after, duration):
 
 
 @inlined
-def all_turns(turns, before, after, duration):
-    """`turns_after` in all three joints."""
+def all_turns(turns, before, after, duration) -> tuple:
+    """`turns_after` in all three joints.
+
+    Parameters
+    ----------
+    turns : tuple of 3 floats
+    before, after : tuples of 3 tuples
+        `relative_motion` at both instants.
+    duration : float
+        [s].
+    """
     return (
         turns_after(turns[0], before[0], after[0], duration),
         turns_after(turns[1], before[1], after[1], duration),
@@ -77,7 +95,15 @@ def all_turns(turns, before, after, duration):
 
 @compiled
 def direction(turns, vector):
-    """Unwrapped direction [rad] of a clearance vector, NaN where its length is zero."""
+    """Unwrapped direction [rad] of a clearance vector, NaN where its length is zero.
+
+    Parameters
+    ----------
+    turns : float
+        Whole turns counted so far.
+    vector : tuple of 2 floats or more
+        Clearance vector [m].
+    """
     if vector[0] == 0.0 and vector[1] == 0.0:
         return math.nan
     return math.atan2(vector[1], vector[0]) + 2.0 * math.pi * turns

@@ -30,7 +30,7 @@ MODES = ("ideal", "flight", "impact", "contact")
 
 
 @inlined
-def follow_episodes(episodes, here, there, motion, there_motion, step_map, step_start, ds, k):
+def follow_episodes(episodes, here, there, motion, there_motion, step_map, step_start, ds, k) -> None:
     """Carry on the episodes over an accepted step whose stages are in `k`.
 
     Parameters
@@ -63,7 +63,16 @@ def follow_episodes(episodes, here, there, motion, there_motion, step_map, step_
 
 @compiled
 def begin_episode(episodes, joint, time):
-    """A contact begins at `time` [s]."""
+    """A contact begins at `time` [s].
+
+    Parameters
+    ----------
+    episodes : (3, 4) array
+        By joint, changed in place.
+    joint : int
+    time : float
+        [s].
+    """
     for i in range(3):
         episodes[joint, i] = 0.0
     episodes[joint, 3] = time
@@ -71,7 +80,19 @@ def begin_episode(episodes, joint, time):
 
 @compiled
 def note_event(event, episodes, there, joint, begins, approach):
-    """Write a row of events: see `EVENT`."""
+    """Write a row of events: see `EVENT`.
+
+    Parameters
+    ----------
+    event : (9,) array
+        Overwritten.
+    episodes : (3, 4) array
+    there : Instant
+    joint : int
+    begins : bool
+    approach : float
+        Speed of approach [m/s].
+    """
     event[0], event[1], event[2], event[7] = there.time, joint, 1.0 if begins else 0.0, there.crank_angle
     event[3] = approach if begins else math.nan
     for i in range(3):
@@ -103,6 +124,12 @@ def mode_numbers(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np
 
 
 def sample_modes(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns ``crank_pin_mode``, ... of the table ``trajectory``; parameters as `mode_numbers`."""
+    """Columns ``crank_pin_mode``, ... of the table ``trajectory``; parameters as `mode_numbers`.
+
+    Parameters
+    ----------
+    p, times, modes, events
+        As in `mode_numbers`.
+    """
     numbers = mode_numbers(p, times, modes, events)
     return {f"{joint}_mode": np.array(MODES, dtype=object)[numbers[:, i]] for i, joint in enumerate(JOINTS)}

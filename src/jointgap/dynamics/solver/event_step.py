@@ -14,8 +14,15 @@ _MARGIN = 100.0  # tolerances by which the interpolant of a grazing passage may 
 
 
 @inlined
-def separation_ahead(here, holding):
-    """Time [s] until a contact ends if its penetration goes on as a parabola, and its joint; infinite if it does not."""
+def separation_ahead(here, holding) -> tuple:
+    """Time [s] until a contact ends if its penetration goes on as a parabola, and its joint; infinite if it does not.
+
+    Parameters
+    ----------
+    here : Instant
+    holding : tuple
+        `all_conditions` there.
+    """
     first, which = math.inf, 0
     for joint in range(JOINT_COUNT):
         depth, rate, curvature, _, _ = holding[joint]
@@ -28,7 +35,7 @@ def separation_ahead(here, holding):
 
 
 @inlined
-def holds(conditions):
+def holds(conditions) -> bool:
     """Whether no mode has ended."""
     pin, piston, pivot = conditions
     return min(pin[0], pin[3], piston[0], piston[3], pivot[0], pivot[3]) >= 0.0

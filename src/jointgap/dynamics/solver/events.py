@@ -31,10 +31,19 @@ _PIECES = 16
 
 
 @inlined
-def conditions(joint, mode, approach, relative):
+def conditions(joint, mode, approach, relative) -> tuple:
     """Both conditions of a joint's mode with their time derivatives.
 
     `relative` is clearance vector, rate and second rate (ex, ey, vx, vy, ax, ay).
+
+    Parameters
+    ----------
+    joint : JointParameters
+    mode : int
+    approach : float
+        Approach speed [m/s] at the start of the contact.
+    relative : tuple of 6 floats
+        Clearance vector [m], its rate [m/s] and second rate [m/s^2].
 
     Returns
     -------
@@ -124,8 +133,16 @@ def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
 
 
 @inlined
-def all_conditions(p, here, motion):
-    """`conditions` of crank pin, piston pin and crank pivot."""
+def all_conditions(p, here, motion) -> tuple:
+    """`conditions` of crank pin, piston pin and crank pivot.
+
+    Parameters
+    ----------
+    p : Parameters
+    here : Instant
+    motion : tuple
+        `relative_motion` there.
+    """
     return (
         conditions(p.crank_pin, here.modes[0], here.approaches[0], motion[0]),
         conditions(p.piston_pin, here.modes[1], here.approaches[1], motion[1]),
@@ -169,6 +186,12 @@ def switched(mode, approach, kind, speed, least):
     """Mode and approach speed of a joint after its condition `kind` has ended with the surfaces closing at `speed`.
 
     A slower impact is damped as one at the speed `least`: with d'_0 -> 0 the damping chi d'/d'_0 would have no bound.
+
+    Parameters
+    ----------
+    mode, kind : int
+    approach, speed, least : float
+        Approach speed so far, of this impact and the least that is damped as such [m/s].
     """
     if mode == FLIGHT:
         return CONTACT, max(speed, least)

@@ -37,14 +37,29 @@ _FAR = 20.0  # steps after an impact from which on its branch point no longer ma
 
 @compiled
 def contact_duration(joint, mass, speed):
-    """About how long [s] an elastic impact of `mass` at `speed` lasts."""
+    """About how long [s] an elastic impact of `mass` at `speed` lasts.
+
+    Parameters
+    ----------
+    joint : JointParameters
+    mass, speed : float
+        [kg], [m/s].
+    """
     n = joint.exponent
     return 3.0 * ((n + 1.0) * mass / (2.0 * joint.stiffness) * speed ** (1.0 - n)) ** (1.0 / (n + 1.0))
 
 
 @compiled
 def contact_begins(p, joint, approach):
-    """`contact_duration` of a joint with the rod's mass, near enough."""
+    """`contact_duration` of a joint with the rod's mass, near enough.
+
+    Parameters
+    ----------
+    p : Parameters
+    joint : int
+    approach : float
+        [m/s].
+    """
     mass = 0.5 * p.bodies.rod_mass
     if joint == 0:
         return contact_duration(p.crank_pin, mass, approach)
@@ -53,7 +68,13 @@ def contact_begins(p, joint, approach):
 
 @compiled
 def least_approach(p, joint):
-    """Approach speed [m/s] of a joint as which a slower one is damped."""
+    """Approach speed [m/s] of a joint as which a slower one is damped.
+
+    Parameters
+    ----------
+    p : Parameters
+    joint : int
+    """
     if joint == 0:
         return p.crank_pin.least_approach
     return p.piston_pin.least_approach if joint == 1 else p.crank_pivot.least_approach
@@ -61,7 +82,15 @@ def least_approach(p, joint):
 
 @compiled
 def replaced(values, place, value):
-    """Three values with one of them replaced."""
+    """Three values with one of them replaced.
+
+    Parameters
+    ----------
+    values : tuple of 3
+    place : int
+    value
+        What stands at `place` instead.
+    """
     return (
         value if place == 0 else values[0],
         value if place == 1 else values[1],
@@ -71,7 +100,22 @@ def replaced(values, place, value):
 
 @compiled
 def time_at_angle(p, here, there, step_map, step_start, angle, velocity_time, k):
-    """Time [s] within a step at which a motor's crank passes `angle` [rad], by Newton's method with true steps."""
+    """Time [s] within a step at which a motor's crank passes `angle` [rad], by Newton's method with true steps.
+
+    Parameters
+    ----------
+    p : Parameters
+    here, there : Instant
+        Both ends of the step.
+    step_map, step_start : int, float
+        Its time map and where it begins in s.
+    angle : float
+        [rad].
+    velocity_time : float
+        As in `integrate` [s].
+    k : (12, 22) array
+        Work space.
+    """
     low, high = here.time, there.time
     share = (angle - here.crank_angle) / (there.crank_angle - here.crank_angle)
     time = low + share * (high - low)

@@ -63,7 +63,7 @@ class Instant(NamedTuple):
 
 
 @inlined
-def turned(cosine, sine, angle):
+def turned(cosine, sine, angle) -> tuple:
     """Cosine and sine of an angle further on by `angle` [rad] than the one with the given `cosine` and `sine`."""
     if abs(angle) > 0.1:
         c, s = math.cos(angle), math.sin(angle)
@@ -76,20 +76,40 @@ def turned(cosine, sine, angle):
 
 
 @inlined
-def elapsed_time(time_map, s, ds):
-    """Time [s] that passes between s and s + ds."""
+def elapsed_time(time_map, s, ds) -> float:
+    """Time [s] that passes between s and s + ds.
+
+    Parameters
+    ----------
+    time_map : int
+    s, ds : float
+    """
     return ds if time_map == LINEAR else time_map * ds * (2.0 * s + ds)
 
 
 @inlined
-def dt_ds(time_map, s):
-    """dt/ds at s."""
+def dt_ds(time_map, s) -> float:
+    """dt/ds at s.
+
+    Parameters
+    ----------
+    time_map : int
+    s : float
+    """
     return 1.0 if time_map == LINEAR else 2.0 * time_map * s
 
 
 @inlined
-def ds_for(time_map, s, duration):
-    """The ds that takes `duration` [s] from s on."""
+def ds_for(time_map, s, duration) -> float:
+    """The ds that takes `duration` [s] from s on.
+
+    Parameters
+    ----------
+    time_map : int
+    s : float
+    duration : float
+        [s].
+    """
     if time_map == LINEAR:
         return duration
     inside = s * s + time_map * duration
@@ -97,8 +117,15 @@ def ds_for(time_map, s, duration):
 
 
 @inlined
-def damping_factors(p, approaches):
-    """chi / d'_0 [s/m] of all contacts."""
+def damping_factors(p, approaches) -> tuple:
+    """chi / d'_0 [s/m] of all contacts.
+
+    Parameters
+    ----------
+    p : Parameters
+    approaches : tuple of 3 floats
+        Approach speeds [m/s].
+    """
     return (
         p.crank_pin.damping / approaches[0],
         p.piston_pin.damping / approaches[1],
@@ -107,8 +134,17 @@ def damping_factors(p, approaches):
 
 
 @inlined
-def crank_at(p, time, x):
-    """Angle [rad] of the crank and its `Crank`, from the time or, where a motor turns it, from the auxiliary states."""
+def crank_at(p, time, x) -> tuple:
+    """Angle [rad] of the crank and its `Crank`, from the time or, where a motor turns it, from the auxiliary states.
+
+    Parameters
+    ----------
+    p : Parameters
+    time : float
+        [s].
+    x : tuple of 11 floats
+        Auxiliary state.
+    """
     if p.drive.kind == MOTOR:
         return x[2], Crank(math.cos(x[2]), math.sin(x[2]), x[6], 0.0)
     angle, speed, acceleration = crank_motion(p, time)
@@ -116,14 +152,33 @@ def crank_at(p, time, x):
 
 
 @inlined
-def rates_of_auxiliary(x, found, bristles):
-    """Time derivatives of the auxiliary states; `found` are `accelerations`."""
+def rates_of_auxiliary(x, found, bristles) -> tuple:
+    """Time derivatives of the auxiliary states; `found` are `accelerations`.
+
+    Parameters
+    ----------
+    x : tuple of 11 floats
+        Auxiliary state.
+    found, bristles : tuples of 8 and 3 floats
+        Accelerations, rates of the bristles [m/s].
+    """
     return (x[4], x[5], x[6], x[7], found[4], found[5], found[6], found[7], bristles[0], bristles[1], bristles[2])
 
 
 @compiled
 def instant(p, time, y, x, modes, approaches):
-    """The instant of a state."""
+    """The instant of a state.
+
+    Parameters
+    ----------
+    p : Parameters
+    time : float
+        [s].
+    y, x : tuples of 8 and 11 floats
+        Clearance state and auxiliary state.
+    modes, approaches : tuples of 3
+        Modes of the joints and approach speeds [m/s] of their contacts.
+    """
     angle, crank = crank_at(p, time, x)
     damping = damping_factors(p, approaches)
     a, pin, piston, pivot, _, _, bristles = accelerations(p, time, angle, crank, y, x, modes, damping)
@@ -138,7 +193,16 @@ instant_in_place = inlined(getattr(instant, "py_func", instant))
 
 @compiled
 def auxiliary_at(x, ds, stage, k):
-    """Auxiliary states at a stage of a step from `x`, whose earlier stages are in `k`."""
+    """Auxiliary states at a stage of a step from `x`, whose earlier stages are in `k`.
+
+    Parameters
+    ----------
+    x : tuple of 11 floats
+    ds : float
+        Length of the step in s.
+    stage : int
+    k : (12, 22) array
+    """
     moved = np.zeros(AUXILIARY_STATES)
     for j in range(stage):
         a = STAGES[stage, j]
@@ -234,6 +298,13 @@ def relative_error(p, k, velocity_time):
     """Estimated local error [m] over ds, from a step's stages: the 5th-order estimate, damped by the 3rd-order one.
 
     Errors in velocities count by `velocity_time`, those of the crank angle by the crank's length.
+
+    Parameters
+    ----------
+    p : Parameters
+    k : (12, 22) array
+    velocity_time : float
+        [s].
     """
     fifth = third = 0.0
     for i in range(STATES + AUXILIARY_STATES if p.switches.auxiliary else STATES):
