@@ -84,7 +84,7 @@ COLUMNS = (
 )
 """Columns of the table `jointgap.tables.TRAJECTORY`."""
 
-SAMPLE = np.dtype([(column.name, "f8") for column in COLUMNS if column.kind == "float"])
+SAMPLE = np.dtype((np.record, [(column.name, "f8") for column in COLUMNS if column.kind == "float"]))
 """Record of one sample as compiled code fills it."""
 
 
