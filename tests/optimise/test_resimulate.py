@@ -5,7 +5,14 @@ from jointgap.config import Ensemble, Optimise, Simulate, load_mechanism
 from jointgap.dynamics import simulate
 from jointgap.joints import PINS
 from jointgap.optimise.objective import MEASURES, Measures, measure
-from jointgap.optimise.resimulate import compare, perturbations, reduction_pairs, resimulate, stretches
+from jointgap.optimise.resimulate import (
+    Resimulation,
+    compare,
+    perturbations,
+    reduction_pairs,
+    resimulate,
+    stretches,
+)
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
 OPTIMISE = Optimise(window=("60 deg", "360 deg"), ensemble=Ensemble(members=6, settled_revolution=2))
@@ -82,6 +89,19 @@ def test_every_pair_of_runs_is_compared():
 
     pairs = reduction_pairs(of(1.0, 3.0), of(2.0, 4.0, 8.0), "rms")
     assert sorted(pairs) == pytest.approx(sorted([0.5, 0.75, 0.875, -0.5, 0.25, 0.625]))
+
+
+def test_a_row_reports_the_error_of_the_new_lengths_and_that_of_the_original_ones_each_as_its_own():
+    def of(lengths, *errors):
+        none = np.zeros(3)
+        return Resimulation(lengths, {"window": Measures(*[np.array(errors)] * 4)}, none, none, none)
+
+    rows = compare(of(LENGTHS, 1.0, 2.0, 4.0), of((0.15, 0.564), 8.0, 10.0, 20.0))
+    assert [row["measure"] for row in rows] == list(MEASURES)
+    for row in rows:
+        assert [row[f"error{end}"] for end in ("", "_low", "_high")] == pytest.approx([2.0, 1.1, 3.8])
+        assert [row[f"original_error{end}"] for end in ("", "_low", "_high")] == pytest.approx([10.0, 8.2, 19.0])
+        assert row["reduction"] == pytest.approx(0.8) and row["share_better"] == 1.0
 
 
 def test_an_ensemble_is_the_same_for_the_same_seed(mechanism):

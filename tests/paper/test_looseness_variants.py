@@ -105,6 +105,9 @@ def test_the_overview_lists_scenarios_in_their_order_and_families_by_count(scena
         section.index("| 1 | loose_crank_pin |") < section.index("| 2 | paper |") < section.index("| 3 | three_loose |")
     )
     assert "motor" not in section
+    assert "| 149.000 | 564.000 | 10.00 | 20.00 | 10.00 (9.00 to 11.00) | 10.00 (9.00 to 11.00) |" in text  # mm and %
+    row = "| 1 | loose_crank_pin | crank pin | 30.00 (29.00 to 31.00) | 30.00 | 0.1146 | 0.0573 |"  # 2e-3 and 1e-3 rad in deg
+    assert row in section
     assert "By count of loose joints" in to_html(overview.page(found))
 
 
