@@ -234,8 +234,8 @@ def _turns_back(file: RunFile, angle: np.ndarray) -> InputError:
             f"'{file.run.id}' has 'direction: clockwise'; remove it, or change the sign of the angles"
         )
     return InputError(
-        f"{file.place('crank_angle')}: the angle falls from {finite[0]:.6g} to {finite[-1]:.6g} deg; if the crank turns "
-        "clockwise, give the run 'direction: clockwise', else change the sign of the angles"
+        f"{file.place('crank_angle')}: the angle falls from {finite[0]:.6g} to {finite[-1]:.6g} deg; if the crank "
+        "turns clockwise, give the run 'direction: clockwise', else change the sign of the angles"
     )
 
 
