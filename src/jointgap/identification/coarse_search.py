@@ -20,12 +20,9 @@ from jointgap.identification.thresholds import Thresholds
 
 
 def search_singles(baseline: Baseline, limits: Thresholds) -> list[Fit]:
-    """Fits of single effects from nominal nuisances, best first, the failed ones last.
+    """Fits of single effects from the nominal nuisances of the `baseline`, best first, the failed ones last.
 
-    Parameters
-    ----------
-    baseline : Baseline
-    limits : Thresholds
+    `limits` say what is sufficient.
     """
     smoothers = smoothers_of(baseline.problem)
     if not smoothers:

@@ -151,8 +151,8 @@ def fit_hypothesis(
     descent = _Descent(problem, hypothesis, parameters, start or {}, differences, smoother)
 
     def finished(status: str, reason: str = "") -> Fit:
-        made = problem.simulations - simulations
-        return Fit(hypothesis, parameters, descent.values, descent.residual, descent.jacobian, made, status, reason)
+        count = problem.simulations - simulations
+        return Fit(hypothesis, parameters, descent.values, descent.residual, descent.jacobian, count, status, reason)
 
     try:
         descent.begin(known)
@@ -187,12 +187,12 @@ def _descend(descent: "_Descent", stopping: StoppingRule, damping: DampingSettin
             if not stopping.renew(iteration):
                 return STOPPED, f"hardly better from step to step after {iteration}"
             descent.renew()
-        worth = stopping.min_decrease()
+        min_decrease = stopping.min_decrease()
         step, predicted = descent.propose()
-        if predicted < worth and (descent.fresh or descent.trusted):
+        if predicted < min_decrease and (descent.fresh or descent.trusted):
             return (CONVERGED, "") if descent.damping < damping.rough else (STOPPED, _ROUGH)
         gain_ratio = -np.inf  # a worn Jacobian that promises nothing is as bad as a step that fails
-        if predicted >= worth:
+        if predicted >= min_decrease:
             gain_ratio = descent.attempt(step, predicted)
             stopping.record(descent.chi2)
         descent.trusted = gain_ratio > damping.trusted_gain_ratio

@@ -22,15 +22,7 @@ from jointgap.identification.thresholds import Thresholds
 def shortlist_singles(
     known: Signatures, limits: Thresholds, settings: IdentificationSettings = DEFAULT_SETTINGS
 ) -> list[Screened]:
-    """Single effects that are worth a fit, best first.
-
-    Parameters
-    ----------
-    known : Signatures
-        Of all candidates.
-    limits : Thresholds
-    settings : IdentificationSettings
-    """
+    """Single effects that are worth a fit, best first: `known` of all candidates, by `limits` and `settings`."""
     selection = settings.selection
     singles = Screen(known).singles()
     dof = known.residual.size - len(known.parameters)
@@ -38,24 +30,20 @@ def shortlist_singles(
     if chi2 > limits.omnibus * dof:
         shortlist = singles[: selection.max_singles]
         if singles and singles[0].chi2 - dof > selection.unexplained_share * (chi2 - dof):
-            shortlist += [one for one in singles[selection.max_singles :] if one.signatures[0].candidate.grid]
+            rest = singles[selection.max_singles :]
+            shortlist += [single for single in rest if single.signatures[0].candidate.grid]
         return shortlist
     # the base leaves noise alone: effects are small, and signatures nearly exact
     wanted = selection.min_gain_share * max(settings.decision.min_delta_bic, limits.max_gain_threshold)
-    worth = chi2 + len(known.parameters) * np.log(known.residual.size) - wanted
-    near = [one for one in singles if one.bic < min(singles[0].bic + selection.max_delta_bic, worth)]
-    return singles[: min(max(len(near), selection.min_singles), selection.max_singles)]
+    limit = chi2 + len(known.parameters) * np.log(known.residual.size) - wanted
+    count = sum(single.bic < min(singles[0].bic + selection.max_delta_bic, limit) for single in singles)
+    return singles[: min(max(count, selection.min_singles), selection.max_singles)]
 
 
 def best_sufficient(baseline: Baseline, fits: Sequence[Fit], second: Thresholds) -> Fit | None:
-    """The best fit of a single effect that leaves no more than null campaigns and other numerics do; None if none does.
+    """The best of the `fits` of single effects that leave no more than null campaigns and other numerics do, if any.
 
-    Parameters
-    ----------
-    baseline : Baseline
-    fits : sequence of Fit
-    second : Thresholds
-        As `two_effect_thresholds` says.
+    It is better than the base of the `baseline`; the limit is that of `second`, from `two_effect_thresholds`.
     """
     sufficient = [fit for fit in fits if fit.bic < baseline.base.bic and reduced_chi2(fit) <= second.omnibus]
     return min(sufficient, key=lambda fit: fit.bic, default=None)
@@ -66,26 +54,13 @@ def shortlist_pairs(
 ) -> list[Screened]:
     """Pairs with a sufficient single effect that are worth a fit: those that would gain beyond chance.
 
-    Parameters
-    ----------
-    known : Signatures
-    best : Fit
-        Of the sufficient effect.
-    fits : sequence of Fit
-        Of the single effects.
-    second : Thresholds
-        As `two_effect_thresholds` says.
-    count : int
-        The most pairs.
+    At most `count`; the sufficient effect is that of `best`, `fits` are those of all single effects, `known` the
+    signatures about the base, and `second` is from `two_effect_thresholds`.
     """
     failed = {fit.label for fit in fits} - {fit.label for fit in fits if fit.status != FAILED}
     pairs = Screen(known.about(best), best.hypothesis).singles()
-    worth = [
-        pair
-        for pair in pairs
-        if pair.hypothesis[-1].label not in failed and best.bic - pair.bic > second.max_gain_threshold
-    ]
-    return worth[:count]
+    gaining = [pair for pair in pairs if best.bic - pair.bic > second.max_gain_threshold]
+    return [pair for pair in gaining if pair.hypothesis[-1].label not in failed][:count]
 
 
 def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
@@ -131,15 +106,7 @@ def nonlinearity(problem: Problem, fit: Fit) -> float:
     either side of the jump: smaller differences between fits say nothing. 0 where residuals depend on parameters
     linearly. Parameters at a bound, and those of single runs, are left out.
 
-    Parameters
-    ----------
-    problem : Problem
-    fit : Fit
-
-    Returns
-    -------
-    float
-        [chi2]
+    In units of chi2; `fit` is one to the `problem`.
     """
     errors, largest = np.sqrt(np.diag(fit.covariance())), 0.0
     for p, value, error in zip(fit.parameters, fit.values, errors, strict=True):
@@ -171,14 +138,7 @@ def refit_and_decide(baseline: Baseline, known: Signatures, fits: Sequence[Fit],
     Where the motion has numerical noise, base and rivals are first fitted again from the best one's nuisances: a
     hypothesis must not win by having found a deeper valley of parameters that all share.
 
-    Parameters
-    ----------
-    baseline : Baseline
-    known : Signatures
-        Of all candidates.
-    fits : sequence of Fit
-        Of single effects and pairs.
-    limits : Thresholds
+    Arguments as in `select_hypothesis`.
     """
     settings, selection = baseline.problem.settings.decision, baseline.problem.settings.selection
     second = two_effect_thresholds(baseline, fits, limits)
@@ -225,14 +185,7 @@ def swap_one_effect(baseline: Baseline, known: Signatures, fits: Sequence[Fit]) 
     """Fits of the pairs that differ from the best one in one effect, as far as they are not among `fits`.
 
     One of two effects may stand for another as long as the second is not beside it, and lead to the wrong pair.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    known : Signatures
-        Of all candidates.
-    fits : sequence of Fit
-        Of single effects and pairs.
+    Arguments as in `select_hypothesis`.
     """
     best = min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic, default=None)
     if best is None or len(best.hypothesis) < 2:

@@ -166,15 +166,6 @@ class Problem:
         value = self._planned.get(part.series.key, part.series.value)
         return whiten(np.where(part.used, value - predicted, np.nan), part.noise)[part.used]
 
-    def with_noise(self, noise: Mapping[tuple[str, str], Noise]) -> "Problem":
-        """The same problem with other noise of its samples, by (run, channel)."""
-        other = object.__new__(Problem)
-        other.__dict__ = {
-            **self.__dict__,
-            "parts": [Part(p.series, noise[p.series.key], p.used, p.place) for p in self.parts],
-        }
-        return other
-
     def gap(self, residual: np.ndarray) -> float:
         """Root of the mean over runs and channels of the mean squared whitened residual; 1 = noise."""
         return float(np.sqrt(np.mean([np.mean(residual[part.place] ** 2) for part in self.parts])))
