@@ -1,7 +1,8 @@
 """Stage preflight: what a campaign can show and tell apart, from its plan, and what would help most.
 
-Nothing that was measured is looked at but how much there is of it: of runs whose files are there, as many samples and (where the
-motion is chaotic) revolutions count as these hold. Others are planned with `jointgap.slider_crank.settings.SampleGridSettings`.
+Nothing that was measured is looked at but how much there is of it: of runs whose files are there, as many samples and
+(where the motion is chaotic) revolutions count as these hold. Others are planned with
+`jointgap.slider_crank.settings.SampleGridSettings`.
 """
 
 import math
@@ -29,10 +30,10 @@ from jointgap.recordings import Recording, read_measurements
 from jointgap.slider_crank import build_model
 
 _FASTER, _SLOWER = 1.5, 0.5
-"""Further speeds that are tried, as shares of the fastest and of the slowest."""
+"""Further speeds that are tried [1, of the fastest and of the slowest]: far enough to change what inertia hides."""
 
 _SEPARATOR = " | "
-_MOST_ADVICE = 3
+_MOST_ADVICE = 3  # lines: the first helps most, and a plan is changed one step at a time
 
 
 def preflight_tables(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
@@ -60,7 +61,14 @@ def preflight_tables(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]
 
 
 def preflight_tables_with_advice(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
-    """As `preflight_tables`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most."""
+    """As `preflight_tables`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    rate : float
+        [1] False alarms allowed.
+    """
     recordings, more = recorded(campaign), extended(campaign)
     like = recordings.get(campaign.runs[0].id)
     if like is not None:  # a further run is as long as the one that it is like
@@ -87,7 +95,14 @@ def recorded(campaign: Campaign) -> dict[str, Recording]:
 
 
 def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict[str, float]:
-    """How often the crank turns in each recording, those without angles at the run's speed."""
+    """How often the crank turns in each recording [revolutions], those without angles at the run's speed.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    recordings : mapping of str to Recording
+        By run.
+    """
     speeds = {run.id: run.speed for run in campaign.runs}
     found = {}
     for run, one in recordings.items():
@@ -97,7 +112,14 @@ def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict
 
 
 def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str, str], int]:
-    """How many samples for fitting each recording has of each channel; of channels that it does not have, as many as rows."""
+    """How many samples for fitting each recording has of each channel; of channels that it lacks, as many as rows.
+
+    Parameters
+    ----------
+    model : Model
+    recordings : mapping of str to Recording
+        By run.
+    """
     found = {}
     for run, channel in (series.key for series in model.series if series.run in recordings):
         one = recordings[run]
@@ -161,7 +183,13 @@ def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Ite
 
 
 def in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame) -> str:
-    """What a preflight found, as lines of text; arguments are its tables."""
+    """What a preflight found, as lines of text.
+
+    Parameters
+    ----------
+    detectable, confusability, advice : DataFrame
+        Tables `jointgap.tables.DETECTABLE`, `jointgap.tables.CONFUSABILITY` and `jointgap.tables.ADVICE`.
+    """
     lines = ["Effects that these runs and channels show, from which size on:"]
     for row in detectable[detectable["detectable"]].itertuples():
         size = size_in_words(row.parameter, f"{row.smallest_detectable:.3g}", row.unit, row.falls)

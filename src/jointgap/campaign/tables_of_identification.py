@@ -230,8 +230,8 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
 def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate] = ()) -> list[Fit]:
     """The fits in these tables, in order.
 
-    Unless they were kept whole, their Jacobians have as many rows as columns and the same inner products, which is all that
-    covariances ask of them.
+    Unless they were kept whole, their Jacobians have as many rows as columns and the same inner products, which is all
+    that covariances ask of them.
 
     Parameters
     ----------
@@ -487,7 +487,8 @@ def held_out(gaps: pd.DataFrame, roles: Mapping[str, str]) -> list[dict[str, Any
     Returns
     -------
     list of dict
-        By run: ``run``, ``part`` of it, ``gap``; ``not_simulated``, the reason, where what was added cannot be simulated.
+        By run: ``run``, ``part`` of it, ``gap``; ``not_simulated``, the reason, where what was added cannot be
+        simulated.
     """
     runs = []
     for row in gaps[(gaps["role"] == "confirm") & (gaps["channel"] == "all")].to_dict("records"):

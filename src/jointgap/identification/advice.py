@@ -1,4 +1,4 @@
-"""Before anything is measured: which effects a campaign can detect and tell apart, and which run or channel helps most."""
+"""Before anything is measured: which effects a campaign can detect and tell apart, and what would help most."""
 
 import itertools
 from collections.abc import Collection, Iterable, Mapping
@@ -27,9 +27,10 @@ class Preflight:
     Attributes
     ----------
     effects : DataFrame
-        Per candidate: label; parameter that a verdict states first; smallest_detectable: its value [SI] where the effect is
-        found with a probability of 90 %; unit, empty where the parameter is no coordinate; typical: its value where the gap
-        after recalibration is 1.5; falls: whether the value falls as the effect grows; detectable. NaN where no size shows it.
+        Per candidate: label; parameter that a verdict states first; smallest_detectable: its value [SI] where the
+        effect is found with a probability of 90 %; unit, empty where the parameter is no coordinate; typical: its value
+        where the gap after recalibration is 1.5; falls: whether the value falls as the effect grows; detectable. NaN
+        where no size shows it.
     cosines : DataFrame
         Labels by labels [1]: largest cosine between what two effects change beyond what nuisances can.
     merged : list of lists of str
@@ -107,8 +108,8 @@ def advise(
     preflight : Preflight
         Of the campaign as planned.
     changes : DataFrame
-        Most helpful first: change; newly_detectable: labels; separated: merged pairs that it tells apart, as ``a | b``; gain:
-        by how much the smallest detectable sizes shrink (median over effects).
+        Most helpful first: change; newly_detectable: labels; separated: merged pairs that it tells apart, as ``a | b``;
+        gain: by how much the smallest detectable sizes shrink (median over effects).
     """
     counts = counts or {}
     problem, detectability, assumed = _detectability(model, noise, rate, counts, settings)
@@ -253,7 +254,8 @@ def _preflight(model: Model, detectability: Detectability, assumed: tuple[str, .
 def _stated_first(candidate: Candidate, size: float) -> tuple[str, str, float, bool]:
     """The parameter that a verdict states first, its unit, its value at an amplitude [SI], and whether that falls.
 
-    The value is NaN at infinity; the unit is empty where the parameter is not the coordinate itself, or that and a constant.
+    The value is NaN at infinity; the unit is empty where the parameter is not the coordinate itself, or that and a
+    constant.
     """
     first = next(p for p in candidate.coordinates if p.key in candidate.amplitudes)
     shapes = {p.key: p.nominal for p in candidate.coordinates} | dict(candidate.initial_guesses[0])

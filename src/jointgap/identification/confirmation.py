@@ -53,9 +53,10 @@ def confirm(
 ) -> Confirmed:
     """Predict every run with and without the effects of the verdict.
 
-    What a held-out run has for itself (its speed, its first angle) is fitted to it, for the base as well as for the named effects:
-    what all runs share stays as found on the runs for fitting. A held-out run that cannot be simulated with the named effects has
-    no prediction and no gap after, with the reason as a remark of its gaps; all runs together have none either.
+    What a held-out run has for itself (its speed, its first angle) is fitted to it, for the base as well as for the
+    named effects: what all runs share stays as found on the runs for fitting. A held-out run that cannot be simulated
+    with the named effects has no prediction and no gap after, with the reason as a remark of its gaps; all runs
+    together have none either.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Noise estimated from repeated cycles: what differs between neighbouring cycles at one angle is no part of a periodic motion."""
+"""Noise estimated from repeated cycles: what differs between neighbours at one angle is not the periodic motion."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,8 @@ class Scatter:
     sd : float
         Marginal standard deviation [unit of the series].
     spectrum : (m,) array or None
-        [unit^2] Of its variance over the frequencies from 0 to Nyquist's, evenly; the mean is ``sd**2``. None where data are too few.
+        [unit^2] Of its variance over the frequencies from 0 to Nyquist's, evenly; the mean is ``sd**2``. None where
+        data are too few.
     count : int
         Differences that it rests on.
     """
@@ -90,7 +91,8 @@ def scatter_between_samples(residual: np.ndarray, settings: NoiseSettings) -> Sc
 
 
 def ar_autocorrelation(scatter: Scatter, max_order: int, stated_sd: float | None = None) -> tuple[float, ...]:
-    """Autocorrelation at lags of 1, 2, ... of the autoregressive process that the Bayesian information criterion chooses.
+    """Autocorrelation at lags of 1, 2, ... of the autoregressive process that the Bayesian information criterion
+    chooses.
 
     Parameters
     ----------
@@ -99,8 +101,8 @@ def ar_autocorrelation(scatter: Scatter, max_order: int, stated_sd: float | None
     max_order : int
         Of the process.
     stated_sd : float, optional
-        Standard deviation that the noise has [unit]. What the cycles differ by beyond it, where the spectrum is highest, is
-        not noise: a force out of step with the crank, or a drift.
+        Standard deviation that the noise has [unit]. What the cycles differ by beyond it, where the spectrum is
+        highest, is not noise: a force out of step with the crank, or a drift.
 
     Returns
     -------
@@ -206,7 +208,8 @@ def _without_lines(values: np.ndarray, settings: NoiseSettings) -> np.ndarray:
 
 
 def _background(power: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-    """Spectrum of the first-order process nearest to a periodogram in logarithms, whose median a few lines do not move."""
+    """Spectrum of the first-order process nearest to a periodogram in logarithms, whose median a few lines do not
+    move."""
     plain = slice(3, None, 4)
     logarithm = np.log(np.maximum(power[plain], np.finfo(float).tiny))
     shapes = -np.log(1 + _BACKGROUNDS**2 - 2 * _BACKGROUNDS * np.cos(frequency[plain]))

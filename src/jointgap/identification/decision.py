@@ -18,9 +18,10 @@
   8  otherwise                                                                    ``unexplained``
 ===  ==========================================================================  ===============================
 
-"Gains" are differences of the Bayesian information criterion (BIC); "leaves noise alone" means that chi2 stays below what
-campaigns with nothing hidden leave (`Thresholds.omnibus`); the numbers stand in `settings.DecisionSettings`.
-A hypothesis is admissible if its fit did not fail and every one of its effects is there and is more than a nuisance within its range.
+"Gains" are differences of the Bayesian information criterion (BIC); "leaves noise alone" means that chi2 stays below
+what campaigns with nothing hidden leave (`Thresholds.omnibus`); the numbers stand in `settings.DecisionSettings`.
+A hypothesis is admissible if its fit did not fail and every one of its effects is there and is more than a nuisance
+within its range.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -122,7 +123,8 @@ def decide(
     is_special_case : function
         Whether an explanation is a special case of another, which is then no rival but an addition.
     second_effect_gain : float
-        [BIC] What a second effect has to gain over the best single one, where that is more than `limits.max_gain_threshold`.
+        [BIC] What a second effect has to gain over the best single one, where that is more than
+        `limits.max_gain_threshold`.
     settings : DecisionSettings
     """
     ranking = rank(base, fits, limits, nuisance_bounds)
@@ -166,7 +168,8 @@ def decide(
     if not explains_nearly_all:
         explains = f"explains {best.share:.1%} only" if np.isfinite(best.share) else "leaves as much"
         return decided(UNEXPLAINED, f"the best, {label}, {explains}")
-    # Were the effect most like it the cause, it would still explain `similarity` of the misfit: then its name would be wrong.
+    # Were the effect most like it the cause, it would still explain `similarity` of the misfit: then its name would be
+    # wrong.
     left_if_wrong = 1.0 - similarity.get(label, 0.0)
     if 1.0 - best.share < settings.max_share_of_wrong_misfit * left_if_wrong:
         because = "it explains nearly all, and more than it could if the nearest other effect were the cause"
@@ -221,7 +224,8 @@ def reduced_chi2(fit: Fit) -> float:
 def _objection(fit: Fit, nuisance_bounds: Mapping[str, tuple[float, float, float]]) -> str:
     """Why an explanation claims an effect that is not there; empty where it does not.
 
-    An effect that replaces a nuisance (a mass other than nominal) is none as long as the nuisance stays within its stated range.
+    An effect that replaces a nuisance (a mass other than nominal) is none as long as the nuisance stays within its
+    stated range.
     """
     values, errors = fit.mapping, None
     for candidate in fit.hypothesis:
@@ -268,8 +272,10 @@ def _best(ranking: Sequence[Ranked], needed: float) -> Ranked | None:
 
 
 def _is_rival(fit: Fit, best: Fit, apart: float) -> bool:
-    """Whether `fit` is another explanation as good as `best` (BIC less than `apart` behind), not one that merely adds to it or leaves
-    something out of it, and of no more effects."""
+    """Whether `fit` is another explanation as good as `best`: BIC less than `apart` behind, and of no more effects.
+
+    One that merely adds to the best, or leaves something out of it, is no other.
+    """
     labels, best_labels = ({candidate.label for candidate in one.hypothesis} for one in (fit, best))
     is_other = not labels >= best_labels and not labels < best_labels
     return fit.bic - best.bic < apart and is_other and len(labels) <= len(best_labels)

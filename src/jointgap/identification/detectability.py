@@ -48,7 +48,8 @@ class Detectability:
         blocks = [known.jacobian, *(signature.columns for signature in known.found)]
         weight = np.repeat(np.sqrt(np.divide(counts, lengths)), lengths)[:, None]
         share = np.repeat((len(lengths) * np.array(lengths)) ** -0.5, lengths)[:, None]
-        # The same in few rows: as chi2 sees them, and as the gap does, in which each channel of each run counts the same.
+        # The same in few rows: as chi2 sees them, and as the gap does, in which each channel of each run counts the
+        # same.
         self._chi2 = self._by_signature(compress_rows(*(weight * block for block in blocks)))
         self._gap = self._by_signature(compress_rows(*(share * block for block in blocks)))
 
@@ -76,8 +77,9 @@ class Detectability:
     def detectable_size(self, label: str) -> float:
         """First amplitude [SI] that is found with a probability of 90 %; infinite where none is.
 
-        The median over the shape parameters to start from. Of an effect that replaces a nuisance it lies beyond the nuisance's range;
-        of one whose signatures are secants to finite amplitudes it is no less than these are valid for.
+        The median over the shape parameters to start from. Of an effect that replaces a nuisance it lies beyond the
+        nuisance's range; of one whose signatures are secants to finite amplitudes it is no less than these are valid
+        for.
         """
         return self._usual(
             label, [self._smallest(s, 0, self._chi2, self._noncentrality(s)) for s in self.known.of(label)]
@@ -88,7 +90,8 @@ class Detectability:
         return self._usual(label, [self._smallest(s, 0, self._gap, self._excess) for s in self.known.of(label)])
 
     def _usual(self, label: str, sizes: list[float]) -> float:
-        """Of the amplitudes that the signatures of an effect give: the median, or the least where each holds for others."""
+        """Of the amplitudes that the signatures of an effect give: the median, or the least where each holds for
+        others."""
         finite = any(signature.amplitudes[0].key in signature.shape_parameters for signature in self.known.of(label))
         return float(min(sizes) if finite else np.median(sizes))
 
@@ -122,7 +125,8 @@ class Detectability:
         return classes
 
     def _noncentrality(self, signature: Signature) -> float:
-        """Of the gain in chi2, so that it exceeds with the power of the settings what the search among all candidates asks for."""
+        """Of the gain in chi2, so that it exceeds with the power of the settings what the search among all candidates
+        asks for."""
         dimensions = len(signature.amplitudes)
         asked = max(
             stats.chi2.isf(self.rate / len(self.labels), dimensions),
@@ -154,7 +158,8 @@ class Detectability:
         return float(np.sum((jacobian @ step - amount * columns[id(signature)][:, size]) ** 2))
 
     def _smallest(self, signature: Signature, size: int, measure: _Blocks, target: float) -> float:
-        """Amount of which at least `target` is left; infinite where bounds forbid it. A secant says nothing below its reach."""
+        """Amount of which at least `target` is left; infinite where bounds forbid it. A secant says nothing below its
+        reach."""
         p = signature.amplitudes[size]
         if (
             p.key in signature.shape_parameters
@@ -193,8 +198,8 @@ class Detectability:
     def _mistaken(self, label: str, other: str) -> bool:
         """Whether `other` fits as well what `label` typically does, within all bounds.
 
-        For every size that the effect has: an effect with a further one is more than the effect without. For at least half of
-        the shapes and signs: a bias that may go both ways is mistaken for a friction that goes one way.
+        For every size that the effect has: an effect with a further one is more than the effect without. For at least
+        half of the shapes and signs: a bias that may go both ways is mistaken for a friction that goes one way.
         """
         known = self.known.of(label)
         for size, p in enumerate(known[0].amplitudes):

@@ -1,4 +1,4 @@
-"""Where simulation and measurement disagree: runs, channels and degrees of the crank angle, at a stated rate of false discoveries."""
+"""Where simulation and measurement disagree: runs, channels and crank angles, at a stated rate of false discoveries."""
 
 from dataclasses import dataclass
 
@@ -25,11 +25,11 @@ class DisagreementMap:
     tests : DataFrame
         Per run and channel: samples, chi2, p_chi2, p_ljung_box (whether whitened residuals are correlated).
     bins : DataFrame
-        Per run, channel and bin of the crank angle: start_deg, end_deg, samples, mean and rms [standard deviations of the noise],
-        p, p_adjusted (Benjamini-Hochberg over all bins), flagged.
+        Per run, channel and bin of the crank angle: start_deg, end_deg, samples, mean and rms [standard deviations of
+        the noise], p, p_adjusted (Benjamini-Hochberg over all bins), flagged.
     windows : DataFrame
-        Neighbouring flagged bins as one: run, channel, start_deg, end_deg (smaller than the start where 0 lies between), mean,
-        rms, p_adjusted; the surest first.
+        Neighbouring flagged bins as one: run, channel, start_deg, end_deg (smaller than the start where 0 lies
+        between), mean, rms, p_adjusted; the surest first.
     orders : DataFrame
         Spectrum of the whitened residual over orders of the crank: run, channel, order, amplitude, p.
     scaling : DataFrame
@@ -132,8 +132,8 @@ def _bins(part: Part, residual: np.ndarray, count: int) -> list[dict]:
     series, used = part.series, part.used
     if not np.isfinite(series.angle[used]).all():
         return []
-    # Correlated noise carries a disagreement on: the sample after a window is compared with those in it and would be flagged too.
-    # So each passage through a bin is whitened by itself.
+    # Correlated noise carries a disagreement on: the sample after a window is compared with those in it and would be
+    # flagged too. So each passage through a bin is whitened by itself.
     white = np.full(used.size, np.nan)
     white[used] = residual
     scaled = unwhiten(white, part.noise)
@@ -194,7 +194,8 @@ def _disagreement(white: np.ndarray, basis: np.ndarray) -> tuple[float, float]:
 def _windows(bins: pd.DataFrame, count: int, false_discovery: float) -> pd.DataFrame:
     """Neighbouring flagged bins as one, where at least one of them is sure among all bins (Bonferroni).
 
-    The share of false discoveries among bins says little of windows: a true window is many bins, a false one is one bin.
+    The share of false discoveries among bins says little of windows: a true window is many bins, a false one is one
+    bin.
     """
     rows = []
     for (run, channel), rows_here in bins.groupby(["run", "channel"], sort=False):

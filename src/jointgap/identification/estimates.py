@@ -8,10 +8,12 @@ from jointgap.identification.fit import Fit, bounds_of
 from jointgap.identification.protocol import Candidate, Parameter
 
 HALF_WIDTH_90 = 1.645
-"""Half the width of a 90 % interval of the normal distribution, in standard deviations [1]: five percent lie beyond either end."""
+"""Half the width of a 90 % interval of the normal distribution, in standard deviations [1]: five percent lie beyond
+either end."""
 
 AT_BOUND = "at its bound"
-"""A parameter that the fit drew to an end of its range: the data would have it beyond, and an error within says nothing."""
+"""A parameter that the fit drew to an end of its range: the data would have it beyond, and an error within says
+nothing."""
 
 NOT_ESTIMATED = "not estimated"
 """A number that goes with an effect and that no fit varies, such as the length of a film or a whole order."""
@@ -37,7 +39,8 @@ def nuisance_estimates(fit: Fit, covariance: np.ndarray) -> list[tuple[Parameter
 def effect_estimates(fit: Fit, candidate: Candidate, covariance: np.ndarray) -> dict[str, dict[str, Any]]:
     """Parameters of an effect as a verdict states them, by name, each as `estimate_with_interval` gives it.
 
-    Parameters that follow from the coordinates (an amplitude from its cosine and sine parts) take their errors from these linearly.
+    Parameters that follow from the coordinates (an amplitude from its cosine and sine parts) take their errors from
+    these linearly.
 
     Parameters
     ----------

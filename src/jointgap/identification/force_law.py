@@ -1,8 +1,9 @@
-"""A force law for what no known effect explains: the sum of one or two terms of a library that fits best when simulated.
+"""A force law for what no known effect explains: the sum of one or two terms of a library that fits best when
+simulated.
 
 The library is the model's: one candidate for each term, called ``effect[term]`` and with its coefficient as the only
-coordinate, such as ``discovered_slider_force[v^3]``. No measurement is differentiated: terms are told apart by what they do to the
-simulated measurements, like every other effect.
+coordinate, such as ``discovered_slider_force[v^3]``. No measurement is differentiated: terms are told apart by what
+they do to the simulated measurements, like every other effect.
 """
 
 import itertools
@@ -127,10 +128,11 @@ def find_force_law(
 ) -> ForceLawResult:
     """Find the law, of at most two terms of one effect, that takes the place of what is missing.
 
-    All sums are ranked by what they would explain if the motion responded linearly. The best are fitted by forward simulation,
-    from the multiple of the linear answer that fits best (a loose joint responds to a small force more than in proportion). They
-    are compared by BIC with the number of sums that were open to choice counted in (the extended criterion of Chen and Chen,
-    Biometrika 95 (2008) 759-771); a second term must improve it by as much as tells two explanations apart.
+    All sums are ranked by what they would explain if the motion responded linearly. The best are fitted by forward
+    simulation, from the multiple of the linear answer that fits best (a loose joint responds to a small force more than
+    in proportion). They are compared by BIC with the number of sums that were open to choice counted in (the extended
+    criterion of Chen and Chen, Biometrika 95 (2008) 759-771); a second term must improve it by as much as tells two
+    explanations apart.
 
     Parameters
     ----------
@@ -254,7 +256,8 @@ def _pairs(sums: Sequence[Screened], alone: Fit, sufficient: bool, settings: For
 
 
 def _differs(fit: Fit, best: Fit, base: Fit, same_share: float) -> bool:
-    """Whether a sum says something else than the best one: not the same force in another form, nor with a term added."""
+    """Whether a sum says something else than the best one: not the same force in another form, nor with a term
+    added."""
     if {c.label for c in fit.hypothesis} > {c.label for c in best.hypothesis}:
         return False
     another = effect_of(fit.hypothesis[0]) != effect_of(best.hypothesis[0])

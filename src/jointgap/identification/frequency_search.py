@@ -19,8 +19,9 @@ def likely_frequencies(
 ) -> list[float]:
     """The most likely frequencies [Hz] of an effect that is `carrier` times a cosine in time, the likeliest first.
 
-    A periodogram by least squares: at each frequency the carrier times a cosine and a sine, of each run its own, are fitted beside
-    the nuisances. It is exact where the motion does not respond to the force (a prescribed motion, of which forces are read).
+    A periodogram by least squares: at each frequency the carrier times a cosine and a sine, of each run its own, are
+    fitted beside the nuisances. It is exact where the motion does not respond to the force (a prescribed motion, of
+    which forces are read).
 
     Parameters
     ----------

@@ -1,4 +1,5 @@
-"""Noise of every channel of every run: from repeated cycles, or as stated; and what the choice of numerics adds to it."""
+"""Noise of every channel of every run: from repeated cycles, or as stated; and what the choice of numerics adds to
+it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -45,7 +46,8 @@ class NoiseEstimate(Noise):
 def noise_of_model(model: Model, settings: NoiseSettings = DEFAULT_SETTINGS.noise) -> dict[Key, NoiseEstimate]:
     """The noise of every series.
 
-    The model as it stands is fitted with noise as stated or guessed; what its residuals do not repeat from cycle to cycle is noise.
+    The model as it stands is fitted with noise as stated or guessed; what its residuals do not repeat from cycle to
+    cycle is noise.
 
     Parameters
     ----------
@@ -86,16 +88,16 @@ def estimate_noise(
 ) -> dict[Key, NoiseEstimate]:
     """Noise of every series.
 
-    A stated standard deviation is taken as it is; the correlation from sample to sample is always estimated, from the differences
-    of neighbouring cycles. Where they differ by more than the stated noise, the rest is a motion out of step with the crank and
-    is not taken for noise. Of a run that is held out in part, the part for fitting is used.
+    A stated standard deviation is taken as it is; the correlation from sample to sample is always estimated, from the
+    differences of neighbouring cycles. Where they differ by more than the stated noise, the rest is a motion out of
+    step with the crank and is not taken for noise. Of a run that is held out in part, the part for fitting is used.
 
     Parameters
     ----------
     model : Model
     residuals : mapping of (run, channel) to (n,) array
-        Measured minus predicted by the best model so far [unit]; NaN gaps. Prediction takes sharp features away, so that
-        interpolation between samples does not take them for noise.
+        Measured minus predicted by the best model so far [unit]; NaN gaps. Prediction takes sharp features away, so
+        that interpolation between samples does not take them for noise.
     settings : NoiseSettings
 
     Returns
@@ -117,7 +119,8 @@ def degrees_of_freedom(noise: Mapping[Key, NoiseEstimate]) -> float:
 
 
 def _is_for_noise(series: Series) -> np.ndarray:
-    """Samples of a series that its noise is estimated from, (n,) bool: those for fitting, or all where all of it is held out."""
+    """Samples of a series that its noise is estimated from, (n,) bool: those for fitting, or all where all of it is
+    held out."""
     return ~series.held_out | series.held_out.all()
 
 
@@ -206,8 +209,8 @@ def numerics_noise(
     -------
     dict of (run, channel) to Noise
         ``numerics`` is the root mean square, over the other numerics and neighbouring samples, of their difference from
-        the usual ones; 0 where it is negligible. Statistics of chaotic motion scatter by about their noise with any change:
-        of theirs, what is beyond it.
+        the usual ones; 0 where it is negligible. Statistics of chaotic motion scatter by about their noise with any
+        change: of theirs, what is beyond it.
 
     Raises
     ------
@@ -235,7 +238,8 @@ def numerics_noise(
 
 
 def _spread(square: np.ndarray, sd: np.ndarray, statistic: bool, settings: NoiseSettings) -> np.ndarray:
-    """Root of the smoothed mean square (n,) of what other numerics change; 0 where that is negligible beside the noise `sd` (n,)."""
+    """Root of the smoothed mean square (n,) of what other numerics change; 0 where that is negligible beside the noise
+    `sd` (n,)."""
     window = np.ones(min(settings.numerics_window, square.size))
     smooth = np.convolve(square, window, mode="same") / np.convolve(np.ones(square.size), window, mode="same")
     spread = np.sqrt(np.maximum(smooth - sd**2, 0.0) if statistic else smooth)

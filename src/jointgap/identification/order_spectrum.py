@@ -63,7 +63,8 @@ def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        channel, exponent, low, high (90 % interval), runs: how many disagree clearly; channels with two such runs or more.
+        channel, exponent, low, high (90 % interval), runs: how many disagree clearly; channels with two such runs or
+        more.
     """
     rows = []
     for channel in dict.fromkeys(part.series.channel for part in problem.parts):
@@ -95,7 +96,8 @@ def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
 
 
 def _excess(part: Part, residual: np.ndarray, sigmas: float) -> tuple[float, float, float] | None:
-    """Mean speed [rad/s], root mean square of the disagreement beyond noise [unit], and its relative standard deviation [1].
+    """Mean speed [rad/s], root mean square of the disagreement beyond noise [unit], and its relative standard deviation
+    [1].
 
     None where it exceeds noise by fewer than `sigmas` standard deviations, or the run has no angles and times.
     """

@@ -25,7 +25,8 @@ class Signature:
     shape_parameters : mapping of str to float
         Shapes by name [SI], and amplitudes that are not small.
     columns : (n, m) array
-        [1/unit] Derivatives with respect to its amplitudes: at 0, or secants from there to amplitudes among `shape_parameters`.
+        [1/unit] Derivatives with respect to its amplitudes: at 0, or secants from there to amplitudes among
+        `shape_parameters`.
     origin : (n,) array
         [1] Residuals at zero amplitude: the base's, unless the candidate replaces a nuisance.
     runs : tuple of str
@@ -197,7 +198,8 @@ def _initial_shapes(
 
 
 def _absent(candidate: Candidate, shapes: Mapping[str, float], base: Fit) -> dict[str, float]:
-    """The base's values with the candidate at zero amplitude; nuisances that it replaces are left out, and so at nominal."""
+    """The base's values with the candidate at zero amplitude; nuisances that it replaces are left out, and so at
+    nominal."""
     own = {p.key: 0.0 if p.key in candidate.amplitudes else shapes[p.key] for p in candidate.coordinates}
     kept = {key: value for key, value in base.mapping.items() if key.partition("@")[0] not in candidate.replaces}
     return kept | {f"{candidate.label}.{key}": value for key, value in own.items()}

@@ -37,7 +37,8 @@ class SignatureSubspaces:
         return orthonormal(np.hstack([self.nuisances[:, :0], *(space for label in labels for space in self.of[label])]))
 
     def cosine(self, space: np.ndarray, label: str) -> float:
-        """Largest cosine [1] of anything that the candidate changes with the columns of `space`; 0 where it changes nothing.
+        """Largest cosine [1] of anything that the candidate changes with the columns of `space`; 0 where it changes
+        nothing.
 
         Parameters
         ----------
@@ -50,7 +51,8 @@ class SignatureSubspaces:
         return float(min(max(cosines, default=0.0), 1.0))
 
     def is_special_case(self, special: Hypothesis, general: Hypothesis) -> bool:
-        """Whether the second hypothesis can do all that the first can, and more: a constant force is a spring without stiffness.
+        """Whether the second hypothesis can do all that the first can, and more: a constant force is a spring without
+        stiffness.
 
         Parameters
         ----------
@@ -62,7 +64,8 @@ class SignatureSubspaces:
         return bool(np.linalg.norm(part - whole @ (whole.T @ part), 2) < self._settings.special_case_distance)
 
     def nearest(self, hypothesis: Hypothesis) -> tuple[str, float]:
-        """The candidate beyond the explanation that it could stand for best, and the squared cosine; '' where there is none."""
+        """The candidate beyond the explanation that it could stand for best, and the squared cosine; '' where there is
+        none."""
         named = {candidate.label for candidate in hypothesis}
         space = self.span([label for label in named if label in self.of])
         others = [(self.cosine(space, label) ** 2, label) for label in self.of if label not in named]

@@ -1,4 +1,5 @@
-"""Thresholds from simulated campaigns in which nothing is hidden: noise, and the disagreement of equally good numerics."""
+"""Thresholds from simulated campaigns in which nothing is hidden: noise, and the disagreement of equally good
+numerics."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -22,8 +23,8 @@ class Thresholds:
     omnibus : float
         [1] Of the base's chi2 over its degrees of freedom.
     max_gain_threshold : float
-        [chi2] Of the largest gain of chi2 by one candidate, less ln n for each of its coordinates; at least what another choice of
-        numerics changes, for any candidate may happen to resemble that.
+        [chi2] Of the largest gain of chi2 by one candidate, less ln n for each of its coordinates; at least what
+        another choice of numerics changes, for any candidate may happen to resemble that.
     numerical_noise : float
         [chi2] What a fit may gain by numerical noise alone.
     """
@@ -71,8 +72,8 @@ def thresholds(
 ) -> Thresholds:
     """Thresholds of one campaign, from null campaigns in which the motion answers to everything linearly.
 
-    A null campaign's residual is the measurement's noise, plus what each of the other numerics changes times a normal number,
-    less what the nuisances take up.
+    A null campaign's residual is the measurement's noise, plus what each of the other numerics changes times a normal
+    number, less what the nuisances take up.
 
     Parameters
     ----------
@@ -117,7 +118,8 @@ def thresholds(
     for space, count in spaces:
         gain = drawn[:, begin : begin + space.shape[1]].sum(axis=1) - count * np.log(size)
         gains, begin = np.maximum(gains, gain), begin + space.shape[1]
-    # Any candidate may happen to resemble what another choice of numerics changes, and a fit gain what numerical noise leaves.
+    # Any candidate may happen to resemble what another choice of numerics changes, and a fit gain what numerical noise
+    # leaves.
     dof = max(size - subspaces.nuisances.shape[1], 1)
     changed = float(np.max(np.sum(numerics**2, axis=0), initial=0.0))
     max_gain = max(float(np.quantile(gains, 1 - rate)), changed, numerical_noise)
