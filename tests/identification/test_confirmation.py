@@ -18,7 +18,7 @@ def fit_of(model, values, hypothesis=()):
     return Fit(hypothesis, parameters, found, np.zeros(SAMPLES), np.zeros((SAMPLES, len(parameters))), 1, "converged")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def case():
     """A shared level of 2 and a rise of 3 in every run; the held-out run has a level of its own, 5, that nobody has fitted."""
     model = Levels({"one": (2.0, 3.0), "two": (2.0, 3.0), "held": (7.0, 3.0)}, held_out=("held",))
@@ -134,6 +134,8 @@ def test_without_held_out_runs_there_is_nothing_to_confirm():
     model = Levels({"one": (2.0, 3.0)})
     found = confirm(model, model.noise, fit_of(model, {"shared": 2.0, "own@one": 0.0}))
     assert set(found.gaps["role"]) == {"identify"}
+    assert list(found.gaps["run"]) == ["one", "one", "all"]
+    assert list(found.gaps["samples"]) == [SAMPLES] * 3
 
 
 def test_what_a_run_has_for_itself_is_kept_where_it_was_fitted(case):
