@@ -18,9 +18,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     [
         "ruff check .",
         "ruff format --check .",
-        "snakefmt --check Snakefile workflow",
+        "snakefmt --check workflow",
         "snakemake --lint",
-        "snakemake --snakefile workflow/Snakefile --lint",
     ],
 )
 def test_the_style_checkers_have_no_complaint(command):

@@ -133,7 +133,7 @@ rule campaign_pair:
     input:
         plan=plan,
         tables=handed_on("measure", "noise", "recalibrate", "screen"),
-        fits=parts_of("fit"),
+        fits=all_parts("fit"),
     output:
         handed_on("pair"),
     log:

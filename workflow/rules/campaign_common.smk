@@ -30,7 +30,7 @@ def fit_parts(wildcards):
     return CAMPAIGNS[wildcards.campaign].parts
 
 
-def parts_of(stage):
+def all_parts(stage):
     """For input: what every part of the stage found."""
 
     def files(wildcards):

@@ -5,8 +5,8 @@ rule campaign_decide:
     input:
         plan=plan,
         tables=handed_on("measure", "noise", "recalibrate", "screen"),
-        fits=parts_of("fit"),
-        pairs=parts_of("pair"),
+        fits=all_parts("fit"),
+        pairs=all_parts("pair"),
     output:
         handed_on("decide", "locate", "regress", "confirm", "augment"),
         mechanism=campaign_place(MECHANISM),

@@ -1,19 +1,20 @@
 # What the rules share: the scenarios and campaigns of the configuration, typed and checked, and what each stage reads of them.
 
+from hashlib import sha256
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
 from jointgap.campaign.campaign_files import campaigns
 from jointgap.paper.looseness_variants import looseness_variants
-from jointgap.config import options_for, resolve
+from jointgap.config import resolve
 from jointgap.errors import InputError
 from jointgap.joints import JOINT_NUMBERS
 from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FIGURES
-from jointgap.stages.scenario_results import parts_of as parts_of_table
+from jointgap.stages.scenario_results import parts_of
 from jointgap.stages.scenario_stages import SCENARIO_STAGES
 from jointgap.sweep.study_catalogue import FIGURES as STUDY_FIGURES
-from jointgap.tables import TABLES, outputs, write_text
+from jointgap.tables import outputs, write_text
 
 FOLDERS = (Path(), Path(workflow.current_basedir).parent.parent)
 try:
@@ -32,46 +33,58 @@ wildcard_constraints:
     campaign="|".join(CAMPAIGNS) or "-",
 
 
-def options(stage):
-    """For params: the part of the scenario's configuration that the stage reads, as JSON."""
-    return lambda wildcards: options_for(SCENARIOS[wildcards.scenario], stage)
+def options_file(scenario, stage):
+    """What a stage reads of a scenario's configuration, as a file: its name changes with what it holds, and with nothing else."""
+    text = SCENARIOS[scenario].model_dump_json(include=set(SCENARIO_STAGES[stage].sections))
+    path = Path(".snakemake", "options", f"{scenario}-{sha256(text.encode()).hexdigest()[:12]}.json")
+    if not path.is_file():
+        write_text(path, text)
+    return str(path)
 
 
-def with_options(flag, names, stage):
-    """For params: scenarios with what the stage reads of each, as arguments."""
-    return [text for name in names for text in (flag, name, options_for(SCENARIOS[name], stage))]
+def of_stage(stage):
+    """For params: what a stage is called, the file of its options, and a digest of its code; a change in these runs it again."""
+    return {
+        "stage": stage,
+        "options": lambda wildcards: options_file(wildcards.scenario, stage),
+        "code": SCENARIO_STAGES[stage].digest,
+    }
 
 
-def beside(wildcards):
+def named_options(flag, scenarios, stage):
+    """For params: scenarios, each with the file of its options, as arguments."""
+    return [text for name in scenarios for text in (flag, name, options_file(name, stage))]
+
+
+def siblings(scenario):
     """The scenarios that differ from this one in nothing but which joints are loose."""
-    return [name for name in looseness_variants(wildcards.scenario, SCENARIOS) if name != wildcards.scenario]
+    return [name for name in looseness_variants(scenario, SCENARIOS) if name != scenario]
+
+
+def place(table):
+    """Where a table of a scenario lies."""
+    return f"results/{{scenario}}/{table.path}"
 
 
 def written_by(stage):
-    """For output: the tables of a stage, by name."""
-    return {table.name: f"results/{{scenario}}/{table.path}" for table in SCENARIO_STAGES[stage].writes}
+    """For output: the tables that a stage writes, by name."""
+    return {table.name: place(table) for table in SCENARIO_STAGES[stage].writes}
 
 
-def place(table, **wildcards):
-    """Where one table of a scenario lies; `wildcards` fills in the output."""
-    return expand(f"results/{{scenario}}/{TABLES[table].path}", **wildcards, allow_missing=True)[0]
+def read_by(stage):
+    """For input: the tables that a stage reads, by name; of one of which each output has its own, all of them."""
+    tables = {}
+    for table in SCENARIO_STAGES[stage].reads:
+        tables.setdefault(table.name, of_each_output(table) if "{output}" in table.path else place(table))
+    return tables
 
 
-def read_from(*stages):
-    """For input: the tables of stages, by name; all outputs of the loose joints where there is a table for each."""
-    paths = {}
-    for stage in stages:
-        for name, path in written_by(stage).items():
-            paths.setdefault(name, of_each_output(name, path) if "{output}" in path else path)
-    return paths
-
-
-def of_each_output(table, path):
+def of_each_output(table):
     """For input: the files of a table of which there is one for each output."""
 
     def files(wildcards):
-        mechanism = SCENARIOS[wildcards.scenario].mechanism
-        return expand(path, scenario=wildcards.scenario, output=parts_of_table(TABLES[table], mechanism))
+        outputs = parts_of(table, SCENARIOS[wildcards.scenario].mechanism)
+        return expand(place(table), scenario=wildcards.scenario, output=outputs)
 
     return files
 

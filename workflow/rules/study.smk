@@ -22,8 +22,8 @@ rule study_points:
         mem_mb=1500,
         runtime=20,
     params:
-        options=options("study"),
-        code=SCENARIO_STAGES["study"].digest,
+        options=lambda wildcards: options_file(wildcards.scenario, "study"),
+        code=SCENARIO_STAGES["study-points"].digest,
     message:
         "{wildcards.scenario}: study, speed {wildcards.number}"
     shell:
@@ -62,7 +62,7 @@ rule study:
         mem_mb=1500,
         runtime=10,
     params:
-        options=options("study"),
+        options=lambda wildcards: options_file(wildcards.scenario, "study"),
         code=SCENARIO_STAGES["study"].digest,
         parts=lambda wildcards, input: [text for part in input for text in ("--points", part)],
         folder=subpath(output.points, parent=True),
