@@ -1,4 +1,5 @@
-# Campaigns: measured runs of a rig against its model, from the files to a verdict. `make campaign` runs one alone.
+# Campaigns: measured runs of a rig against its model, from the files to a verdict. `make campaign` runs one alone. What the
+# stages read and write stands in their records (jointgap.stages.campaign_stages), and as a picture in docs/workflow.md.
 
 
 rule campaigned:
@@ -8,148 +9,230 @@ rule campaigned:
         "every campaign has its verdict"
 
 
-rule campaign_measure:
+# Never run: the rules of the stages inherit from it.
+rule campaign_stage:
     input:
         plan=plan,
-        data=recordings,
     output:
-        handed_on("measure"),
+        campaign_place("<stage>/inherited"),
     log:
-        campaign_place("logs/measure.log"),
+        campaign_place("logs/<stage>.log"),
     benchmark:
-        campaign_place("benchmarks/measure.tsv")
+        campaign_place("benchmarks/<stage>.tsv")
+    pathvars:
+        stage="campaign_stage",
     conda:
         "../envs/jointgap.yaml"
     resources:
         mem_mb=1500,
         runtime=20,
     params:
-        code=CAMPAIGN_STAGES["measure"].digest,
         folder=subpath(output[0], ancestor=2),
+        more=[],
+    message:
+        "campaign {wildcards.campaign}: {rule}"
+    shell:
+        "jointgap {params.stage} {input.plan[0]:q} --folder {params.folder:q} {params.more:q} {params.then:q} > {log:q} 2>&1"
+
+
+use rule campaign_stage as campaign_measure with:
+    input:
+        plan=plan,
+        tables=campaign_input("measure"),
+        data=recordings,
+    output:
+        campaign_output("measure"),
+    pathvars:
+        stage="measure",
+    params:
+        **of_campaign_stages("measure"),
     message:
         "campaign {wildcards.campaign}: read and look at the data"
-    shell:
-        "jointgap measure {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
 
 
-rule campaign_preflight:
+use rule campaign_stage as campaign_preflight with:
     input:
         plan=plan,
+        tables=campaign_input("preflight"),
         data=recordings,
     output:
-        handed_on("preflight"),
-    log:
-        campaign_place("logs/preflight.log"),
-    benchmark:
-        campaign_place("benchmarks/preflight.tsv")
-    conda:
-        "../envs/jointgap.yaml"
-    resources:
-        mem_mb=1500,
-        runtime=20,
+        campaign_output("preflight"),
+    pathvars:
+        stage="preflight",
     params:
-        code=CAMPAIGN_STAGES["preflight"].digest,
-        folder=subpath(output[0], ancestor=2),
+        **of_campaign_stages("preflight"),
     message:
         "campaign {wildcards.campaign}: what can be detected and told apart"
-    shell:
-        "jointgap preflight {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
 
 
-rule campaign_recalibrate:
+use rule campaign_stage as campaign_recalibrate with:
     input:
         plan=plan,
-        tables=handed_on("measure"),
+        tables=campaign_input("noise", "recalibrate"),
     output:
-        handed_on("noise", "recalibrate"),
-    log:
-        campaign_place("logs/recalibrate.log"),
-    benchmark:
-        campaign_place("benchmarks/recalibrate.tsv")
-    conda:
-        "../envs/jointgap.yaml"
+        campaign_output("noise", "recalibrate"),
+    pathvars:
+        stage="recalibrate",
     resources:
         mem_mb=1500,
         runtime=30,
     params:
-        code=CAMPAIGN_STAGES["recalibrate"].digest,
-        folder=subpath(output[0], ancestor=2),
+        **of_campaign_stages("noise", "recalibrate"),
     message:
         "campaign {wildcards.campaign}: find the noise, re-fit uncertain parameters"
-    shell:
-        "jointgap noise {input.plan[0]:q} --folder {params.folder:q} --then recalibrate > {log:q} 2>&1"
 
 
-rule campaign_screen:
+use rule campaign_stage as campaign_screen with:
     input:
         plan=plan,
-        tables=handed_on("measure", "noise", "recalibrate"),
+        tables=campaign_input("screen"),
     output:
-        handed_on("screen"),
-    log:
-        campaign_place("logs/screen.log"),
-    benchmark:
-        campaign_place("benchmarks/screen.tsv")
-    conda:
-        "../envs/jointgap.yaml"
-    resources:
-        mem_mb=1500,
-        runtime=20,
+        campaign_output("screen"),
+    pathvars:
+        stage="screen",
     params:
-        code=CAMPAIGN_STAGES["screen"].digest,
-        folder=subpath(output[0], ancestor=2),
+        **of_campaign_stages("screen"),
     message:
         "campaign {wildcards.campaign}: screen the candidates"
-    shell:
-        "jointgap screen {input.plan[0]:q} --folder {params.folder:q} > {log:q} 2>&1"
 
 
-rule campaign_fit:
+use rule campaign_stage as campaign_fit with:
     input:
         plan=plan,
-        tables=handed_on("measure", "noise", "recalibrate", "screen"),
+        tables=campaign_input("fit"),
     output:
-        handed_on("fit"),
-    log:
-        campaign_place("logs/fit_{part}.log"),
-    benchmark:
-        campaign_place("benchmarks/fit_{part}.tsv")
-    conda:
-        "../envs/jointgap.yaml"
+        campaign_output("fit"),
+    pathvars:
+        stage="fit_{part}",
     resources:
         mem_mb=1500,
         runtime=120,
     params:
-        code=CAMPAIGN_STAGES["fit"].digest,
+        **of_campaign_stages("fit"),
         folder=subpath(output[0], ancestor=3),
-        parts=fit_parts,
+        more=lambda wildcards: ["--part", wildcards.part, "--parts", fit_parts(wildcards)],
     message:
         "campaign {wildcards.campaign}: fit candidates, part {wildcards.part}"
-    shell:
-        "jointgap fit {input.plan[0]:q} --folder {params.folder:q} --part {wildcards.part} --parts {params.parts} > {log:q} 2>&1"
 
 
-rule campaign_pair:
+use rule campaign_stage as campaign_pair with:
     input:
         plan=plan,
-        tables=handed_on("measure", "noise", "recalibrate", "screen"),
-        fits=all_parts("fit"),
+        tables=campaign_input("pair"),
     output:
-        handed_on("pair"),
-    log:
-        campaign_place("logs/pair_{part}.log"),
-    benchmark:
-        campaign_place("benchmarks/pair_{part}.tsv")
-    conda:
-        "../envs/jointgap.yaml"
+        campaign_output("pair"),
+    pathvars:
+        stage="pair_{part}",
     resources:
         mem_mb=1500,
         runtime=120,
     params:
-        code=CAMPAIGN_STAGES["pair"].digest,
+        **of_campaign_stages("pair"),
         folder=subpath(output[0], ancestor=3),
-        parts=fit_parts,
+        more=lambda wildcards: ["--part", wildcards.part, "--parts", fit_parts(wildcards)],
     message:
         "campaign {wildcards.campaign}: fit pairs, part {wildcards.part}"
-    shell:
-        "jointgap pair {input.plan[0]:q} --folder {params.folder:q} --part {wildcards.part} --parts {params.parts} > {log:q} 2>&1"
+
+
+use rule campaign_stage as campaign_decide with:
+    input:
+        plan=plan,
+        tables=campaign_input("decide", "locate", "regress", "confirm", "augment"),
+    output:
+        campaign_output("decide", "locate", "regress", "confirm", "augment"),
+        mechanism=campaign_place(MECHANISM),
+    pathvars:
+        stage="decide",
+    resources:
+        mem_mb=1500,
+        runtime=90,
+    params:
+        **of_campaign_stages("decide", "locate", "regress", "confirm", "augment"),
+        more=lambda wildcards: ["--parts", fit_parts(wildcards)],
+    message:
+        "campaign {wildcards.campaign}: weigh the fits, map the disagreement, predict the held-out runs, write the augmented mechanism"
+
+
+use rule campaign_stage as campaign_reoptimise with:
+    input:
+        plan=plan,
+        tables=campaign_input("reoptimise"),
+        mechanism=campaign_place(MECHANISM),
+    output:
+        campaign_output("reoptimise"),
+    pathvars:
+        stage="reoptimise",
+    resources:
+        mem_mb=2000,
+        runtime=60,
+    params:
+        **of_campaign_stages("reoptimise"),
+    message:
+        "campaign {wildcards.campaign}: optimise again, before and after"
+
+
+use rule campaign_stage as campaign_conclude with:
+    input:
+        plan=plan,
+        tables=campaign_input("conclude"),
+    output:
+        verdict=campaign_place(VERDICT),
+        summaries=campaign_place(SUMMARIES[0]),
+        page=report(
+            campaign_place(SUMMARIES[1]),
+            caption="../report/campaign_summary.rst",
+            category=campaign_section,
+            subcategory="Verdict",
+            labels={"figure": "The verdict on one page"},
+        ),
+        figures=[
+            report(
+                campaign_place(f"figures/{name}.png"),
+                caption=caption(f"campaign_{name}", figure.rst("campaign")),
+                category=campaign_section,
+                subcategory=figure.category,
+                labels={"figure": figure.title},
+            )
+            for name, figure in CAMPAIGN_FIGURES.items()
+        ],
+        more=expand(
+            campaign_place("figures/{figure}.{ending}"),
+            figure=CAMPAIGN_FIGURES,
+            ending=["svg", "parquet"],
+            allow_missing=True,
+        ),
+    pathvars:
+        stage="conclude",
+    resources:
+        mem_mb=2000,
+        runtime=20,
+    params:
+        **of_campaign_stages("conclude"),
+        folder=subpath(output.verdict, parent=True),
+    message:
+        "campaign {wildcards.campaign}: verdict, summary and figures"
+
+
+use rule campaign_stage as campaign_track with:
+    input:
+        plan=plan,
+        tables=campaign_input("track-campaign"),
+        verdict=rules.campaign_conclude.output.verdict,
+        figures=rules.campaign_conclude.output.figures,
+    output:
+        published=campaign_place("track/published.json"),
+    benchmark:
+        campaign_place("track/benchmark.tsv")
+    pathvars:
+        stage="track",
+    resources:
+        mlflow_store=1,
+        mem_mb=2000,
+        runtime=20,
+    params:
+        **of_campaign_stages("track-campaign"),
+        more=lambda wildcards, output: [
+            *("--store", str(Path(output.published).parents[3]), "--published", output.published),
+        ],
+    message:
+        "campaign {wildcards.campaign}: publish to MLflow"

@@ -10,9 +10,33 @@ def campaign_place(path):
     return f"results/campaigns/{{campaign}}/{path}"
 
 
-def handed_on(*stages):
-    """For input and output: the tables of stages of a campaign."""
+def campaign_output(*stages):
+    """For output: the tables that the stages of one job write."""
     return [campaign_place(table.path) for stage in stages for table in CAMPAIGN_STAGES[stage].writes]
+
+
+def campaign_input(*stages):
+    """For input: the tables that the stages of one job read, but for those that they write; of parts all."""
+    own = campaign_output(*stages)
+    read = dict.fromkeys(
+        campaign_place(table.path) for stage in stages for table in CAMPAIGN_STAGES[stage].reads
+    )
+
+    def files(wildcards):
+        parts = {"campaign": [wildcards.campaign], "part": range(fit_parts(wildcards))}
+        wanted = [path for path in read if path not in own]
+        return list(dict.fromkeys(file for path in wanted for file in expand(path, **parts)))
+
+    return files
+
+
+def of_campaign_stages(*stages):
+    """For params: the stages of one job, the first by its subcommand, and digests of their code."""
+    return {
+        "stage": stages[0],
+        "then": [text for stage in stages[1:] for text in ("--then", stage)],
+        "code": [CAMPAIGN_STAGES[stage].digest for stage in stages],
+    }
 
 
 def plan(wildcards):
@@ -28,18 +52,6 @@ def recordings(wildcards):
 def fit_parts(wildcards):
     """For params: how many jobs share the fits."""
     return CAMPAIGNS[wildcards.campaign].parts
-
-
-def all_parts(stage):
-    """For input: what every part of the stage found."""
-
-    def files(wildcards):
-        parts = range(fit_parts(wildcards))
-        return [
-            path.format(campaign=wildcards.campaign, part=part) for part in parts for path in handed_on(stage)
-        ]
-
-    return files
 
 
 def campaign_section(wildcards):
