@@ -1,0 +1,26 @@
+"""The page with what each stage reads and writes, and the rules that run them, agree with the records of the stages."""
+
+import re
+
+from benchmarks.project import ROOT, run
+from jointgap.config.scenario import SECTIONS
+from jointgap.stages.scenario_stages import SCENARIO_STAGES
+
+
+def test_the_page_is_what_the_records_say():
+    done = run(ROOT, "scripts/workflow-page")
+    assert done.returncode == 0, done.stderr
+    assert (ROOT / "docs/workflow.md").read_text(encoding="utf-8") == done.stdout
+
+
+def test_every_stage_of_a_scenario_has_its_rule_or_is_asked_for_by_one():
+    rules = (ROOT / "workflow/rules/scenario.smk").read_text() + (ROOT / "workflow/rules/study.smk").read_text()
+    names = set(re.findall(r"^(?:use rule scenario_stage as|rule) (\w+)", rules, re.MULTILINE))
+    assert {name.replace("-", "_") for name in SCENARIO_STAGES} <= names
+
+
+def test_the_options_of_a_stage_are_the_sections_that_its_record_names():
+    shared = set(SECTIONS) & set(SCENARIO_STAGES)
+    assert {name: set(SECTIONS[name]) for name in shared} == {
+        name: set(SCENARIO_STAGES[name].sections) for name in shared
+    }
