@@ -51,7 +51,7 @@ test-slow: set-up ## the slow tests
 lint: set-up ## style of the Python code and of the workflow
 	@scripts/in-venv ruff check .
 	@scripts/in-venv ruff format --check .
-	@scripts/in-venv snakefmt --check workflow
+	@scripts/in-venv snakefmt --check Snakefile workflow
 	@scripts/in-venv snakemake --lint
 
 bench: set-up ## measure what the project promises, beside its peers

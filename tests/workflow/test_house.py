@@ -18,7 +18,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     [
         "ruff check .",
         "ruff format --check .",
-        "snakefmt --check workflow",
+        "snakefmt --check Snakefile workflow",
         "snakemake --lint",
     ],
 )
