@@ -1,8 +1,8 @@
 """LSODA in compiled code on the package's right-hand side, from event to event (numbalsoda, an optional dependency).
 
 LSODA cannot be stopped at an event from outside. So it runs through a stretch of time and reports on a grid; where a
-penetration has changed its sign between two points, it starts anew at the first of them with the penetration in place of
-the time as independent variable, and ends on its zero. The next stretch starts there. Stretches begin short after an
+penetration has changed its sign between two points, it starts anew at the first of them with the penetration in place
+of the time as independent variable, and ends on its zero. The next stretch starts there. Stretches begin short after an
 event and grow while nothing happens. Their lengths here are those with which a revolution took least time.
 """
 
@@ -17,7 +17,8 @@ MOST_STEPS = 100_000
 
 
 def compiled_lsoda(slope, gap):
-    """A compiled function `(z, end, tolerance) -> z` from a scaled state (8,) in flight at time 0 to the one at `end` [s].
+    """A compiled function `(z, end, tolerance) -> z` from a scaled state (8,) in flight at time 0 to the one at `end`
+    [s].
 
     Parameters
     ----------

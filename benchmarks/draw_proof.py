@@ -94,7 +94,9 @@ def order(axes) -> None:
 
 
 def limit(axes) -> None:
-    """Deviation of the slider from the ideal mechanism as the clearance goes to zero, with friction, second revolution."""
+    """Deviation of the slider from the ideal mechanism as the clearance goes to zero, with friction, second
+    revolution.
+    """
     clearances, angles = 10.0 ** np.arange(-3, -6.1, -0.5), np.append(0.0, np.radians(np.arange(360, 721, 2.0)))
     ideal = parameters(mechanism(loose=()), options())
     exact = integrate_to_angles(ideal, start_state(ideal), angles, 1e-12).observed(ideal)["slider_position"]

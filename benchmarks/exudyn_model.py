@@ -1,15 +1,15 @@
 """The slider-crank with loose joints in Exudyn (https://exudyn.readthedocs.io), written apart from the package.
 
-Exudyn's explicit integrators take no constraints. So bodies move freely in the plane, or hang together in open chains of
-relative coordinates where a pin is ideal; and what moves as prescribed is so heavy that nothing disturbs it. A loose
+Exudyn's explicit integrators take no constraints. So bodies move freely in the plane, or hang together in open chains
+of relative coordinates where a pin is ideal; and what moves as prescribed is so heavy that nothing disturbs it. A loose
 joint is a sphere inside a hollow sphere. Exudyn's Hunt-Crossley law with the restitution (1 + e^2) / 2 is the law of
 Lankarani and Nikravesh with the restitution e. Its friction rises along a straight line up to `friction_speed`: the law
 "ambrosio" without a dead band.
 
-Exudyn finds where contact begins by repeating a step until it ends there. How close to it (`iterationTolerance`, a force
-[N]) limits its accuracy as much as the tolerance of the steps does: with the default of 1 N the motion agrees with other
-code to 1e-10 m at best, with 1e-3 N to 1e-12 m at no cost. A slider that is a Mass1D takes two thirds of the time of the
-alternatives (a link of a chain, a body in the plane with constraints eliminated).
+Exudyn finds where contact begins by repeating a step until it ends there. How close to it (`iterationTolerance`, a
+force [N]) limits its accuracy as much as the tolerance of the steps does: with the default of 1 N the motion agrees
+with other code to 1e-10 m at best, with 1e-3 N to 1e-12 m at no cost. A slider that is a Mass1D takes two thirds of the
+time of the alternatives (a link of a chain, a body in the plane with constraints eliminated).
 """
 
 import math

@@ -10,7 +10,9 @@ EVENT_TOLERANCE = 1e-3
 
 
 class Link(NamedTuple):
-    """Link of an open chain: how it moves on the one before, where its joint is there [m], mass, its centre, inertia."""
+    """Link of an open chain: how it moves on the one before, where its joint is there [m], mass, its centre,
+    inertia.
+    """
 
     joint: str
     distance: float
@@ -125,7 +127,9 @@ class Parts:
         )
 
     def solve(self, start: float, end: float, tolerance: float, solver: str, longest: float, every_step: bool):
-        """Integrate from time `start` to `end` [s] with steps of at most `longest` [s]; the end becomes the next start."""
+        """Integrate from time `start` to `end` [s] with steps of at most `longest` [s]; the end becomes the next
+        start.
+        """
         settings = self.exudyn.SimulationSettings()
         settings.solution.file.write = False
         settings.solution.sensors.writePeriod = 1e-12 if every_step else end

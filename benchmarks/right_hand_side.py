@@ -1,8 +1,8 @@
 """The package's equations of motion as general-purpose integrators call them, for a mechanism whose pins are loose.
 
-State: clearance vectors of crank pin and piston pin and their rates, the latter times `VELOCITY_TIME`, so that one absolute
-tolerance [m] fits all. The parameters are compiled in, for to pass so many numbers at every call costs more than the
-equations do.
+State: clearance vectors of crank pin and piston pin and their rates, the latter times `VELOCITY_TIME`, so that one
+absolute tolerance [m] fits all. The parameters are compiled in, for to pass so many numbers at every call costs more
+than the equations do.
 """
 
 import math
@@ -20,8 +20,8 @@ _NO_FURTHER = (0.0,) * 11
 def right_hand_side(p: Parameters):
     """Two compiled functions: `slope(t, z, out, modes, approaches)` and `gap(z, joint)`.
 
-    The first writes the rates of the scaled state `z` (8,) into `out`; the second gives the penetration [m] of crank pin
-    (0) or piston pin (1) and its rate [m/s].
+    The first writes the rates of the scaled state `z` (8,) into `out`; the second gives the penetration [m] of crank
+    pin (0) or piston pin (1) and its rate [m/s].
     """
     small = p._replace(knots=np.zeros(1, [("count", "i8"), ("pieces", "f8", (1, 7))])[0])
     clearances = (float(p.crank_pin.clearance), float(p.piston_pin.clearance))

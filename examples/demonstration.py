@@ -1,10 +1,11 @@
-"""Makes the measured data of config/campaigns/demonstration.yaml: a rig that does not exist, with something hidden in it.
+"""Makes the measured data of config/campaigns/demonstration.yaml: a rig that does not exist, with something hidden in
+it.
 
     python -m examples.demonstration
 
-The rig is the mechanism of the campaign, but for what `HIDDEN` says; the campaign file does not know it. Data come from a finer
-tolerance than a fit uses and from a friction with another width at rest, with the noise of sensors; at times of their own, a gap and
-a wrapping encoder included.
+The rig is the mechanism of the campaign, but for what `HIDDEN` says; the campaign file does not know it. Data come from
+a finer tolerance than a fit uses and from a friction with another width at rest, with the noise of sensors; at times of
+their own, a gap and a wrapping encoder included.
 """
 
 from pathlib import Path

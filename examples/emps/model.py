@@ -1,15 +1,16 @@
 """The positioning axis of the EMPS benchmark as a model for the naming of effects: a slide in closed loop.
 
-A DC motor drives a slide through a ball screw; a position and a speed loop in cascade, sampled at 1 kHz, follow a reference:
+A DC motor drives a slide through a ball screw; a position and a speed loop in cascade, sampled at 1 kHz, follow a
+reference:
 
     voltage = kv (kp (reference - q) - speed) + pulses,    speed = (q now - q two samples ago) / 2 ms
     M dv/dt = gtau voltage - Fv v + effects
 
-That the speed is taken over two samples is no guess about the slide: with it the recorded voltage follows from the recorded
-position to 4 mV, with the difference of two neighbours to 50 mV. Compared is the force gtau voltage, averaged over 52 ms: one period of the
-closed loop's own oscillation, sqrt(gtau kv kp / M) = 120 rad/s, which is the controller's and not the friction's. Position is
-not compared too, since the controller makes the one from the other; so nothing can be said of the encoder here, and a bias of
-the drive is a constant force.
+That the speed is taken over two samples is no guess about the slide: with it the recorded voltage follows from the
+recorded position to 4 mV, with the difference of two neighbours to 50 mV. Compared is the force gtau voltage, averaged
+over 52 ms: one period of the closed loop's own oscillation, sqrt(gtau kv kp / M) = 120 rad/s, which is the controller's
+and not the friction's. Position is not compared too, since the controller makes the one from the other; so nothing can
+be said of the encoder here, and a bias of the drive is a constant force.
 
 Data and loop: A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS", Nonlinear System Identification
 Benchmarks, 2019, nonlinearbenchmark.org.
@@ -119,7 +120,9 @@ _FORCES = (
 
 @numba.njit(cache=True, error_model="numpy")
 def _march(reference, pulses, loop, start, slide, forces, numerics):
-    """The drive's force at every sample; the controller sees the position at the samples, the drive holds the voltage between."""
+    """The drive's force at every sample; the controller sees the position at the samples, the drive holds the voltage
+    between.
+    """
     gain, kp, kv = loop
     mass, viscous = slide
     coulomb, constant, drag, stiffness, rest, cosine, sine, frequency = forces

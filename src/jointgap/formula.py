@@ -8,8 +8,8 @@ Grammar, loosest first; there is no multiplication without its sign, so that eve
     power   = atom (("^" | "**") sign)?               from the right: 2^3^2 = 2^9, and -v^2 = -(v^2)
     atom    = number | name | function "(" sum ")" | "(" sum ")" | "|" sum "|"
 
-A program runs on a stack (`jointgap.dynamics.model.formula_evaluator` is the machine): each row of `Program.codes` is an operation and an
-index, read where the operation is NUMBER or VARIABLE.
+A program runs on a stack (`jointgap.dynamics.model.formula_evaluator` is the machine): each row of `Program.codes` is
+an operation and an index, read where the operation is NUMBER or VARIABLE.
 """
 
 import math
@@ -100,14 +100,14 @@ def compile_formula(text: str, coefficients: Mapping[str, float]) -> Program:
     Raises
     ------
     InputError
-        Unknown name, a coefficient that is not used or named like a variable, a mistake of grammar, a formula too long or
-        too nested, a part that is no number, such as a division by 0.
+        Unknown name, a coefficient that is not used or named like a variable, a mistake of grammar, a formula too long
+        or too nested, a part that is no number, such as a division by 0.
     """
     for name in coefficients:
         if name in _RESERVED or not (name.isascii() and name.isidentifier()):
             raise InputError(
-                f"coefficient '{name}' cannot be told from the formula's own words; use a name of letters, digits and '_' "
-                f"other than {', '.join(sorted(_RESERVED))}"
+                f"coefficient '{name}' cannot be told from the formula's own words; use a name of letters, digits and "
+                f"'_' other than {', '.join(sorted(_RESERVED))}"
             )
     if len(text) > LONGEST_FORMULA:
         raise InputError(f"the formula has {len(text)} characters, more than {LONGEST_FORMULA}; shorten it")

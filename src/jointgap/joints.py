@@ -1,7 +1,7 @@
 """The three revolute joints of a slider-crank: the only list of them.
 
-A joint's clearance vector r points from the centre of its partner to the centre of its body; the joint's force acts on its body,
-and the opposite one on its partner.
+A joint's clearance vector r points from the centre of its partner to the centre of its body; the joint's force acts on
+its body, and the opposite one on its partner.
 """
 
 from typing import NamedTuple

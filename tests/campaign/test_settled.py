@@ -1,4 +1,6 @@
-"""The base that the verdict rests on, where it is not the recalibrated one: every stage after decide goes on with it."""
+"""The base that the verdict rests on, where it is not the recalibrated one: every stage after decide goes on with
+it.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -73,8 +73,8 @@ def test_a_fault_of_a_sensor_is_not_called_missing_in_the_mechanism():
     said = answer(NAMED | {"effects": [BIAS]})
     wrong = "a bias of the sensor of crank torque (bias 0.5 N*m)"
     assert said == (
-        f"The fault lies in the measurement, not in the mechanism: {wrong}. With this taken into account the model meets the "
-        "measurement within the noise."
+        f"The fault lies in the measurement, not in the mechanism: {wrong}. With this taken into account the model "
+        "meets the measurement within the noise."
     )
     said = answer(NAMED | {"effects": [BIAS, COULOMB]})
     assert said.startswith(
@@ -116,8 +116,8 @@ def test_a_gap_on_held_out_data_is_not_called_noise_where_nothing_was_added(verd
 def test_what_was_named_does_not_meet_the_measurement_where_the_held_out_gap_stays():
     unmet = NAMED | {"gap": {"identify": {"before": 3.0, "after": 1.0}, "confirm": {"before": 3.0, "after": 2.0}}}
     assert answer(unmet).endswith(
-        "With this added the model meets the data used for fitting within the noise. It does not meet the held-out data: the gap "
-        "there is 2.00, so more may be missing."
+        "With this added the model meets the data used for fitting within the noise. It does not meet the held-out "
+        "data: the gap there is 2.00, so more may be missing."
     )
 
 
@@ -169,12 +169,15 @@ def test_a_held_out_run_that_cannot_be_simulated_is_told_with_the_reason():
     verdict = NAMED | {"gap": unknown, "held_out": [lost]}
     text = markdown(verdict, {"gaps": gaps})
     told = (
-        "it is 8.70 before anything is added. What was added cannot be simulated in run fast (it flies off), so it is not "
-        "confirmed there."
+        "it is 8.70 before anything is added. What was added cannot be simulated in run fast (it flies off), so it is "
+        "not confirmed there."
     )
     assert told in text
     assert "| fast | 8.70 (8.00 to 9.00) | – |" in text
-    reason = "the data used for fitting within the noise. What was added cannot be simulated in run fast (it flies off), so it is not confirmed there."
+    reason = (
+        "the data used for fitting within the noise. What was added cannot be simulated in run fast (it flies "
+        "off), so it is not confirmed there."
+    )
     assert answer(verdict).endswith(reason)
     other = {"run": "mid", "part": "last_third", "gap": {"before": 6.0, "after": 5.0}}
     assert answer(verdict | {"held_out": [lost, other]}).endswith(
@@ -196,8 +199,8 @@ def test_the_largest_windows_come_first_and_the_rest_are_counted():
     text = markdown(NAMED, {"map_windows": pd.DataFrame(rows, columns=columns)})
     largest = (
         "- run slow, crank torque, all crank angles, by 9.0 standard deviations of the noise (root mean square)\n"
-        "- run fast, crank torque, 60 to 70 deg of crank angle, by 7.5 standard deviations of the noise (root mean square), "
-        "mostly above the model"
+        "- run fast, crank torque, 60 to 70 deg of crank angle, by 7.5 standard deviations of the noise (root mean "
+        "square), mostly above the model"
     )
     assert largest in text
     assert "- and 3 more windows" in text
@@ -272,8 +275,8 @@ EFFECTS_SEEN = pd.DataFrame(
 def test_what_would_have_been_seen_is_told_by_parameter_and_unit_in_the_direction_in_which_it_shows():
     text = markdown(VERDICTS["no_disagreement"], {"detectable": EFFECTS_SEEN})
     seen = (
-        "bending of the rod (frequency_Hz up to 157.2 Hz), a wrong gain of the sensor of crank torque (gain_error 0.05), Coulomb "
-        "friction of the slider (force_N 0.0787 N)."
+        "bending of the rod (frequency_Hz up to 157.2 Hz), a wrong gain of the sensor of crank torque (gain_error "
+        "0.05), Coulomb friction of the slider (force_N 0.0787 N)."
     )
     assert f"What would have been seen, from this size on: {seen}" in text
 

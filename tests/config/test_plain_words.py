@@ -39,7 +39,8 @@ KEYS = "with the keys id, file, speed and role"
         ({"runs": []}, "runs = []: must have at least 1 item"),
         (
             {"mechanism": 3},
-            "mechanism = 3: must be the path of a mechanism file, or a mapping with the keys crank, rod, slider and joints",
+            "mechanism = 3: must be the path of a mechanism file, or a mapping with the keys crank, rod, slider and "
+            "joints",
         ),
         ({"folder": None}, "folder = None: must be a path, written as text; or leave the key out"),
         ({"csv": 3}, "csv = 3: must be a mapping of keys to values"),

@@ -44,7 +44,9 @@ def mechanism(
     gravity=False,
     **contact,
 ) -> Mechanism:
-    """The paper's slider-crank with a crank pivot that may be loose too; `contact` holds further keys of the contact."""
+    """The paper's slider-crank with a crank pivot that may be loose too; `contact` holds further keys of the
+    contact.
+    """
     steel = {"law": law, "friction": friction, **({} if law == "penalty" else {"restitution": restitution}), **contact}
     carriers = dict(zip(ALL, ("frame", *journals), strict=True))
     radii = dict(zip(ALL, (0.010, 0.007, 0.007), strict=True))

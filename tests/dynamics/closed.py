@@ -72,7 +72,8 @@ class Closed:
         return torque + pull * self.on_rod(made.rod.length)[1][0]
 
     def reactions(self, slider_force=0.0, pin_moment=0.0, piston_moment=0.0):
-        """Forces on the rod in crank pin and piston pin, of the frame on the crank, (2, n) each [N]; guide force; torque.
+        """Forces on the rod in crank pin and piston pin, of the frame on the crank, (2, n) each [N]; guide force;
+        torque.
 
         `pin_moment` and `piston_moment` act on the rod by friction in its pins [N m].
         """

@@ -4,7 +4,9 @@ from jointgap.dynamics.model.parameters import JointParameters
 
 
 def joint(**changed) -> JointParameters:
-    """A steel journal of 7 mm in a bearing of 8 mm on the body: elastic, dry, without friction but for what is `changed`."""
+    """A steel journal of 7 mm in a bearing of 8 mm on the body: elastic, dry, without friction but for what is
+    `changed`.
+    """
     values = {
         "loose": True,
         "clearance": 1e-3,

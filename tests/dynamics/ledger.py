@@ -48,7 +48,9 @@ def bodies(moved: Motion) -> list[tuple]:
 
 
 def bending(moved: Motion) -> dict[str, np.ndarray]:
-    """What the rod's bending adds: integrals over a uniform beam with the deflection q sin(pi s / l) across its axis."""
+    """What the rod's bending adds: integrals over a uniform beam with the deflection q sin(pi s / l) across its
+    axis.
+    """
     effect, rod = moved.made.effect("rod_flexibility"), moved.made.rod
     if not effect:
         nothing = dict.fromkeys(

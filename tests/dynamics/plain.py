@@ -1,7 +1,7 @@
 """The same mechanism once more, written without a line of the package: vectors, cross products and scipy.
 
-Slow and plain on purpose. Bodies are given by their own radii and material points; the event search is scipy's. Friction
-in a joint acts halfway through the overlap of the surfaces.
+Slow and plain on purpose. Bodies are given by their own radii and material points; the event search is scipy's.
+Friction in a joint acts halfway through the overlap of the surfaces.
 """
 
 import numpy as np

@@ -73,9 +73,9 @@ class Motion:
 def motion(made: Mechanism, revolutions: float, tolerance=1e-15, panels_per_revolution=1000, **changed) -> Motion:
     """Simulate once for the events, again with samples at Gauss nodes between them.
 
-    At an event forces go like a half-integer power of the time from it. With the crank angle a + (b - a) sin^2(u) between
-    events a and b all is smooth in u, and Gauss' rule converges at its full rate. Kinks of friction laws are elsewhere:
-    panels in which the forces are not smooth are divided.
+    At an event forces go like a half-integer power of the time from it. With the crank angle a + (b - a) sin^2(u)
+    between events a and b all is smooth in u, and Gauss' rule converges at its full rate. Kinks of friction laws are
+    elsewhere: panels in which the forces are not smooth are divided.
     """
     chosen = options(**changed)
     p = parameters(made, chosen)

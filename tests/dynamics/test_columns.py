@@ -1,7 +1,7 @@
 """Each column of a trajectory holds what its name says: computed again from the sampled clearance vectors alone.
 
-Places follow from plain geometry, velocities and accelerations from differences of places over time, forces from Newton's
-laws for slider, rod and crank as free bodies. No value comes from the code that fills the columns.
+Places follow from plain geometry, velocities and accelerations from differences of places over time, forces from
+Newton's laws for slider, rod and crank as free bodies. No value comes from the code that fills the columns.
 """
 
 from functools import cache

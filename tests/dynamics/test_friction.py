@@ -30,7 +30,9 @@ def coefficients(law: JointParameters, speeds) -> np.ndarray:
 
 
 def slid(law: JointParameters, speed, end: float) -> tuple[float, float]:
-    """Bristles' deflection [m] at the `end` [s] of a sliding at `speed(t)`, and energy taken up per normal force [m]."""
+    """Bristles' deflection [m] at the `end` [s] of a sliding at `speed(t)`, and energy taken up per normal force
+    [m].
+    """
 
     def slope(t, state):
         return bristle_rate(law, speed(t), state[0]), friction_coefficient(law, speed(t), state[0]) * speed(t)

@@ -71,7 +71,8 @@ def test_directions_are_undefined_only_where_the_centres_coincide():
     pivot = [name for name in samples if name.startswith("gamma1")]
     assert samples[pivot].isna().all(axis=None)  # that joint is ideal
     assert samples.loc[0, ["r2", "r3", "r2_dot", "r3_dot"]].eq(0).all()
-    # the centres part with their relative acceleration: the pin's towards the pivot, the piston's not at all but by the rod's turning
+    # the centres part with their relative acceleration: the pin's towards the pivot, the piston's not at all but by the
+    # rod's turning
     rate = CRANK * SPEED / ROD
     assert samples.loc[0, "r2_ddot"] == pytest.approx(CRANK * SPEED**2 + CENTRE * rate**2, rel=1e-12)
     assert samples.loc[0, "r3_ddot"] == pytest.approx((ROD - CENTRE) * rate**2, rel=1e-12)

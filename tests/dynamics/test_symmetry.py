@@ -1,4 +1,6 @@
-"""Symmetries: the mirror image of a mechanism moves as the mirror image; when and on which turn it starts does not matter."""
+"""Symmetries: the mirror image of a mechanism moves as the mirror image; when and on which turn it starts does not
+matter.
+"""
 
 import numpy as np
 import pytest

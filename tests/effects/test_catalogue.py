@@ -1,4 +1,6 @@
-"""Effects are off unless listed, bounded, told apart, and folded into a mechanism's data where they are nothing else."""
+"""Effects are off unless listed, bounded, told apart, and folded into a mechanism's data where they are nothing
+else.
+"""
 
 import math
 
@@ -151,8 +153,8 @@ def bending(**rod):
 
 def test_a_rod_bends_as_a_uniform_beam_only_where_its_mass_centre_is_near_the_middle():
     rod = paper().rod
-    # of a rod that turns, a_n = alpha (s - centre), the mode takes the projection of this on sin(pi s / l), which moves the
-    # mass centre in turn: in numbers, the inertia that is left with the modal coordinate free
+    # of a rod that turns, a_n = alpha (s - centre), the mode takes the projection of this on sin(pi s / l), which moves
+    # the mass centre in turn: in numbers, the inertia that is left with the modal coordinate free
     s = (np.arange(20_000) + 0.5) / 20_000 * rod.length
     dm, mode = rod.mass / len(s), np.sin(np.pi * s / rod.length)
     off = 0.02

@@ -1,6 +1,8 @@
-"""docs/extending.md followed to the letter in a copy of the sources: the effect and the fault that it adds work everywhere.
+"""docs/extending.md followed to the letter in a copy of the sources: the effect and the fault that it adds work
+everywhere.
 
-Compiled code runs as plain Python here: a copy would have to be compiled anew, which takes longer than these few samples.
+Compiled code runs as plain Python here: a copy would have to be compiled anew, which takes longer than these few
+samples.
 """
 
 import os
@@ -92,7 +94,7 @@ assert math.isclose(found["stiffness_N_m_rad"], 2.0, rel_tol=1e-6), found
 assert math.isclose(found["rest_angle_rad"], 2.5, rel_tol=1e-6), found
 mirrored = spring | {"parameters": true | {"rest_angle_rad": -2.5}}
 clockwise = campaign(mechanism(effects=[mirrored]), run={"direction": "clockwise"}, **few)
-for recording in measurements.runs.values():  # the same motion read from behind; recordings have mirrored angles already
+for recording in measurements.runs.values():  # the same motion read from behind; angles are mirrored already
     recording.channels["crank_torque"] *= -1.0
 behind = build_model(clockwise, measurements)
 values = next(one for one in behind.series if one.key == ("slow", "crank_torque")).value

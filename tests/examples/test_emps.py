@@ -1,4 +1,6 @@
-"""The positioning axis in closed loop: its simulation against force balances, and what is named on made and on real data."""
+"""The positioning axis in closed loop: its simulation against force balances, and what is named on made and on real
+data.
+"""
 
 import os
 from pathlib import Path

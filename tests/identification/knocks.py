@@ -1,4 +1,6 @@
-"""The toy with knocks: short blows at angles that depend on a clearance, and on what else acts, far more than all the rest does."""
+"""The toy with knocks: short blows at angles that depend on a clearance, and on what else acts, far more than all the
+rest does.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

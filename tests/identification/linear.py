@@ -1,4 +1,6 @@
-"""The simplest model there is: what every run reads is a level, of its own and shared, plus a slope over its samples."""
+"""The simplest model there is: what every run reads is a level, of its own and shared, plus a slope over its
+samples.
+"""
 
 from dataclasses import dataclass, field
 
@@ -14,7 +16,9 @@ SLOPE = Candidate("slope", "sensor", (Parameter("rise", 0.0, step=0.1),), ("rise
 
 @dataclass
 class Levels:
-    """Channel ``y`` of each run: shared + own + rise * (0 .. 1); a rise of more than 9 cannot be simulated in the run ``stiff``."""
+    """Channel ``y`` of each run: shared + own + rise * (0 .. 1); a rise of more than 9 cannot be simulated in the run
+    ``stiff``.
+    """
 
     runs: dict[str, tuple[float, float]]
     held_out: tuple[str, ...] = ()

@@ -20,7 +20,9 @@ def fit_of(model, values, hypothesis=()):
 
 @pytest.fixture
 def case():
-    """A shared level of 2 and a rise of 3 in every run; the held-out run has a level of its own, 5, that nobody has fitted."""
+    """A shared level of 2 and a rise of 3 in every run; the held-out run has a level of its own, 5, that nobody has
+    fitted.
+    """
     model = Levels({"one": (2.0, 3.0), "two": (2.0, 3.0), "held": (7.0, 3.0)}, held_out=("held",))
     base = fit_of(model, {"shared": 2.0, "own@one": 0.0, "own@two": 0.0})
     named = fit_of(model, {"shared": 2.0, "own@one": 0.0, "own@two": 0.0, "slope.rise": 3.0}, (SLOPE,))

@@ -1,4 +1,6 @@
-"""The verdict follows from the fits' chi2 by rules with sharp limits: each is met from both sides, with fits made up for it."""
+"""The verdict follows from the fits' chi2 by rules with sharp limits: each is met from both sides, with fits made up
+for it.
+"""
 
 import numpy as np
 import pytest

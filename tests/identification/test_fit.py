@@ -177,7 +177,9 @@ def test_a_failed_fit_is_worse_than_any_other():
 
 @pytest.mark.parametrize(("chi2", "variance"), [(0.1, 0.25), (3.0, 0.25), (12.0, 1.0)])
 def test_errors_grow_with_the_misfit_beyond_noise(chi2, variance):
-    """Four samples of slope 1: a variance of 1/4, times chi2 over three degrees of freedom where that is more than 1."""
+    """Four samples of slope 1: a variance of 1/4, times chi2 over three degrees of freedom where that is more than
+    1.
+    """
     fitted = made_fit(np.full(4, np.sqrt(chi2 / 4)), [Parameter("a", 0.0)], np.ones((4, 1)))
     assert fitted.covariance() == pytest.approx(np.array([[variance]]), rel=1e-12)
 

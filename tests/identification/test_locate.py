@@ -57,7 +57,8 @@ def test_a_bump_is_found_within_a_bin_of_its_place_and_nowhere_else(memory, orde
 
 
 def test_what_a_bump_leaves_in_the_memory_of_noise_does_not_widen_its_window():
-    # From one sample to the next a long memory expects the bump to go on: the sample after it looks like -8 standard deviations.
+    # From one sample to the next a long memory expects the bump to go on: the sample after it looks like -8 standard
+    # deviations.
     model = with_bump(toy(seed=1, autocorrelation=0.95, samples=360), ("slow", "torque"), 100.0, 140.0, 10.0)
     windows = mapped(model, 0.95, 1).windows
     assert (windows["start_deg"].tolist(), windows["end_deg"].tolist()) == ([100.0], [140.0])
@@ -163,7 +164,9 @@ RUN_SPEEDS = {"slow": 10.0, "mid": 20.0, "fast": 40.0}  # rad/s
 
 
 def scattered(excesses: dict[str, float], samples: int = 400) -> tuple[SimpleNamespace, np.ndarray]:
-    """A problem of one channel with noise of 1, and a residual whose mean square exceeds it by `excesses` in each run."""
+    """A problem of one channel with noise of 1, and a residual whose mean square exceeds it by `excesses` in each
+    run.
+    """
     parts, residual = [], []
     for i, (run, speed) in enumerate(RUN_SPEEDS.items()):
         time = np.linspace(0.0, 10.0, samples)

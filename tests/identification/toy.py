@@ -1,8 +1,9 @@
-"""A mechanism in closed form for tests: a slide driven by a crank that turns evenly, with effects that act on the slide.
+"""A mechanism in closed form for tests: a slide driven by a crank that turns evenly, with effects that act on the
+slide.
 
-x = r (cos(angle) + L/4 cos(2 angle)) with L = 0.25; the drive holds the slide against inertia and the sum F of the effects:
-force = m a - F, of which the sensors read ``torque`` = force dx/dangle, ``guide_force`` = force L sin(angle), and ``acceleration``
-= a. A simulation takes 0.1 ms.
+x = r (cos(angle) + L/4 cos(2 angle)) with L = 0.25; the drive holds the slide against inertia and the sum F of the
+effects: force = m a - F, of which the sensors read ``torque`` = force dx/dangle, ``guide_force`` = force L sin(angle),
+and ``acceleration`` = a. A simulation takes 0.1 ms.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -52,7 +52,9 @@ def test_the_slider_keeps_its_velocity_while_the_journal_flies(published):
 
 
 def test_the_position_hardly_feels_the_clearance(published):
-    """The pin is within its bearing: the slider is off by the clearance over the cosine of the rod's angle at most, and the penetration."""
+    """The pin is within its bearing: the slider is off by the clearance over the cosine of the rod's angle at most, and
+    the penetration.
+    """
     deviation = published["slider_position"] - ideal(published["crank_angle"])["slider_position"]
     steepest = math.asin((CRANK + CLEARANCE) / ROD)
     penetration = published["r3"].max() - CLEARANCE

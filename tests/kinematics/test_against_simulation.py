@@ -1,4 +1,6 @@
-"""The equations, fed by the clearance vectors of the real simulation, must say what the simulation says of the links."""
+"""The equations, fed by the clearance vectors of the real simulation, must say what the simulation says of the
+links.
+"""
 
 from pathlib import Path
 

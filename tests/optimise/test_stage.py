@@ -109,5 +109,8 @@ def test_the_whole_stage_is_the_same_twice(mechanism, trajectory, found):
 
 
 def test_torch_and_mlflow_are_not_needed():
-    code = "import sys, jointgap.kinematics, jointgap.optimise.optimise_stage; sys.exit(bool({'torch', 'mlflow'} & set(sys.modules)))"
+    code = (
+        "import sys, jointgap.kinematics, jointgap.optimise.optimise_stage; sys.exit(bool({'torch', 'mlflow'} & "
+        "set(sys.modules)))"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

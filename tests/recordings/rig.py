@@ -64,7 +64,9 @@ def table(rpm: float, **given) -> pd.DataFrame:
 
 
 def write_rig(folder: Path, over: dict | None = None, **tables: pd.DataFrame) -> Path:
-    """A campaign file and its runs in `folder`: `CAMPAIGN` with `over` laid on it, tables by run instead of the exact ones."""
+    """A campaign file and its runs in `folder`: `CAMPAIGN` with `over` laid on it, tables by run instead of the exact
+    ones.
+    """
     for run, rpm in SPEEDS.items():
         tables.get(run, table(rpm)).to_csv(folder / f"{run}.csv", index=False)
     path = folder / "rig.yaml"

@@ -61,7 +61,9 @@ def campaign(folder):
 
 
 def read_or_refused(folder, campaign, content: bytes, touched: set[int] | None):
-    """Read the slow run from `content`: refused by its name, or right in all samples but the `touched` (None: all are)."""
+    """Read the slow run from `content`: refused by its name, or right in all samples but the `touched` (None: all
+    are).
+    """
     (folder / "slow.csv").write_bytes(content)
     try:
         measurements = read_measurements(campaign)
@@ -177,8 +179,9 @@ def test_parquet_damaged(folder, campaign, place, byte, cut):
 
 
 JUNK_VALUES = [
-    None, "", [], {}, -1, 0, 1e400, float("nan"), True, "abc", "7 furlongs", "5 %", 10**400, datetime.date(2020, 1, 1), b"\xff", {1: 2},
-    [[1]], {"a": {"b": "c"}}, "1,5", "x" * 500, [1, "a"], ["2 m", "1 m"], "9" * 40 + " m", "é", "../..", "a b",
+    None, "", [], {}, -1, 0, 1e400, float("nan"), True, "abc", "7 furlongs", "5 %", 10**400, datetime.date(2020, 1, 1),
+    b"\xff", {1: 2}, [[1]], {"a": {"b": "c"}}, "1,5", "x" * 500, [1, "a"], ["2 m", "1 m"], "9" * 40 + " m", "é",
+    "../..", "a b",
 ]  # fmt: skip
 
 

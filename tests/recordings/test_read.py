@@ -1,4 +1,6 @@
-"""Runs become samples in SI, with gaps, turns, held-out parts and what is odd about them; what cannot be used is refused."""
+"""Runs become samples in SI, with gaps, turns, held-out parts and what is odd about them; what cannot be used is
+refused.
+"""
 
 import math
 

@@ -1,4 +1,6 @@
-"""Small campaigns for the tests of the slider-crank as a model, and recordings made by the package's plain simulation."""
+"""Small campaigns for the tests of the slider-crank as a model, and recordings made by the package's plain
+simulation.
+"""
 
 import numpy as np
 
@@ -60,7 +62,9 @@ def campaign(content: dict, channels=tuple(CHANNELS), speeds=(30.0, 45.0), **key
 
 
 def recorded(own: Campaign, dropped: int = 2, kept: int = 2, per_turn: int = 90, tolerance: float = 1e-9, **options):
-    """What sensors without noise read of `own`'s mechanism: the last `kept` of `dropped + kept` simulated revolutions."""
+    """What sensors without noise read of `own`'s mechanism: the last `kept` of `dropped + kept` simulated
+    revolutions.
+    """
     runs = {}
     for run in own.runs:
         asked = {"speed": run.speed, "revolutions": dropped + kept, "samples_per_revolution": per_turn}
@@ -82,7 +86,9 @@ def recorded(own: Campaign, dropped: int = 2, kept: int = 2, per_turn: int = 90,
 
 
 def worst(found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> float:
-    """Largest difference between two sets of channels, in standard deviations of the channel (or of 1 where it is steady)."""
+    """Largest difference between two sets of channels, in standard deviations of the channel (or of 1 where it is
+    steady).
+    """
     return max(
         float(np.max(np.abs(found[name] - expected[name])) / max(np.std(expected[name]), 1e-3)) for name in expected
     )

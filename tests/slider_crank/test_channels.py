@@ -1,6 +1,7 @@
 """Each channel that a model reads is what its name says: by geometry and Newton's laws, written down again here.
 
-No value comes from the code that fills the channels, so that no two of them can be swapped, and no sign turned, in silence.
+No value comes from the code that fills the channels, so that no two of them can be swapped, and no sign turned, in
+silence.
 """
 
 import numpy as np
@@ -15,7 +16,9 @@ CRANK, ROD, SLIDER = (mechanism()[body] for body in ("crank", "rod", "slider"))
 
 
 def by_hand(angle: np.ndarray) -> dict[str, np.ndarray]:
-    """Every channel of the mechanism without clearance, friction and weight, at crank angles (n,) [rad] and constant speed."""
+    """Every channel of the mechanism without clearance, friction and weight, at crank angles (n,) [rad] and constant
+    speed.
+    """
     r, length, w = CRANK["length"], ROD["length"], SPEED
     rod_angle = np.arcsin((OFFSET - r * np.sin(angle)) / length)
     rate = -r * w * np.cos(angle) / (length * np.cos(rod_angle))

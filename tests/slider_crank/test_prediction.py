@@ -1,4 +1,6 @@
-"""What the model of a slider-crank predicts is what the plain simulation gives at the samples, however these were recorded."""
+"""What the model of a slider-crank predicts is what the plain simulation gives at the samples, however these were
+recorded.
+"""
 
 from dataclasses import replace
 

@@ -132,5 +132,8 @@ def test_later_stages_evaluate_fits_without_loading_torch():
     import subprocess
     import sys
 
-    code = "import sys, jointgap.surrogate.evaluate, jointgap.surrogate.clearance_network; sys.exit('torch' in sys.modules)"
+    code = (
+        "import sys, jointgap.surrogate.evaluate, jointgap.surrogate.clearance_network; sys.exit('torch' in "
+        "sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -72,7 +72,8 @@ def test_a_motion_that_never_repeats_has_no_period_and_says_how_near_it_comes():
     vectors = 1e-3 * np.cos(2 * np.pi * turns * (math.sqrt(5) - 1) / 2)[:, None]
     found = periodicity(vectors, 100, 1e-3)
     assert found.period is None
-    # Three revolutions are nearest to a whole number, 2, of its turns: 3 x 0.618 = 1.854; the farthest is 2 sin(pi x 0.146).
+    # Three revolutions are nearest to a whole number, 2, of its turns: 3 x 0.618 = 1.854; the farthest is 2 sin(pi x
+    # 0.146).
     assert found.distances[2] == pytest.approx(2e-3 * math.sin(math.pi * (2 - 3 * (math.sqrt(5) - 1) / 2)), rel=0.01)
     assert "after 3 it comes back nearest" in found.verdict
 

@@ -40,8 +40,9 @@ def analysis(
     return {
         "id": "a", "seconds": 3.0,
         "verdict": {
-            "verdict": verdict, "because": "so it is", "effects": list(effects), "equivalent": [list(one) for one in equivalent],
-            "preflight": {"merged": [list(one) for one in merged], "undetectable": list(undetectable)},
+            "verdict": verdict, "because": "so it is", "effects": list(effects),
+            "equivalent": [list(labels) for labels in equivalent],
+            "preflight": {"merged": [list(labels) for labels in merged], "undetectable": list(undetectable)},
             "where": list(where), "gap": {"confirm": {"before": gap[0], "after": gap[1]}},
         },
         **more,

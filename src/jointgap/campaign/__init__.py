@@ -8,7 +8,9 @@ from typing import Any
 
 
 def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
-    """As `jointgap.stages.campaign_pipeline.analyse`, with the same `campaign` and `folder`; it is imported when it is called."""
+    """As `jointgap.stages.campaign_pipeline.analyse`, with the same `campaign` and `folder`; it is imported when it is
+    called.
+    """
     from jointgap.stages.campaign_pipeline import analyse as run
 
     return run(campaign, folder)

@@ -48,14 +48,14 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
     folders : sequence of Path
         Where the files are looked for, first found wins.
     parts : int, optional
-        Value of the key ``fit_parts``. Two by default where joints are loose; one where all are ideal, as fits without contact are
-        over sooner than a process starts.
+        Value of the key ``fit_parts``. Two by default where joints are loose; one where all are ideal, as fits without
+        contact are over sooner than a process starts.
 
     Raises
     ------
     InputError
-        Not a list of paths, no such file, not a campaign, a run's file that is not there, or two of one name; or not a number of
-        parts.
+        Not a list of paths, no such file, not a campaign, a run's file that is not there, or two of one name; or not a
+        number of parts.
     """
     from jointgap.config.load import load_campaign
 
@@ -71,12 +71,14 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
         campaign = load_campaign(file)
         if campaign.name in found:
             raise InputError(
-                f"campaigns: {found[campaign.name].campaign} and {file} are both called '{campaign.name}'; give each its own name"
+                f"campaigns: {found[campaign.name].campaign} and {file} are both called '{campaign.name}'; give each "
+                "its own name"
             )
         for run in campaign.runs:
             if not os.path.isfile(campaign.folder / run.file):
                 raise InputError(
-                    f"{file}: run {run.id}: no file '{run.file}' in {campaign.folder}; correct `file` of the run, or `folder`"
+                    f"{file}: run {run.id}: no file '{run.file}' in {campaign.folder}; correct `file` of the run, or "
+                    "`folder`"
                 )
         data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
         shared = parts or (2 if campaign.mechanism.applied().loose else 1)

@@ -1,7 +1,7 @@
 """Clockwise runs as their files have them.
 
-Recordings and simulations of a clockwise crank are mirror images, in which it turns counter-clockwise. What a user reads has the
-axes and signs of the file: there the crank angle is the opposite, whatever is said of it.
+Recordings and simulations of a clockwise crank are mirror images, in which it turns counter-clockwise. What a user
+reads has the axes and signs of the file: there the crank angle is the opposite, whatever is said of it.
 """
 
 from collections.abc import Collection
@@ -42,7 +42,14 @@ def map_as_read(spans: pd.DataFrame, runs: Collection[str]) -> pd.DataFrame:
 
 
 def residuals_as_read(residuals: pd.DataFrame, runs: Collection[str]) -> pd.DataFrame:
-    """Table `jointgap.tables.RESIDUALS`, of which the angles in clockwise `runs` are mirrored back."""
+    """Table `jointgap.tables.RESIDUALS`, of which the angles in clockwise `runs` are mirrored back.
+
+    Parameters
+    ----------
+    residuals : DataFrame
+    runs : collection of str
+        Runs whose crank turns clockwise.
+    """
     turned = residuals["run"].isin(runs)
     sign = np.where(turned & (residuals["channel"] == _ANGLE), -1.0, 1.0)
     signed = ("measured", "base", "augmented", "whitened_base", "whitened_augmented")
@@ -50,19 +57,30 @@ def residuals_as_read(residuals: pd.DataFrame, runs: Collection[str]) -> pd.Data
     return residuals.assign(crank_angle=angle, **{name: sign * residuals[name] for name in signed})
 
 
-def parameter_as_read(parameter: Parameter, stated: dict[str, Any], runs: Collection[str]) -> dict[str, Any]:
-    """A fitted parameter with its interval, as `jointgap.identification.estimates.estimate_with_interval` says it: the first angle of clockwise `runs` is mirrored back."""
+def parameter_as_read(parameter: Parameter, estimate: dict[str, Any], runs: Collection[str]) -> dict[str, Any]:
+    """A fitted parameter with its interval, as `jointgap.identification.estimates.estimate_with_interval` says it: the
+    first angle of clockwise `runs` is mirrored back.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    estimate : dict
+        ``value`` and ``interval_90`` [rad of angles].
+    runs : collection of str
+        Runs whose crank turns clockwise.
+    """
     if parameter.name != "first_angle" or parameter.run not in runs:
-        return stated
-    low, high = stated["interval_90"]
+        return estimate
+    low, high = estimate["interval_90"]
     mirrored = [None, None] if low is None else [-high, -low]
-    return stated | {"value": -stated["value"], "interval_90": mirrored}
+    return estimate | {"value": -estimate["value"], "interval_90": mirrored}
 
 
 def nuisances_as_read(
     fit: Fit, covariance: np.ndarray, runs: Collection[str] = ()
 ) -> list[tuple[Parameter, dict[str, Any]]]:
-    """`jointgap.identification.estimates.nuisance_estimates`, of which the first angles of clockwise `runs` are mirrored back.
+    """`jointgap.identification.estimates.nuisance_estimates`, of which the first angles of clockwise `runs` are
+    mirrored back.
 
     Parameters
     ----------

@@ -48,8 +48,8 @@ def check_unchanged(campaign: Campaign, snapshot: pd.DataFrame) -> None:
     else:
         what = f"{changed} is {now[changed]} now, it was {then[changed]}"
     raise InputError(
-        f"campaign {campaign.name}: the file has changed since its data were read ({what}; SI); run `jointgap measure` on it again, "
-        "and the stages after it"
+        f"campaign {campaign.name}: the file has changed since its data were read ({what}; SI); run `jointgap measure` "
+        "on it again, and the stages after it"
     )
 
 

@@ -28,8 +28,8 @@ _TOLERANCE_M = 1e-10  # or less where clearances are small
 def reoptimise(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
     """Simulate, train and optimise each model anew.
 
-    The budget is small: networks of 300 iterations, for the clearance vectors alone, which is what the optimisation takes of them; a
-    box of 2 % around the lengths.
+    The budget is small: networks of 300 iterations, for the clearance vectors alone, which is what the optimisation
+    takes of them; a box of 2 % around the lengths.
 
     Parameters
     ----------
@@ -41,8 +41,9 @@ def reoptimise(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Table `jointgap.tables.OPTIMUM`. Models whose joints are all ideal have no row: there the transmission angle follows from
-        the lengths alone, whatever acts on the slider. One that cannot be simulated at this speed has the reason.
+        Table `jointgap.tables.OPTIMUM`. Models whose joints are all ideal have no row: there the transmission angle
+        follows from the lengths alone, whatever acts on the slider. One that cannot be simulated at this speed has the
+        reason.
     """
     rows = [row for name, mechanism in models.items() for row in _rows(name, mechanism.applied(), speed)]
     return pd.DataFrame(rows, columns=tables.OPTIMUM.names)

@@ -112,7 +112,8 @@ class CampaignState:
             if series.key not in noise or noise[series.key].sd.shape != series.value.shape:
                 run, channel = series.key
                 raise InputError(
-                    f"campaign {self.campaign.name}: {self.folder.place(NOISE_TABLES[0], stage)} is of other data than channel "
+                    f"campaign {self.campaign.name}: {self.folder.place(NOISE_TABLES[0], stage)} is of other data than "
+                    "channel "
                     f"{channel} of run '{run}' now holds; run `jointgap {stage}` on it again, and the stages after it"
                 )
         return noise

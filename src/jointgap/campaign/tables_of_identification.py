@@ -126,8 +126,8 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
         sizes = [p.key for p in candidate.coordinates_in(runs) if p.key in candidate.amplitudes] if candidate else []
         if candidate is None or not own.keys() >= set(sizes):
             raise InputError(
-                f"screen/signatures.parquet: holds {label} of another model than the campaign file and its mechanism now give; run "
-                "`jointgap noise` on the campaign file again, and the stages after it"
+                f"screen/signatures.parquet: holds {label} of another model than the campaign file and its mechanism "
+                "now give; run `jointgap noise` on the campaign file again, and the stages after it"
             )
         derivatives = np.column_stack([own[key] for key in sizes]) if sizes else np.empty((fit.residual.size, 0))
         origin = own.get(_ORIGIN, fit.residual)

@@ -57,8 +57,8 @@ def _check_part(part: int, parts: int) -> None:
 
     if part >= parts:
         raise InputError(
-            f"--part {part}: parts are counted from 0, and --parts {parts} has none of that number; give {parts - 1} at most, "
-            "or more --parts"
+            f"--part {part}: parts are counted from 0, and --parts {parts} has none of that number; give {parts - 1} "
+            "at most, or more --parts"
         )
 
 
@@ -95,6 +95,14 @@ def analyse(campaign: Path, folder: Path | None) -> None:
     """Find what is missing in the model of CAMPAIGN: every stage in one go, down to verdict.json, summary and figures.
 
     `make campaign` does the same with stages side by side, goes on where it was stopped, and optimises again.
+
+    \f
+    Parameters
+    ----------
+    campaign : Path
+        The campaign file.
+    folder : Path, optional
+        Of the results.
     """
     from jointgap.campaign.conclude import show
     from jointgap.campaign.verdict_sentences import answer

@@ -14,8 +14,8 @@ from jointgap.cli.group import FOLDER, cli, need, options_option, workers_option
 def ensemble(options: str, folder: Path, workers: int | None) -> None:
     """Simulate many motions: every combination of varied values, each from several starts.
 
-    The scenario's section `ensemble` says what varies: speed, clearance, friction and restitution (of all loose joints), or any
-    key by its path. A run that fails is reported in runs.parquet with its reason; the others go on.
+    The scenario's section `ensemble` says what varies: speed, clearance, friction and restitution (of all loose
+    joints), or any key by its path. A run that fails is reported in runs.parquet with its reason; the others go on.
 
     \b
     Example:
@@ -30,6 +30,16 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
         members: 5
       END
       jointgap ensemble --options mine.yaml --folder results/mine
+
+    \f
+    Parameters
+    ----------
+    options : str
+        The scenario as JSON, or a file that holds it.
+    folder : Path
+        Of the results.
+    workers : int, optional
+        Processes.
     """
     from jointgap.config import parse_options
     from jointgap.sweep.ensemble import ensemble_runs, write_ensemble
@@ -51,8 +61,20 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
 def growth(options: str, growth: Path, change: str, workers: int | None) -> None:
     """Tell how far samples of a motion can be compared, and from where on statistics alone.
 
-    Simulates the scenario's motion again from starts that differ by a hair, and prints what the difference grows to. In a
-    chaotic motion another code, or the same on another machine, gives other samples after that angle.
+    Simulates the scenario's motion again from starts that differ by a hair, and prints what the difference grows to. In
+    a chaotic motion another code, or the same on another machine, gives other samples after that angle.
+
+    \f
+    Parameters
+    ----------
+    options : str
+        The scenario as JSON, or a file that holds it.
+    growth : Path
+        File to write: table `jointgap.tables.GROWTH`.
+    change : str
+        A length with its unit.
+    workers : int, optional
+        Processes.
     """
     from jointgap import tables
     from jointgap.config import parse_options
@@ -86,7 +108,22 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
     help="First revolution that counts as settled.",
 )
 def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: str, first_revolution: int) -> None:
-    """Statistics over revolutions: contact, impacts, orbits, Poincare section, and whether the motion repeats."""
+    """Statistics over revolutions: contact, impacts, orbits, Poincare section, and whether the motion repeats.
+
+    \f
+    Parameters
+    ----------
+    options : str
+        The scenario as JSON, or a file that holds it.
+    trajectory, events : Path
+        Files to read: tables `jointgap.tables.TRAJECTORY` and `jointgap.tables.EVENTS`.
+    folder : Path
+        Of the results.
+    angle : str
+        Crank angle with its unit.
+    first_revolution : int
+        Counted from 1.
+    """
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.stages.scenario_results import read_trajectory
@@ -95,17 +132,17 @@ def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: st
     scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")
     places = [folder / f"{name}.parquet" for name in ("section", "revolutions", "impacts", "eccentricity")]
     tables.check_writable(*places)
-    samples, found = read_trajectory(trajectory, scenario), tables.read(tables.EVENTS, events)
-    made = cycles(samples, found, scenario.mechanism, scenario.simulate, first_revolution, turned)
+    samples, rows = read_trajectory(trajectory, scenario), tables.read(tables.EVENTS, events)
+    statistics = cycles(samples, rows, scenario.mechanism, scenario.simulate, first_revolution, turned)
     frames = (
-        (tables.POINCARE_SECTION, made.section),
-        (tables.JOINT_REVOLUTIONS, made.revolutions),
-        (tables.IMPACT_DISTRIBUTION, made.impacts),
-        (tables.ECCENTRICITY, made.eccentricity),
+        (tables.POINCARE_SECTION, statistics.section),
+        (tables.JOINT_REVOLUTIONS, statistics.revolutions),
+        (tables.IMPACT_DISTRIBUTION, statistics.impacts),
+        (tables.ECCENTRICITY, statistics.eccentricity),
     )
     for (table, frame), place in zip(frames, places, strict=True):
         tables.write(table, frame, place)
-    click.echo(made.summary)
+    click.echo(statistics.summary)
 
 
 def _quantity(option: str, text: str, unit: str) -> float:

@@ -33,8 +33,8 @@ _OPTIONS = {
             "siblings",
             nargs=2,
             multiple=True,
-            help="Name and options of a scenario, in the folder beside --results, that differs in its loose joints alone; "
-            "repeatable.",
+            help="Name and options of a scenario, in the folder beside --results, that differs in its loose joints "
+            "alone; repeatable.",
         ),
     ),
     "track": (
@@ -67,7 +67,9 @@ _OPTIONS = {
 
 
 def _flagged(stage: Stage) -> dict[str, Table]:
-    """Tables of a stage whose files can be named one by one, by the name of the option: where there is one file of each."""
+    """Tables of a stage whose files can be named one by one, by the name of the option: where there is one file of
+    each.
+    """
     named = stage.writes and set(stage.reads) <= {TRAJECTORY}
     return {Path(table.path).stem: table for table in (*stage.reads, *stage.writes)} if named else {}
 

@@ -17,7 +17,16 @@ from jointgap.cli.group import FILE, FOLDER, cli
 )
 @click.option("--port", type=click.IntRange(1, 65535), default=5000, show_default=True, help="First port to try.")
 def dashboard(results: Path, port: int) -> None:
-    """Open MLflow's pages on this machine and print an address that compares the scenarios."""
+    """Open MLflow's pages on this machine and print an address that compares the scenarios.
+
+    \f
+    Parameters
+    ----------
+    results : Path
+        Folder that holds the default store.
+    port : int
+        First port to try.
+    """
     from jointgap.track.dashboard import dashboard
 
     dashboard(results, port, say=click.echo)
@@ -42,7 +51,16 @@ def describe(file: Path) -> None:
 @click.argument("file", type=FILE)
 @click.option("--scenario", help="Name of the scenario; the first one of `run` when absent.")
 def config(file: Path, scenario: str | None) -> None:
-    """Check the configuration FILE and print one scenario of it, complete and in SI, as JSON for --options."""
+    """Check the configuration FILE and print one scenario of it, complete and in SI, as JSON for --options.
+
+    \f
+    Parameters
+    ----------
+    file : Path
+        The configuration.
+    scenario : str, optional
+        Name; the first one of `run` when absent.
+    """
     from jointgap.config import read_yaml, resolve
     from jointgap.errors import InputError, did_you_mean
 
@@ -57,7 +75,16 @@ def config(file: Path, scenario: str | None) -> None:
 @click.option("--write", "path", type=FILE, help="File to write; printed when absent.")
 @click.option("--campaign", is_flag=True, help="Of a campaign file, not of a configuration.")
 def schema(path: Path | None, campaign: bool) -> None:
-    """Give the JSON schema of a configuration or a campaign, for editors that complete and check YAML."""
+    """Give the JSON schema of a configuration or a campaign, for editors that complete and check YAML.
+
+    \f
+    Parameters
+    ----------
+    path : Path, optional
+        File to write; printed when absent.
+    campaign : bool
+        Of a campaign file, not of a configuration.
+    """
     import json
 
     from jointgap import tables

@@ -151,6 +151,8 @@ class Mechanism(Section):
             raise InputError(f"with the effects {names}: {problems}" if names else problems) from error
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
-        """The mechanism with other `crank_length` and `rod_length` [m]; mass centres keep their share, all else stays."""
+        """The mechanism with other `crank_length` and `rod_length` [m]; mass centres keep their share, all else
+        stays.
+        """
         links = {"crank": self.crank.with_length(crank_length), "rod": self.rod.with_length(rod_length)}
         return self.model_copy(update=links)

@@ -68,7 +68,7 @@ class MotionScale:
 
     @classmethod
     def of(cls, mechanism: Any, turning: float) -> "MotionScale":
-        """Of a `jointgap.config.Mechanism` whose crank turns at `turning` [rad/s]."""
+        """Of a `mechanism` (`jointgap.config.Mechanism`) whose crank turns at `turning` [rad/s]."""
         crank, rod = mechanism.crank.length, mechanism.rod.length
         mass = mechanism.slider.mass + 0.5 * mechanism.rod.mass
         inertia = mass * crank * turning**2 / math.sqrt(2.0)
@@ -139,8 +139,8 @@ class TrialSize(NamedTuple):
     smallest: float = 0.0
 
     @classmethod
-    def of(cls, key: str, first: float, largest: float | None = None, sign: float = 1.0, **drawn: float):
-        """The amplitude times `sign` is the parameter `key`, other parameters are as `drawn`."""
+    def of(cls, key: str, first: float, largest: float | None = None, sign: float = 1.0, **drawn: float) -> "TrialSize":
+        """The amplitude, from `first` up to `largest`, times `sign` is the parameter `key`; others are as `drawn`."""
         bound = LARGEST_SIZE * first if largest is None else largest
         return cls(lambda amplitude: {key: sign * amplitude, **drawn}, first, bound)
 
@@ -173,7 +173,7 @@ def random_sign(rng: Any) -> float:
 
 
 def amplitude(name: str, step: float, unit: str, low: float = -math.inf, high: float = math.inf) -> Parameter:
-    """A coordinate of a fit that is 0 where its effect is absent; `step`, `low` and `high` in `unit`."""
+    """A coordinate `name` of a fit that is 0 where its effect is absent; `step`, `low` and `high` in `unit`."""
     return Parameter(name, 0.0, low, high, step, unit)
 
 
@@ -186,8 +186,9 @@ def from_cosine_and_sine(amplitude: str, angle: str, values: Values) -> dict[str
 class Effect(Section):
     """A physical effect beyond contact and friction in the joints; off unless a mechanism file lists it.
 
-    A subclass with the decorator `page` is an effect of the catalogue. Its entry in a mechanism file has the keys ``name`` (that of
-    the class, in snake case), those of `KEYS`, and ``parameters``. In the laws v and x are the slider's velocity and position, w is the crank's speed and theta its angle, t is time.
+    A subclass with the decorator `page` is an effect of the catalogue. Its entry in a mechanism file has the keys
+    ``name`` (that of the class, in snake case), those of `KEYS`, and ``parameters``. In the laws v and x are the
+    slider's velocity and position, w is the crank's speed and theta its angle, t is time.
 
     Attributes
     ----------
@@ -261,7 +262,9 @@ class Effect(Section):
         """ValueError where it cannot act in `mechanism`, in which all effects that are nothing but data are folded."""
 
     def compile_into(self, records: Records) -> None:
-        """Write its numbers into the records of the equations of motion, which hold those of the mechanism without it."""
+        """Write its numbers into the records of the equations of motion, which hold those of the mechanism without
+        it.
+        """
         records["effects"] |= {field: getattr(self.parameters, key) for field, key in self.COMPILED.items()}
         if self.GROUP == "slider":
             records["effects"]["on_slider"] = True
@@ -301,12 +304,16 @@ class Effect(Section):
 
     @classmethod
     def simulated(cls, values: Values) -> tuple[Values, float]:
-        """Values of a fit's coordinates that can be simulated in place of `values`, and what share of their effect acts."""
+        """Values of a fit's coordinates that can be simulated in place of `values`, and what share of their effect
+        acts.
+        """
         return values, 1.0
 
     @classmethod
     def trial(cls, context: TrialContext) -> TrialSize | None:
-        """How a blind trial hides it, None where it cannot act on this rig; an effect without this method is not hidden."""
+        """How a blind trial hides it, None where it cannot act on this rig; an effect without this method is not
+        hidden.
+        """
         return None
 
 

@@ -21,7 +21,8 @@ _CLEARANCES = tuple(8e-6 * 1.35**place for place in range(15))
 def _none_or_more_than_atoms(clearance: float) -> float:
     if 0 < clearance < LEAST_CLEARANCE:
         raise ValueError(
-            f"is less than {LEAST_CLEARANCE:g} m, a few atoms; give 0 for an ideal joint, or {LEAST_CLEARANCE:g} m or more"
+            f"is less than {LEAST_CLEARANCE:g} m, a few atoms; give 0 for an ideal joint, or {LEAST_CLEARANCE:g} m or "
+            "more"
         )
     return clearance
 

@@ -41,7 +41,9 @@ class PinFriction(Effect):
     }
 
     def changes_data(self, mechanism: Any) -> bool:
-        """In a loose pin it is the contact's coefficient; a clearance that is listed too decides whether it is loose."""
+        """In a loose pin it is the contact's coefficient; a clearance that is listed too decides whether it is
+        loose.
+        """
         clearance = mechanism.effect(f"{self.site}_clearance")
         return self.site in mechanism.loose if clearance is None else clearance.clearance_m > 0
 

@@ -18,8 +18,9 @@ from jointgap.effects.base import (
 from jointgap.identification.protocol import Parameter
 
 BENDING_COUPLING = 8 / (math.pi**2 - 8)
-"""The mode sin(pi s / l) of a uniform beam of mass m takes the moment of inertia m b^2 times this from a rod that turns about
-its mass centre at the distance b from midspan: 2 k^2 / (1 - 2 k^2) with the mode's mean k = 2 / pi."""
+"""The mode sin(pi s / l) of a uniform beam of mass m takes the moment of inertia m b^2 times this from a rod that turns
+about its mass centre at the distance b from midspan: 2 k^2 / (1 - 2 k^2) with the mode's mean k = 2 / pi.
+"""
 
 LEAST_INERTIA_SHARE = 0.5
 """Share of rod.inertia that bending has to leave: a rod whose mass centre is farther off is no uniform beam."""
@@ -54,7 +55,8 @@ class RodFlexibility(Effect):
         if lost > (1 - LEAST_INERTIA_SHARE) * rod.inertia:
             farthest = math.sqrt((1 - LEAST_INERTIA_SHARE) * rod.inertia / (BENDING_COUPLING * rod.mass))
             raise ValueError(
-                f"effects: rod_flexibility is the law of a uniform beam, of which rod.mass_centre {rod.mass_centre:g} m "
+                f"effects: rod_flexibility is the law of a uniform beam, of which rod.mass_centre {rod.mass_centre:g} "
+                "m "
                 f"is too far from the middle: bending leaves {rod.inertia - lost:.3g} of rod.inertia {rod.inertia:g} "
                 f"kg m^2, less than {LEAST_INERTIA_SHARE:g} of it; put the mass centre within {farthest:.3g} m of "
                 f"{rod.length / 2:g} m, or leave the effect out"

@@ -182,7 +182,10 @@ def _mismatch(series: Series, scatter: Scatter) -> str:
     start = f"{series.channel} is stated to have a noise of {stated:.3g} {series.unit}; its cycles differ"
     if scatter.sd < stated:
         return f"{start} as if it were {scatter.sd:.3g}: small disagreements may be overlooked"
-    return f"{start} as if it were {scatter.sd:.3g}: it is larger than stated, or something out of step with the crank acts"
+    return (
+        f"{start} as if it were {scatter.sd:.3g}: it is larger than stated, or something out of step with the crank "
+        "acts"
+    )
 
 
 def _rms(values: np.ndarray) -> float:

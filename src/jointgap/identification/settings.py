@@ -312,7 +312,8 @@ class NoiseSettings:
     min_share_of_channel : float
         [1, of what a channel varies by] No sensor resolves less, and a noise of 0 would weigh every error infinitely.
     guessed_share : float
-        [1, of what a channel varies by] Noise for the first fit, which only has to weigh the channels against each other.
+        [1, of what a channel varies by] Noise for the first fit, which only has to weigh the channels against each
+        other.
     negligible_numerics : float
         [1, of the noise] What other numerics predict differently counts from here on: less adds 0.1 % to the noise.
     numerics_window : int
@@ -337,7 +338,8 @@ class ScreeningSettings:
     Attributes
     ----------
     max_frequencies : int
-        At which one candidate is tried: the highest peaks of the periodogram, as noise may make the highest (experience).
+        At which one candidate is tried: the highest peaks of the periodogram, as noise may make the highest
+        (experience).
     frequencies_per_line : int
         Frequencies tried within the width of a spectral line, so that no peak lies between two of them.
     secant_factor : float
@@ -347,7 +349,8 @@ class ScreeningSettings:
     special_case_distance : float
         [1, of a signature's length] What may lie outside another's span for it to be a special case of that.
     null_campaigns : int
-        Simulated campaigns with nothing hidden; at a rate of 1 % forty of them exceed the threshold, which is known to 16 %.
+        Simulated campaigns with nothing hidden; at a rate of 1 % forty of them exceed the threshold, which is known to
+        16 %.
     """
 
     max_frequencies: int = 3
@@ -365,19 +368,23 @@ class DetectabilitySettings:
     Attributes
     ----------
     typical_gap : float
-        [1] Gap after recalibration that a clearly visible effect causes; at this size effects are compared with each other.
+        [1] Gap after recalibration that a clearly visible effect causes; at this size effects are compared with each
+        other.
     power : float
         [1] Probability with which an effect of the smallest detectable size is found.
     max_steps : float
-        [steps of the parameter] How large an unbounded amplitude may become: one that has to be larger is as good as invisible.
+        [steps of the parameter] How large an unbounded amplitude may become: one that has to be larger is as good as
+        invisible.
     cosine_slack : float
-        [1] By what factor the misfit that a cosine foretells may exceed the limit before bounds are looked at, which take some of it.
+        [1] By what factor the misfit that a cosine foretells may exceed the limit before bounds are looked at, which
+        take some of it.
     assumed_noise_share : float
         [1, of what a channel varies by] Noise where none is stated: a plain industrial sensor.
     assumed_angle_noise_deg : float
         [deg] Noise of an angle where none is stated: an encoder of 1800 lines.
     hardly_varies : float
-        [1, of its root mean square] A channel that varies by less is taken to be constant; its size sets the assumed noise.
+        [1, of its root mean square] A channel that varies by less is taken to be constant; its size sets the assumed
+        noise.
     """
 
     typical_gap: float = 1.5
@@ -396,15 +403,15 @@ class ForceLawSettings:
     Attributes
     ----------
     min_explained_share : float
-        [1, of the misfit] What a law has to explain where it leaves more than noise: it is then within 10 % (rms) of the force.
-        More than of a listed effect, as the library of terms can imitate much.
+        [1, of the misfit] What a law has to explain where it leaves more than noise: it is then within 10 % (rms) of
+        the force. More than of a listed effect, as the library of terms can imitate much.
     same_law_share : float
         [1, of the law's own change] Laws of one effect whose predictions differ by less are one law in two forms.
     max_fitted : int
         Sums of one size that are simulated, of those that would explain most if all were linear (experience).
     fitted_per_effect : int
-        Single terms of each effect, and pairs that add to the best one, that are simulated in any case: where joints are
-        loose, the linear order misleads.
+        Single terms of each effect, and pairs that add to the best one, that are simulated in any case: where joints
+        are loose, the linear order misleads.
     """
 
     min_explained_share: float = 0.99
@@ -420,7 +427,8 @@ class ConfirmationSettings:
     Attributes
     ----------
     blocks : int
-        Stretches into which a series is cut: neighbours in one miss the measurement alike, so blocks are drawn, not samples.
+        Stretches into which a series is cut: neighbours in one miss the measurement alike, so blocks are drawn, not
+        samples.
     draws : int
         Bootstrap samples; the ends of a 90 % interval are known to a few percent of its width.
     """

@@ -6,7 +6,9 @@ from jointgap.identification.protocol import Candidate
 
 
 def physical_candidates(context: FitContext) -> list[Candidate]:
-    """Effects that could be missing in a mechanism, by what they act on; those that it has, or that cannot act in it, are left out."""
+    """Effects that could be missing in a mechanism, by what they act on; those that it has, or that cannot act in it,
+    are left out.
+    """
     found = [
         (GROUPS.index(effect.GROUP), effect.sites().index(candidate.site) if candidate.has_site else 0, candidate)
         for effect in EFFECTS.values()

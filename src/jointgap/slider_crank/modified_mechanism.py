@@ -15,8 +15,8 @@ _DISCOVERED = "discovered_"
 def friction_speed(mechanism: Mechanism) -> float | None:
     """Sliding speed [m/s] over which friction is regularised in the first loose pin that has any; None where none has.
 
-    Nobody measures it, and it moves what is read near reversals by many times the noise: so it is fitted as a nuisance, which
-    stands for the other pins' in proportion.
+    Nobody measures it, and it moves what is read near reversals by many times the noise: so it is fitted as a nuisance,
+    which stands for the other pins' in proportion.
     """
     contacts = [mechanism.joint(pin).contact for pin in mechanism.loose]
     return next((contact.friction_speed for contact in contacts if contact.friction > 0), None)
@@ -134,7 +134,8 @@ def augmented_mechanism(
     hypothesis : sequence of Candidate
         Faults of sensors are no part of a mechanism and are passed over.
     values : mapping of str to float
-        By key as a fit has them: nuisances by name, coordinates as ``label.coordinate``; those of single runs are passed over.
+        By key as a fit has them: nuisances by name, coordinates as ``label.coordinate``; those of single runs are
+        passed over.
 
     Raises
     ------
@@ -156,7 +157,9 @@ def _own(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def mirrored(mechanism: Mechanism) -> Mechanism:
-    """A mechanism as seen from behind, where a clockwise crank turns counter-clockwise: its mirror image in the line y = 0."""
+    """A mechanism as seen from behind, where a clockwise crank turns counter-clockwise: its mirror image in the line y
+    = 0.
+    """
     slider = mechanism.slider.model_copy(update={"offset": -mechanism.slider.offset})
     effects = tuple(effect.mirrored() for effect in mechanism.effects)
     update = {"slider": slider, "gravity_direction": -mechanism.gravity_direction, "effects": effects}

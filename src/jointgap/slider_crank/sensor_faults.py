@@ -13,7 +13,9 @@ from jointgap.slider_crank.sensors import lagged
 
 
 class Reading(NamedTuple):
-    """What the sensor of a channel reads: standard deviation in its SI `unit`, while the crank turns at `turning` [rad/s]."""
+    """What the sensor of a channel reads: standard deviation in its SI `unit`, while the crank turns at `turning`
+    [rad/s].
+    """
 
     spread: float
     unit: str

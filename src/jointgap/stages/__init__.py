@@ -1,1 +1,3 @@
-"""The stages of a scenario and of a campaign: one record each, from which command line, rules, pipeline and digests of code follow."""
+"""The stages of a scenario and of a campaign: one record each, from which command line, rules, pipeline and digests of
+code follow.
+"""

@@ -29,8 +29,8 @@ def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
     campaign : Path
         A campaign file.
     folder : Path
-        Where the tables of all stages, the augmented mechanism and ``verdict.json`` are written; what an earlier analysis concluded
-        there is removed first.
+        Where the tables of all stages, the augmented mechanism and ``verdict.json`` are written; what an earlier
+        analysis concluded there is removed first.
 
     Returns
     -------
@@ -59,7 +59,9 @@ def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
 
 
 def _remove_conclusions(folder: ResultsFolder) -> None:
-    """Remove what an earlier analysis came to: beside the tables of one that fails half-way it would pass for its result."""
+    """Remove what an earlier analysis came to: beside the tables of one that fails half-way it would pass for its
+    result.
+    """
     tables = [folder.place(ADVICE), folder.place(OPTIMUM)]
     tables += [folder.place(DECISION, stage) for stage in ("decide", "regress")]
     pages = [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]

@@ -1,7 +1,7 @@
 """The stages of a campaign, from measured runs to a verdict, in their order.
 
-Each takes the state of the campaign and writes its tables. It imports what it needs when it runs: a job that reads data alone
-does not wait for the compiled dynamics.
+Each takes the state of the campaign and writes its tables. It imports what it needs when it runs: a job that reads data
+alone does not wait for the compiled dynamics.
 """
 
 import json
@@ -52,7 +52,14 @@ def _of(stage: str, wanted: tuple[Table, ...]) -> tuple[Table, ...]:
 
 @CAMPAIGN_STAGES.stage(writes=(*_MEASURED, LOOK))
 def measure(state: "CampaignState", pictures: bool = True) -> str:
-    """Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter."""
+    """Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter.
+
+    Parameters
+    ----------
+    state : CampaignState
+    pictures : bool
+        Whether figures of the cycles are drawn; without them the table of their numbers is not written either.
+    """
     import pandas as pd
 
     from jointgap.campaign.config_snapshot import config_snapshot
@@ -79,8 +86,15 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
 def preflight(state: "CampaignState", advice: bool = True) -> str:
     """Say before anything is measured what CAMPAIGN will be able to show.
 
-    Which effects these speeds and channels can detect, from which size on, which of them they cannot tell apart, and which
-    further speed or channel would help most. The runs' files need not exist; of those that do, the samples are counted.
+    Which effects these speeds and channels can detect, from which size on, which of them they cannot tell apart, and
+    which further speed or channel would help most. The runs' files need not exist; of those that do, the samples are
+    counted.
+
+    Parameters
+    ----------
+    state : CampaignState
+    advice : bool
+        Whether further speeds and channels are tried too.
     """
     from jointgap.campaign.preflight import in_words, preflight_tables, preflight_tables_with_advice
 
@@ -145,7 +159,14 @@ _SCREENED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("screen"))
 
 @CAMPAIGN_STAGES.stage(reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES))
 def fit(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
-    """Fit the chosen effects by forward simulation."""
+    """Fit the chosen effects by forward simulation.
+
+    Parameters
+    ----------
+    state : CampaignState
+    part, parts : int
+        Which of how many parts of the work, counted from 0.
+    """
     from jointgap.identification.hypothesis_fits import fit_singles
 
     screening = state.screening
@@ -157,8 +178,14 @@ def fit(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
 def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
     """Fit the pairs of effects that are worth it by forward simulation.
 
-    Beside the single effects, which as many parts have fitted. Where none of these is enough the first part takes a second
-    look at them all.
+    Beside the single effects, which as many parts have fitted. Where none of these is enough the first part takes a
+    second look at them all.
+
+    Parameters
+    ----------
+    state : CampaignState
+    part, parts : int
+        Which of how many parts of the work, counted from 0.
     """
     from jointgap.identification.hypothesis_fits import fit_pairs
 
@@ -172,7 +199,14 @@ def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
     writes=(*_of("decide", OUTCOME_TABLES), *_of("decide/base", FIT_TABLES)),
 )
 def decide(state: "CampaignState", parts: int = 1) -> None:
-    """Weigh the fits: what is missing, or why it cannot be told."""
+    """Weigh the fits: what is missing, or why it cannot be told.
+
+    Parameters
+    ----------
+    state : CampaignState
+    parts : int
+        Into how many the fits are divided.
+    """
     from jointgap.campaign.tables_of_identification import outcome_of
     from jointgap.identification.model_selection import select_hypothesis
 
@@ -251,8 +285,8 @@ def augment(state: "CampaignState") -> None:
 def reoptimise(state: "CampaignState") -> None:
     """Optimise the link lengths for the model before and after: does the missing effect move the optimum?
 
-    At the speed of the fastest run for fitting. Where nothing was added to the model, or no joint is loose, there is nothing
-    to compare, and the table has no row.
+    At the speed of the fastest run for fitting. Where nothing was added to the model, or no joint is loose, there is
+    nothing to compare, and the table has no row.
     """
     import pandas as pd
 
@@ -293,7 +327,16 @@ def conclude(state: "CampaignState") -> None:
 
 @CAMPAIGN_STAGES.stage(reads=(*_of("regress", OUTCOME_TABLES), GAPS, RESIDUALS))
 def track_campaign(state: "CampaignState", store: Path, published: Path) -> None:
-    """Publish a campaign's verdict, fits and figures to MLflow; nothing twice."""
+    """Publish a campaign's verdict, fits and figures to MLflow; nothing twice.
+
+    Parameters
+    ----------
+    state : CampaignState
+    store : Path
+        Of MLflow.
+    published : Path
+        JSON file to write: what was published.
+    """
     from jointgap.campaign.mlflow_runs import DESCRIPTION, records
     from jointgap.track.publish import publish_records
 

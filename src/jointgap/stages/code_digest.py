@@ -11,7 +11,9 @@ _ROOT = Path(__file__).parent.parent
 
 
 def code_digest(function: Callable[..., Any]) -> str:
-    """Twelve hexadecimal digits over what a function of this package runs (jointgap's own code, not its dependencies)."""
+    """Twelve hexadecimal digits over what a function of this package runs (jointgap's own code, not its
+    dependencies).
+    """
     own, modules = code_of(function)
     digest = hashlib.sha256(own.encode())
     for name in sorted(modules):
@@ -31,7 +33,8 @@ def code_of(function: Callable[..., Any]) -> tuple[str, frozenset[str]]:
     own : str
         Source of the function, and of what it uses of its own module.
     modules : frozenset of str
-        All other modules of the package that this imports, directly or not, inside functions too (dotted, without ``jointgap.``).
+        All other modules of the package that this imports, directly or not, inside functions too (dotted, without
+        ``jointgap.``).
     """
     own = _used(ast.parse(source_of(function.__module__.removeprefix("jointgap.")).read_bytes()), function.__name__)
     return "\n".join(map(ast.unparse, own)), frozenset().union(*map(closure, _imported(own)))
@@ -73,7 +76,8 @@ def _named(node: ast.AST) -> Iterator[str]:
         yield base
         yield from (".".join(filter(None, (base, alias.name))) for alias in node.names)
     elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith("jointgap."):
-        # "jointgap.figures.", as in an f-string that a module's name follows, may be any module of that package, "...*" is all
+        # "jointgap.figures.", as in an f-string that a module's name follows, may be any module of that package, "...*"
+        # is all
         name = node.value.removeprefix("jointgap.")
         package = name.rstrip("*").rstrip(".")
         yield name

@@ -18,10 +18,11 @@ class Stage:
         Of the subcommand, and of the folder of its results.
     function : callable
         Takes the folder of results (`jointgap.stages.scenario_results.ScenarioResults`) or the state of a campaign
-        (`jointgap.campaign.state.CampaignState`), then what the command line asks besides; returns what to show, or nothing.
+        (`jointgap.campaign.state.CampaignState`), then what the command line asks besides; returns what to show, or
+        nothing.
     reads, writes : tuple of Table
-        Each with its place in the folder of results. ``{output}`` in a path stands for an output of a loose joint, ``{part}`` for a
-        part of the work; of what it reads, all of them.
+        Each with its place in the folder of results. ``{output}`` in a path stands for an output of a loose joint,
+        ``{part}`` for a part of the work; of what it reads, all of them.
     files : tuple of str
         What it writes besides tables, or the first of many files in a folder.
     sections : tuple of str
@@ -37,8 +38,8 @@ class Stage:
 
     @property
     def help(self) -> str:
-        """What it does: the docstring of its function."""
-        return inspect.getdoc(self.function) or ""
+        """What it does: the docstring of its function, without its section of parameters."""
+        return (inspect.getdoc(self.function) or "").partition("\n\nParameters\n")[0]
 
     @property
     def description(self) -> str:

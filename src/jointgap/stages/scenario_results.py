@@ -34,7 +34,8 @@ class ScenarioResults(ResultsFolder):
         self.scenario = scenario
 
     def read(self, table: Table | str, part: str = "") -> pd.DataFrame:
-        """The frame of `table`; where there is a file per output that of `part`, or all below each other with a column output.
+        """The frame of `table`; where there is a file per output that of `part`, or all below each other with a column
+        output.
 
         Raises
         ------
@@ -75,8 +76,8 @@ def outputs_of(mechanism: Mechanism) -> tuple[str, ...]:
     outputs = tables.outputs(mechanism.applied().loose)
     if not outputs:
         raise InputError(
-            "all joints are ideal: without clearance there is nothing to learn, to optimise or to compare; make a joint loose, "
-            "or run the stage simulate alone"
+            "all joints are ideal: without clearance there is nothing to learn, to optimise or to compare; make a "
+            "joint loose, or run the stage simulate alone"
         )
     return outputs
 
@@ -102,7 +103,8 @@ def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
     if not fits or (speed is not None and not np.isclose(frame["crank_speed"].iloc[0], speed, rtol=1e-9)):
         raise InputError(
             f"{path}: its {len(frame)} samples are not the {samples} of {options.revolutions} revolutions at "
-            f"{options.speed:g} rad/s that the options ask for; give the options it was simulated with, or simulate again"
+            f"{options.speed:g} rad/s that the options ask for; give the options it was simulated with, or simulate "
+            "again"
         )
     return frame
 

@@ -1,6 +1,7 @@
 """The stages of a scenario, from the simulated contact to tracked runs, in their order.
 
-Each imports what it needs when it runs: the command line is there at once, and a job loads nothing that it does not use.
+Each imports what it needs when it runs: the command line is there at once, and a job loads nothing that it does not
+use.
 """
 
 import json
@@ -53,8 +54,8 @@ def simulate(results: "ScenarioResults") -> None:
     crank (constant speed, a measured angle or a motor), how long, and how exactly.
 
     Writes two tables (`jointgap describe FILE` explains their columns). Remarks, such as a contact law that delivers
-    another restitution than the one asked for, go to the standard error output. A simulation that cannot go on ends with
-    its time, crank angle and state, and writes nothing.
+    another restitution than the one asked for, go to the standard error output. A simulation that cannot go on ends
+    with its time, crank angle and state, and writes nothing.
 
     \b
     Example:
@@ -76,7 +77,14 @@ def simulate(results: "ScenarioResults") -> None:
 
 @SCENARIO_STAGES.stage(reads=(TRAJECTORY,), writes=(FIT, FIT_HISTORY, FIT_ERRORS), sections=_LEARNING)
 def surrogate(results: "ScenarioResults", output: str) -> None:
-    """Train the paper's network of one output with Levenberg-Marquardt."""
+    """Train the paper's network of one output with Levenberg-Marquardt.
+
+    Parameters
+    ----------
+    results : ScenarioResults
+    output : str
+        Of a loose joint, as `jointgap.stages.scenario_results.outputs_of` names them.
+    """
     from jointgap.errors import InputError, did_you_mean
     from jointgap.stages.scenario_results import outputs_of
     from jointgap.surrogate.train import train
@@ -159,7 +167,16 @@ _COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
 
 @SCENARIO_STAGES.stage(reads=_COMPUTED, sections=(*_OPTIMUM, "figures"))
 def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path | None = None) -> None:
-    """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
+    """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each.
+
+    Parameters
+    ----------
+    results : ScenarioResults
+    names : sequence of str
+        Of the catalogue; empty for all.
+    folder : Path, optional
+        To draw into, instead of that of the results.
+    """
     from jointgap.figures.catalogue import FIGURES, needed_tables
     from jointgap.figures.draw_figures import draw_all
     from jointgap.figures.figure_data import predictions
@@ -180,7 +197,14 @@ def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path 
     sections=("description", *_OPTIMUM),
 )
 def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"]) -> None:
-    """Put every number and claim of the paper beside ours."""
+    """Put every number and claim of the paper beside ours.
+
+    Parameters
+    ----------
+    results : ScenarioResults
+    siblings : mapping of str to ScenarioResults
+        Scenarios by name that differ in their loose joints alone.
+    """
     from jointgap.paper.comparison import NEEDED
     from jointgap.paper.comparison import compare as compared
     from jointgap.paper.comparison_page import page
@@ -203,7 +227,15 @@ def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"
     sections=("description", *_OPTIMUM),
 )
 def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
-    """Put the scenarios' optima side by side: frozen, simulated again, and what they assume."""
+    """Put the scenarios' optima side by side: frozen, simulated again, and what they assume.
+
+    Parameters
+    ----------
+    scenarios : mapping of str to ScenarioResults
+        By name.
+    folder : Path
+        To write into.
+    """
     from jointgap.paper import scenario_overview
     from jointgap.report.page import to_html, to_markdown
 
@@ -218,7 +250,18 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
 
 @SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
 def track(results: "ScenarioResults", name: str, store: Path, published: Path) -> None:
-    """Publish a scenario's tables and figures to MLflow; nothing twice."""
+    """Publish a scenario's tables and figures to MLflow; nothing twice.
+
+    Parameters
+    ----------
+    results : ScenarioResults
+    name : str
+        Of the scenario.
+    store : Path
+        Of MLflow.
+    published : Path
+        JSON file to write: what was published.
+    """
     from jointgap.errors import InputError
     from jointgap.track.publish import publish
 
@@ -232,7 +275,18 @@ def track(results: "ScenarioResults", name: str, store: Path, published: Path) -
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "study"))
 def study_points(scenario: "Scenario", number: int, points: Path, workers: int | None) -> None:
-    """Simulate one speed of the study, for `jointgap study --points`."""
+    """Simulate one speed of the study, for `jointgap study --points`.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    number : int
+        Which speed of the study, counted from 0.
+    points : Path
+        File to write: table `jointgap.tables.STUDY`.
+    workers : int, optional
+        Processes.
+    """
     from jointgap.sweep.study_points import simulate_points
 
     tables.check_writable(points)
@@ -256,6 +310,16 @@ def study(scenario: "Scenario", folder: Path, parts: Sequence[Path], workers: in
         friction: [0, 0.1]
       END
       jointgap study --options mine.yaml --folder results/mine
+
+    Parameters
+    ----------
+    scenario : Scenario
+    folder : Path
+        To write into.
+    parts : sequence of Path
+        Files of `study_points` to join; the points are simulated where there are none.
+    workers : int, optional
+        Processes.
     """
     from jointgap.figures import style
     from jointgap.sweep.study_figures import draw_study

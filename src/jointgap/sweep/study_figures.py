@@ -145,7 +145,9 @@ def _order_lines(points: pd.DataFrame, scenario: Scenario) -> Drawing:
 
 
 def ideal_orders(scenario: Scenario, speed: float) -> np.ndarray:
-    """Amplitudes (ORDERS,) [m/s^2] of the slider in a `scenario` without clearance at `speed` [rad/s], by order from 1."""
+    """Amplitudes (ORDERS,) [m/s^2] of the slider in a `scenario` without clearance at `speed` [rad/s], by order from
+    1.
+    """
     mechanism = scenario.mechanism.applied()
     angle = np.arange(720) * (2.0 * np.pi / 720)
     height = mechanism.slider.offset - mechanism.crank.length * np.sin(angle)

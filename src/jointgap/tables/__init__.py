@@ -1,7 +1,8 @@
-"""Every table that stages hand on: columns with unit, description and type, its place, and the only way to and from files.
+"""Every table that stages hand on: columns with unit, description and type, its place, and the only way to and from
+files.
 
-A table is written in one place, the module of its subject: ``tables.write(tables.TRAJECTORY, frame, path)`` finds it there.
-Importing this package loads neither pandas nor pyarrow; reading and writing do.
+A table is written in one place, the module of its subject: ``tables.write(tables.TRAJECTORY, frame, path)`` finds it
+there. Importing this package loads neither pandas nor pyarrow; reading and writing do.
 """
 
 from importlib import import_module

@@ -235,7 +235,8 @@ RESIDUALS = Table(
         Column(
             "augmented",
             "SI",
-            "predicted with the effects of the verdict; the base's where there are none; null where they cannot be simulated",
+            "predicted with the effects of the verdict; the base's where there are none; null where they cannot be "
+            "simulated",
             nullable=True,
         ),
         Column("whitened_base", "1", "whitened residual of the base"),

@@ -36,10 +36,12 @@ class Table:
     ----------
     name, description : str
     content : tuple of Column, or str
-        The columns in the order of the file; or ``module:name`` of the tuple, where they stand with code that takes long to load.
+        The columns in the order of the file; or ``module:name`` of the tuple, where they stand with code that takes
+        long to load.
     path : str
-        Its place within the results folder of a scenario or a campaign; ``{output}`` stands for an output of a loose joint,
-        ``{stage}`` for one of several stages that write it. Empty for a table whose place is given on the command line.
+        Its place within the results folder of a scenario or a campaign; ``{output}`` stands for an output of a loose
+        joint, ``{stage}`` for one of several stages that write it. Empty for a table whose place is given on the
+        command line.
     """
 
     name: str

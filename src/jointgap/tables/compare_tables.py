@@ -15,7 +15,8 @@ COMPARISON = Table(
         Column(
             "verdict",
             "",
-            "training errors: reached (at or below the paper's) or missed; other numbers: agrees or differs; claims: holds, does not hold, cannot be told",
+            "training errors: reached (at or below the paper's) or missed; other numbers: agrees or differs; claims: "
+            "holds, does not hold, cannot be told",
             "text",
         ),
         Column("sentence", "", "what the number is, and where it differs why", "text"),

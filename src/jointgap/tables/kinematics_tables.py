@@ -30,7 +30,8 @@ KINEMATICS = Table(
         Column(
             "source",
             "",
-            "simulation (its own values), ideal (no clearance), simulation_exact and simulation_paper_form (equations fed by "
+            "simulation (its own values), ideal (no clearance), simulation_exact and simulation_paper_form (equations "
+            "fed by "
             "the simulation, with the derivatives of r and without), NAME_paper_form, NAME_exact (fed by a surrogate), "
             "NAME_own_rates, NAME_integrated (rates of gamma as derivatives, gamma as integrals of its fits)",
             "text",

@@ -54,7 +54,8 @@ FIT_VALUES = Table(
 
 FIT_CURVATURE = Table(
     "fit_curvature",
-    "Derivatives of the whitened residuals; of the base, singles and pairs all rows, else as many as parameters, with the same inner products",
+    "Derivatives of the whitened residuals; of the base, singles and pairs all rows, else as many as parameters, with "
+    "the same inner products",
     (_EXPLANATION, _KEY, _SAMPLE, Column("derivative", "1/SI", "of the residuals with respect to the parameter")),
     path="{stage}/curvature.parquet",
 )

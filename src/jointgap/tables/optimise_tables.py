@@ -1,7 +1,7 @@
 """Tables of the stage optimise.
 
-A point is a pair of lengths with a name: ``original``, the paper's ``printed_...``, or ``SOURCE_BOX_METHOD`` for what the
-optimisers found.
+A point is a pair of lengths with a name: ``original``, the paper's ``printed_...``, or ``SOURCE_BOX_METHOD`` for what
+the optimisers found.
 """
 
 from jointgap.tables.columns import Column, Table

@@ -53,7 +53,9 @@ class ResultsFolder:
             self.write(name, frame, part)
 
     def check_writable(self, *paths: str) -> None:
-        """Make sure that files of the folder can be written, before hours of work; errors as `jointgap.tables.check_writable`."""
+        """Make sure that files of the folder can be written, before hours of work; errors as
+        `jointgap.tables.check_writable`.
+        """
         check_writable(*(self.path / path for path in paths))
 
     def check_apart(self, inputs: Iterable[Path | str], written: Iterable[str]) -> None:
@@ -75,8 +77,8 @@ class ResultsFolder:
         for path in inputs:
             if Path(path).resolve() in results:
                 raise InputError(
-                    f"{path}: is read by the campaign, and a result of it would be written there; copy the file elsewhere and "
-                    "name the copy, or give another --folder"
+                    f"{path}: is read by the campaign, and a result of it would be written there; copy the file "
+                    "elsewhere and name the copy, or give another --folder"
                 )
 
 

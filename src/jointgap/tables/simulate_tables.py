@@ -32,7 +32,8 @@ EVENTS = Table(
         Column(
             "peak_force",
             "N",
-            "largest normal force of the contact that ends, at the points of the integration (up to 0.1 % below the true peak); null at an impact",
+            "largest normal force of the contact that ends, at the points of the integration (up to 0.1 % below the "
+            "true peak); null at an impact",
             nullable=True,
         ),
         Column("duration", "s", "time that the contact lasted which ends; null at an impact", nullable=True),

@@ -44,7 +44,8 @@ JOINT_REVOLUTIONS = Table(
 
 IMPACT_DISTRIBUTION = Table(
     "impact_distribution",
-    "How speeds, impulses and forces of contacts are distributed over the settled revolutions; null without any contact",
+    "How speeds, impulses and forces of contacts are distributed over the settled revolutions; null without any "
+    "contact",
     (
         _JOINT,
         Column("quantity", "", "approach_speed [m/s], impulse [N s] or peak_force [N]", "text"),

@@ -24,7 +24,9 @@ _TYPES = {
 
 
 def schema(table: Table) -> pa.Schema:
-    """The Arrow schema of a table: unit and description stand at each column, the table's name and description at the whole."""
+    """The Arrow schema of a table: unit and description stand at each column, the table's name and description at the
+    whole.
+    """
     return pa.schema(
         [
             pa.field(
@@ -135,7 +137,9 @@ def _umask() -> int:
 
 
 def write(table: Table, frame: pd.DataFrame, path: Path | str) -> None:
-    """Write `frame`, which holds the columns of `table`, to `path`: Parquet with unit and description at each column."""
+    """Write `frame`, which holds the columns of `table`, to `path`: Parquet with unit and description at each
+    column.
+    """
     arrow = to_arrow(table, frame)
     floats = {column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"}
     others = [column.name for column in table.columns if column.kind != "float"]
@@ -167,8 +171,8 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
             sorted(set(a) - set(b)) for a, b in ((wanted, arrow.column_names), (arrow.column_names, wanted))
         )
         raise InputError(
-            f"{path}: table '{found}' lacks the columns {missing} and has the unknown columns {extra}; another version wrote it, "
-            "so run its stage again"
+            f"{path}: table '{found}' lacks the columns {missing} and has the unknown columns {extra}; another version "
+            "wrote it, so run its stage again"
         )
     for field, wanted_field in zip(arrow.schema, schema(table), strict=True):
         if field.type != wanted_field.type:

@@ -37,13 +37,15 @@ STUDY = Table(
         Column(
             "growth",
             "1",
-            "factor by which a small change of the start has grown in the last revolution (RMS; median over the starts)",
+            "factor by which a small change of the start has grown in the last revolution (RMS; median over the "
+            "starts)",
             nullable=True,
         ),
         Column(
             "sensitive",
             "",
-            "the small change has grown beyond a thousandth of the clearance (chaos, or not yet settled): only statistics hold",
+            "the small change has grown beyond a thousandth of the clearance (chaos, or not yet settled): only "
+            "statistics hold",
             "bool",
         ),
         Column("failed", "1", "starts whose simulation failed", "int"),

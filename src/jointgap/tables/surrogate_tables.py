@@ -98,14 +98,15 @@ CLEARANCE_FIT = Table(
         Column(
             "settling",
             "rad",
-            "width of the factor tanh^2((angle - start_angle) / settling) that the output is multiplied by; null for none",
+            "width of the factor tanh^2((angle - start_angle) / settling) that the output is multiplied by; null for "
+            "none",
             nullable=True,
         ),
         Column(
             "speed",
             "rad/s",
-            "speed of the crank, that turns derivatives by the angle into time derivatives; null where it is not constant: see "
-            "the trajectory",
+            "speed of the crank, that turns derivatives by the angle into time derivatives; null where it is not "
+            "constant: see the trajectory",
             nullable=True,
         ),
         Column("turns", "1", "whole turns to add to gamma", "int"),
