@@ -2,9 +2,17 @@
 
 import pytest
 
-from jointgap.campaign.phrasing import effect_in_words, parameter_rows, place_of, unit_of
+from jointgap.campaign.phrasing import (
+    effect_in_words,
+    explanation_in_words,
+    label_in_words,
+    parameter_rows,
+    place_of,
+    size_in_words,
+    unit_of,
+)
 from jointgap.effects import EFFECTS
-from jointgap.report.plain_words import joined, with_error
+from jointgap.report.plain_words import joined, number, percent, rounded_gap, with_error, with_unit
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -20,7 +28,13 @@ def test_every_effect_of_the_catalogue_has_words(name):
         (15.707781, 2.178e-4, ("15.70778", "0.00022")),
         (-0.04, 3.0, ("-0.040", "3.0")),
         (1234.5, 98.0, ("1234", "98")),
+        (2000.0, 1e3, ("2.0e+03", "1.0e+03")),
+        (12345.0, 98.0, ("12345", "98")),
+        (12.0, 10.0, ("12", "10")),
         (2.5, None, ("2.5", "–")),
+        (2.5, float("nan"), ("2.5", "–")),
+        (None, 0.1, ("–", "0.1")),
+        ("a*v", 0.1, ("a*v", "0.1")),
         (0.0, 0.1, ("0", "0.1")),
     ],
 )
@@ -54,3 +68,75 @@ def test_a_bias_is_in_the_unit_of_its_channel_and_all_else_in_that_of_the_catalo
 def test_a_parameter_without_an_interval_has_a_dash_there():
     effect = {"name": "sensor_bias", "site": "crank_torque", "parameters": {"bias": {"value": 0.5}}}
     assert parameter_rows([effect]) == (("sensor_bias: bias", "0.5 N*m", "–", "–"),)
+
+
+def test_an_effect_that_is_not_in_the_catalogue_keeps_its_name():
+    assert effect_in_words({"name": "new_kind_of_drag", "site": "slider"}) == "new kind of drag"
+
+
+@pytest.mark.parametrize(
+    ("label", "words"),
+    [
+        ("sensor_bias:crank_torque", "a bias of the sensor of crank torque"),
+        ("pin_friction:piston_pin", "friction in the piston pin"),
+        ("slider_spring", "a spring on the slider"),
+        ("sensor_bias", "sensor_bias"),
+    ],
+)
+def test_a_label_reads_as_its_effect_and_one_that_lacks_its_site_stays_a_name(label, words):
+    assert label_in_words(label) == words
+
+
+def test_an_explanation_has_the_values_of_all_parameters_with_their_units():
+    spring = {"stiffness_N_m": {"value": 120.0}, "rest_position_m": {"value": 0.56}}
+    effects = [
+        {"name": "slider_spring", "site": "slider", "parameters": spring},
+        {"name": "gravity", "site": "all bodies", "parameters": {}},
+        {"name": "slider_offset", "site": "slider"},
+    ]
+    assert explanation_in_words(effects) == (
+        "a spring on the slider (stiffness_N_m 120 N/m, rest_position_m 0.56 m), the weight of the bodies and "
+        f"{EFFECTS['slider_offset'].WORDS}"
+    )
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "where"),
+    [
+        (0.0, 360.0, "all crank angles"),
+        (0.0, 359.0, "0 to 359 deg of crank angle"),
+        (189.0, 10.0, "all crank angles but 10 to 189 deg"),
+        (190.0, 10.0, "190 to 10 deg of crank angle"),
+        (190.5, 10.0, "190 to 10 deg of crank angle"),
+        (30.0, 30.0, "30 to 30 deg of crank angle"),
+    ],
+)
+def test_what_is_left_out_of_a_window_is_told_up_to_half_a_revolution(start, end, where):
+    assert place_of("a", "guide_force", start, end) == f"run a, guide force, {where}"
+
+
+def test_an_effect_that_shrinks_as_its_parameter_grows_is_seen_up_to_a_value():
+    assert size_in_words("force_N", "0.03", "N", falls=False) == "force_N 0.03 N"
+    assert size_in_words("frequency_Hz", "50", "Hz", falls=True) == "frequency_Hz up to 50 Hz"
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"), [(12.34567, "12.35"), ("-a*v", "-a*v"), (None, "–"), (float("nan"), "–"), (0.0, "0")]
+)
+def test_a_number_has_four_digits_and_a_dash_stands_for_what_is_not_known(value, shown):
+    assert number(value) == shown
+
+
+@pytest.mark.parametrize(("unit", "shown"), [("N", "2 N"), ("1", "2"), ("", "2")])
+def test_a_pure_number_has_no_unit(unit, shown):
+    assert with_unit("2", unit) == shown
+
+
+@pytest.mark.parametrize(("gap", "shown"), [(1.234, "1.23"), (99.994, "99.99"), (100.0, "100"), (100.6, "101")])
+def test_a_gap_from_a_hundred_on_has_no_digits_after_the_point(gap, shown):
+    assert rounded_gap(gap) == shown
+
+
+def test_a_share_is_told_in_percent():
+    assert percent(0.98765) == "98.8 %"
+    assert percent(0.98765, 0) == "99 %"

@@ -1,0 +1,194 @@
+"""verdict.json: what people script against, number for number, of fits made up for it."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap.campaign import verdict
+from jointgap.campaign.tables_of_identification import Outcome
+from jointgap.errors import InputError
+from jointgap.identification.fit import Fit
+from jointgap.identification.protocol import Candidate, Parameter
+
+SAMPLES = 100
+LN = float(np.log(SAMPLES))
+MASS = Parameter("mass", 1.0, 0.0, 9.0)
+START = Parameter("first_angle", 0.0, run="back")
+
+
+def effect(name, coordinate, **more):
+    return Candidate(name, "slider", (Parameter(coordinate, 0.0, -50.0),), (coordinate,), **more)
+
+
+def fitted(effects, values, chi2=64.0, nuisances=(MASS,)):
+    """A fit with standard errors of 0.1, 0.2, 0.3 ... of its parameters, as far as bounds say nothing."""
+    own = [Parameter(f"{c.label}.{p.key}", 0.0, p.low, p.high) for c in effects for p in c.coordinates]
+    residual = np.zeros(SAMPLES)
+    residual[-1] = chi2**0.5
+    jacobian = np.zeros((SAMPLES, len(values)))
+    for column in range(len(values)):
+        jacobian[column, column] = 10.0 / (column + 1)
+    parameters = (*nuisances, *own)
+    return Fit(tuple(effects), parameters, np.array(values, float), residual, jacobian, 1, "converged")
+
+
+FRICTION, SPRING = effect("friction", "force_N"), effect("spring", "stiffness_N_m")
+CUBE, WAVE = effect("discovered_slider_force[v^3]", "size"), effect("discovered_slider_force[sin(theta)]", "size")
+
+
+def outcome_of(chosen, base=None, equivalent=(), ranking=()):
+    rows = pd.DataFrame(ranking, columns=["explanation", "bic"])
+    return Outcome("named", "it is so", chosen, base or fitted([], [1.0], 900.0), list(equivalent), rows)
+
+
+def document(outcome, **changes):
+    windows = [("slow", "crank_torque", 350.0, 10.0, 2.0, 1e-9), ("fast", "guide_force", 20.0, 40.0, 3.0, 0.004)]
+    given = {
+        "campaign": "rig-a",
+        "outcome": outcome,
+        "windows": pd.DataFrame(windows, columns=["run", "channel", "start_deg", "end_deg", "rms", "p_adjusted"]),
+        "gap": {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": 8.0, "after": None}},
+        "held_out": [{"run": "fast", "part": "whole"}],
+        "preflight": {"undetectable": ("gravity",), "merged": [["a", "b"]]},
+        "false_alarm_rate": 0.02,
+    }
+    return verdict.document(**given | changes)
+
+
+def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_is_met():
+    chosen = fitted([FRICTION], [1.5, 20.0])
+    content = document(outcome_of(chosen), separated_by="A faster run.")
+    assert {key: content[key] for key in content if key not in ("effects", "nuisances")} == {
+        "schema_version": 1,
+        "campaign": "rig-a",
+        "verdict": "named",
+        "because": "it is so",
+        "equivalent": [],
+        "separated_by": "A faster run.",
+        "where": [
+            {"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350.0, 10.0], "p_adjusted": 1e-9},
+            {"run": "fast", "channel": "guide_force", "crank_angle_deg": [20.0, 40.0], "p_adjusted": 0.004},
+        ],
+        "gap": {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": 8.0, "after": None}},
+        "held_out": [{"run": "fast", "part": "whole"}],
+        "preflight": {"undetectable": ["gravity"], "merged": [["a", "b"]]},
+        "false_alarm_rate": 0.02,
+    }
+    assert list(content)[4:8] == ["effects", "equivalent", "separated_by", "nuisances"]
+    assert document(outcome_of(chosen))["separated_by"] == ""
+
+
+def test_an_effect_stands_with_its_site_its_gain_over_the_base_and_its_estimates():
+    (stated,) = document(outcome_of(fitted([FRICTION], [1.5, 20.0])))["effects"]
+    assert (stated["name"], stated["site"], set(stated)) == (
+        "friction",
+        "slider",
+        {"name", "site", "delta_bic", "parameters"},
+    )
+    assert stated["delta_bic"] == pytest.approx(900.0 - 64.0 - LN)  # one parameter more, worth ln n
+    assert stated["parameters"]["force_N"] == {
+        "value": 20.0,
+        "sd": pytest.approx(0.2),
+        "interval_90": pytest.approx([20.0 - 0.329, 20.0 + 0.329]),
+    }
+
+
+def test_of_two_effects_each_gains_over_the_other_alone_as_the_ranking_has_it():
+    both = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0])
+    ranking = [("friction", both.bic + 30.0), ("spring", both.bic + 70.0), ("unheard_of", np.nan)]
+    friction, spring = document(outcome_of(both, ranking=ranking))["effects"]
+    assert (friction["name"], spring["name"]) == ("friction", "spring")
+    assert (friction["delta_bic"], spring["delta_bic"]) == (pytest.approx(70.0), pytest.approx(30.0))
+    friction, spring = document(outcome_of(both, ranking=[("friction", np.nan), *ranking[1:]]))["effects"]
+    assert (friction["delta_bic"], spring["delta_bic"]) == (pytest.approx(70.0), None)
+
+
+def test_explanations_that_fit_equally_well_are_lists_of_effects_with_their_gains():
+    rivals = [fitted([FRICTION], [1.5, 20.0], 70.0), fitted([SPRING], [1.5, 7.0], 72.0)]
+    content = document(outcome_of(fitted([], [1.0], 900.0), equivalent=rivals))
+    assert content["effects"] == []
+    assert [[one["name"] for one in rival] for rival in content["equivalent"]] == [["friction"], ["spring"]]
+    assert [rival[0]["delta_bic"] for rival in content["equivalent"]] == pytest.approx([830.0 - LN, 828.0 - LN])
+
+
+def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects():
+    chosen = fitted([CUBE, FRICTION, WAVE], [1.5, -2.5, 20.0, 4.0])
+    friction, law = verdict.effects(chosen, {"base": 900.0, "friction": chosen.bic + 55.0})
+    assert friction["name"] == "friction"
+    assert friction["delta_bic"] is None  # the law alone is not known
+    assert (law["name"], law["site"], law["delta_bic"]) == ("discovered_slider_force", "slider", pytest.approx(55.0))
+    assert list(law["parameters"]) == ["formula", "c1", "c2"]
+    assert law["parameters"]["formula"] == {"value": "c1*v^3 + c2*sin(theta)"}
+    half = 1.645 * 0.2
+    assert law["parameters"]["c1"] == {
+        "value": -2.5,
+        "sd": pytest.approx(0.2),
+        "interval_90": pytest.approx([-2.5 - half, -2.5 + half]),
+    }
+    assert (law["parameters"]["c2"]["value"], law["parameters"]["c2"]["sd"]) == (4.0, pytest.approx(0.4))
+
+
+def test_the_interval_of_a_coefficient_ends_at_its_bound():
+    law = verdict.effects(fitted([CUBE], [1.5, -49.9]), {})[0]
+    assert law["parameters"]["c1"]["interval_90"] == pytest.approx([-50.0, -49.9 + 0.329])
+
+
+def test_nuisances_stand_with_value_and_standard_error_or_the_reason_why_there_is_none():
+    chosen = fitted([FRICTION], [9.0, 20.0])
+    assert document(outcome_of(chosen))["nuisances"] == {"mass": {"value": 9.0, "sd": None, "remark": "at its bound"}}
+    chosen = fitted([], [0.3, 1.5], nuisances=(START, MASS))
+    angle = {"value": 0.3, "sd": pytest.approx(0.1)}
+    assert document(outcome_of(chosen))["nuisances"]["first_angle@back"] == angle
+    turned = document(outcome_of(chosen), clockwise=("back",))["nuisances"]
+    assert turned["first_angle@back"] == angle | {"value": -0.3}
+    assert turned["mass"]["value"] == 1.5
+
+
+def test_the_text_has_null_for_what_is_no_number_and_plain_numbers_for_arrays_ones():
+    content = {
+        "gap": {"before": np.float64(2.5), "after": float("nan")},
+        "runs": (np.int64(3), [np.inf, "µ"]),
+        "held_out": None,
+    }
+    assert verdict.text(content) == (
+        '{\n  "gap": {\n    "before": 2.5,\n    "after": null\n  },\n'
+        '  "runs": [\n    3,\n    [\n      null,\n      "µ"\n    ]\n  ],'
+        '\n  "held_out": null\n}\n'
+    )
+    assert verdict.text({"low": np.float32(-np.inf), "ok": True}) == '{\n  "low": null,\n  "ok": true\n}\n'
+
+
+def test_a_document_is_read_as_it_was_written(tmp_path):
+    path = tmp_path / "verdict.json"
+    path.write_text(verdict.text({"schema_version": 1, "campaign": "Prüfstand"}), encoding="utf-8")
+    assert verdict.read(path) == {"schema_version": 1, "campaign": "Prüfstand"}
+
+
+def test_a_document_is_read_as_utf_8():
+    asked = []
+    path = SimpleNamespace(read_text=lambda encoding: asked.append(encoding) or '{"schema_version": 1}')
+    verdict.read(path)
+    assert asked == ["utf-8"]
+
+
+@pytest.mark.parametrize("content", [{"schema_version": 2}, {}, [1]])
+def test_what_is_no_verdict_of_this_version_is_refused(tmp_path, content):
+    path = tmp_path / "verdict.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError) as refused:
+        verdict.read(path)
+    assert str(refused.value) == f"{path}: is no verdict of schema_version 1; run the campaign's stages again"
+
+
+def test_a_file_that_is_not_there_or_not_json_is_refused_with_the_reason(tmp_path):
+    path = tmp_path / "verdict.json"
+    with pytest.raises(InputError) as refused:
+        verdict.read(path)
+    assert str(refused.value).startswith(f"{path}: is no verdict ([Errno 2]")
+    path.write_text("{")
+    with pytest.raises(InputError) as refused:
+        verdict.read(path)
+    assert str(refused.value).endswith("; run the campaign's stages first")

@@ -1,0 +1,167 @@
+"""Sentences of a verdict, whole as a user reads them, and the gaps at which they turn: each is met from both sides."""
+
+import pytest
+
+from jointgap.campaign.verdict_sentences import answer, held_out_in_words
+from jointgap.identification.settings import DEFAULT_SETTINGS
+from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS
+
+FRICTION = "Missing in the model is Coulomb friction of the slider."
+TOLERATED = DEFAULT_SETTINGS.decision.tolerated_reduced_chi2
+
+
+def held_out(verdict, before, after):
+    """A verdict of a kind with other gaps on held-out data; what was not added changes nothing."""
+    return VERDICTS[verdict] | {
+        "gap": {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": before, "after": after}}
+    }
+
+
+@pytest.mark.parametrize(
+    ("verdict", "sentence"),
+    [
+        (
+            "no_disagreement",
+            "Nothing is missing that these data could show: the model as it stands meets the measurement within "
+            "the noise.",
+        ),
+        (
+            "parameters_only",
+            "No effect is missing that these data could show: with other parameters within their stated ranges the "
+            "model meets the measurement within the noise.",
+        ),
+        ("named", f"{FRICTION} With this added the model meets the measurement within the noise."),
+        (
+            "named_with_remaining_misfit",
+            f"{FRICTION} This closes most of the gap, but not all: a small rest is left that none of the effects tried "
+            "explains.",
+        ),
+        (
+            "ambiguous",
+            "Something is missing, but these data cannot tell what: 2 explanations fit equally well. None of them was "
+            "added to the model.",
+        ),
+        (
+            "unexplained",
+            "Something is missing, and it is none of the effects tried: the model and the measurement disagree by more "
+            "than the noise, and no explanation holds. No effect was added to the model.",
+        ),
+    ],
+)
+def test_the_whole_answer_of_every_verdict(verdict, sentence):
+    assert answer(VERDICTS[verdict]) == sentence
+
+
+@pytest.mark.parametrize(
+    ("verdict", "sentence"),
+    [
+        (
+            "no_disagreement",
+            "Nothing is missing that the data used for fitting could show: the model as it stands meets them "
+            "within the "
+            "noise. It does not meet the held-out data: the gap there is 3.00, so something may be missing.",
+        ),
+        (
+            "parameters_only",
+            "No effect is missing that the data used for fitting could show: with other parameters within their stated "
+            "ranges the model meets them within the noise. It does not meet the held-out data: the gap there is 3.00, "
+            "so something may be missing.",
+        ),
+        (
+            "named",
+            f"{FRICTION} With this added the model meets the data used for fitting within the noise. It does not meet "
+            "the held-out data: the gap there is 2.50, so more may be missing.",
+        ),
+        (
+            "named_with_remaining_misfit",
+            f"{FRICTION} This closes most of the gap on the data used for fitting, but not all: a small rest is left "
+            "that none of the effects tried explains. It does not meet the held-out data: the gap there is 2.50, so "
+            "more may be missing.",
+        ),
+    ],
+)
+def test_the_whole_answer_where_held_out_data_are_not_met(verdict, sentence):
+    assert answer(held_out(verdict, 3.0, 2.5)) == sentence
+
+
+def test_an_effect_and_a_fault_of_a_sensor_are_both_taken_into_account():
+    assert answer(NAMED | {"effects": [COULOMB, BIAS]}) == (
+        "Missing in the model is Coulomb friction of the slider, and the measurement has a fault: a bias of "
+        "the sensor of "
+        "crank torque (bias 0.5 N*m). With this taken into account the model meets the measurement within the noise."
+    )
+
+
+@pytest.mark.parametrize(("gap", "met"), [(1.2, True), (1.2001, False)])
+def test_up_to_a_gap_of_1_2_held_out_data_count_as_met(gap, met):
+    for verdict, before, after in (("named", 9.0, gap), ("no_disagreement", gap, 9.0), ("parameters_only", gap, None)):
+        assert ("It does not meet the held-out data" not in answer(held_out(verdict, before, after))) == met
+    assert ("More than noise is left there" not in held_out_in_words(held_out("named", 9.0, gap))) == met
+    assert ("That is more than noise" not in held_out_in_words(held_out("no_disagreement", gap, gap))) == met
+
+
+@pytest.mark.parametrize(("after", "met"), [(5.0**0.5 - 1e-6, True), (5.0**0.5 + 1e-6, False)])
+def test_where_a_rest_is_admitted_half_of_the_squared_excess_may_be_left_on_held_out_data(after, met):
+    said = answer(held_out("named_with_remaining_misfit", 3.0, after))  # 3^2 - 1 = 8, of which 5 - 1 = 4 is half
+    assert ("It does not meet the held-out data" not in said) == met
+
+
+def test_the_gap_on_held_out_data_where_nothing_was_added():
+    assert held_out_in_words(VERDICTS["parameters_only"]) == "On data that took no part in fitting it is 1.02"
+    assert held_out_in_words(VERDICTS["unexplained"]) == "On data that took no part in fitting it is 8.70"
+    assert held_out_in_words(held_out("no_disagreement", 3.0, 3.0)) == (
+        "On data that took no part in fitting it is 3.00. That is more than noise: what the held-out data "
+        "hold is not all "
+        "in the model"
+    )
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "sentence"),
+    [
+        (3.0, 1.0, "falls from 3.00 to 1.00: 100.0 % of what exceeds the noise is gone"),
+        (3.0, 0.9, "falls from 3.00 to 0.90: 100.0 % of what exceeds the noise is gone"),
+        (
+            3.0,
+            5.0**0.5,
+            "falls from 3.00 to 2.24: 50.0 % of what exceeds the noise is gone. More than noise is left there: "
+            "the effect, "
+            "or what else the held-out data hold, is not all known",
+        ),
+        (
+            3.0,
+            4.0,
+            "does not fall: it goes from 3.00 to 4.00, so what was added does not hold there. More than noise is left "
+            "there: the effect, or what else the held-out data hold, is not all known",
+        ),
+        (1.1, 1.1, "does not fall: it goes from 1.10 to 1.10"),
+    ],
+)
+def test_how_the_gap_on_held_out_data_goes_once_something_is_added(before, after, sentence):
+    assert held_out_in_words(held_out("named", before, after)) == (
+        f"On data that took no part in fitting or choosing it {sentence}"
+    )
+
+
+@pytest.mark.parametrize(("before", "told"), [(TOLERATED**0.5 - 1e-6, False), (TOLERATED**0.5 + 1e-6, True)])
+def test_of_a_gap_that_counts_as_a_slight_misfit_no_share_is_told(before, told):
+    assert ("of what exceeds the noise is gone" in held_out_in_words(held_out("named", before, 0.99))) == told
+
+
+def test_held_out_runs_that_cannot_be_simulated_are_all_told_with_their_reasons():
+    lost = [
+        {"run": "fast", "gap": {"before": 8.0, "after": None}, "not_simulated": "it flies off"},
+        {"run": "mid", "gap": {"before": 8.0, "after": 1.0}},
+        {"run": "slow", "gap": {"before": 8.0, "after": None}, "not_simulated": "it jams"},
+    ]
+    reason = (
+        "What was added cannot be simulated in run fast (it flies off) and run slow (it jams), so "
+        "it is not confirmed there"
+    )
+    verdict = held_out("named", 8.7, None) | {"held_out": lost}
+    assert held_out_in_words(verdict) == (
+        f"On data that took no part in fitting or choosing it is 8.70 before anything is added. {reason}"
+    )
+    assert answer(verdict) == (
+        f"{FRICTION} With this added the model meets the data used for fitting within the noise. {reason}."
+    )
