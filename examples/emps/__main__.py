@@ -42,10 +42,10 @@ def name(model: Emps) -> Named:
     """All stages from the noise to the verdict, as docs/own_model.md has them."""
     noise = noise_of_model(model)
     base = recalibrate(model, noise)
-    known, limits = screen_candidates(base, FALSE_ALARMS, degrees_of_freedom(noise))
-    alone, _ = fit_singles(base, known, limits)
-    together, _ = fit_pairs(base, known, limits, alone)
-    return Named(base, select_hypothesis(base, known, [*alone, *together], limits))
+    signatures, limits = screen_candidates(base, FALSE_ALARMS, degrees_of_freedom(noise))
+    alone, _ = fit_singles(base, signatures, limits)
+    together, _ = fit_pairs(base, signatures, limits, alone)
+    return Named(base, select_hypothesis(base, signatures, [*alone, *together], limits))
 
 
 def force_error(model: Emps, run: str, found: Fit) -> float:

@@ -18,12 +18,12 @@ from tests.identification.toy import stated_noise, toy
 def test_the_other_one_of_two_effects_is_fitted_alone_where_it_never_was():
     model = toy({"coulomb": {"force_N": TRUTH}, "spring": {"stiffness_N_m": 40.0}})
     base = recalibrate(model, stated_noise(model))
-    known, limits = screen_candidates(base, 0.01)
+    signatures, limits = screen_candidates(base, 0.01)
     by_label = {candidate.label: candidate for candidate in model.candidates}
     pair = fit_hypothesis(base.problem, (by_label["coulomb"], by_label["spring"]))
     coulomb = fit_hypothesis(base.problem, (by_label["coulomb"],))
     spring = fit_hypothesis(base.problem, (by_label["spring"],))
-    outcome = outcome_of(model_selection.select_hypothesis(base, known, [pair, coulomb], limits), {})
+    outcome = outcome_of(model_selection.select_hypothesis(base, signatures, [pair, coulomb], limits), {})
     assert outcome.chosen.label == "coulomb + spring"
     gains = dict(zip(outcome.ranking["explanation"], outcome.ranking["bic"], strict=True)) | {"base": base.base.bic}
     costs = {one["name"]: one["delta_bic"] for one in verdict.effects(outcome.chosen, gains)}
@@ -38,7 +38,9 @@ def test_a_better_base_that_was_found_on_the_way_is_the_one_handed_on(chain, mon
     monkeypatch.setattr(
         model_selection, "refit_jacobian", lambda _, one: fitted.append(one) or replace(one, status="refined")
     )
-    outcome = model_selection.select_hypothesis(chain.recalibrated, chain.screening.known, [], chain.screening.limits)
+    outcome = model_selection.select_hypothesis(
+        chain.recalibrated, chain.screening.signatures, [], chain.screening.limits
+    )
     assert fitted == [better]
     assert outcome.chosen is outcome.base
     assert outcome.base.values is better.values

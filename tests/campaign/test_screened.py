@@ -23,9 +23,9 @@ class _Without:
 
 def frames(chain):
     """Tables of the screening, by name."""
-    known = chain.screening.known
-    return signatures_to_frames(known) | {
-        "screened": screened_frame(known, shortlist_singles(known, chain.screening.limits))
+    signatures = chain.screening.signatures
+    return signatures_to_frames(signatures) | {
+        "screened": screened_frame(signatures, shortlist_singles(signatures, chain.screening.limits))
     }
 
 

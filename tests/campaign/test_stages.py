@@ -176,9 +176,9 @@ def test_noise_comes_back_from_files(chain, tmp_path):
 
 
 def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain, tmp_path):
-    folder, known = ResultsFolder(tmp_path), chain.screening.known
-    expected = model_selection.shortlist_singles(known, chain.screening.limits)
-    folder.write_all(signatures_to_frames(known) | {"screened": screened_frame(known, expected)}, "screen")
+    folder, signatures = ResultsFolder(tmp_path), chain.screening.signatures
+    expected = model_selection.shortlist_singles(signatures, chain.screening.limits)
+    folder.write_all(signatures_to_frames(signatures) | {"screened": screened_frame(signatures, expected)}, "screen")
     frames = folder.read_all(("signatures", "signature_shapes", "screened"), "screen")
     chosen = model_selection.shortlist_singles(
         signatures_from_frames(frames, chain.recalibrated), chain.screening.limits
@@ -188,7 +188,7 @@ def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain,
 
 
 def test_parts_of_the_fits_together_are_all_of_them(chain):
-    of = chain.recalibrated, chain.screening.known, chain.screening.limits
+    of = chain.recalibrated, chain.screening.signatures, chain.screening.limits
     whole = [one.label for one in hypothesis_fits.fit_singles(*of)[0]]
     parts = [hypothesis_fits.fit_singles(*of, part, 2)[0] for part in (0, 1)]
     assert all(parts)
@@ -203,7 +203,7 @@ def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, m
 
     start = initial_fit._start
     monkeypatch.setattr(initial_fit, "_start", fails)
-    found, _ = hypothesis_fits.fit_singles(chain.recalibrated, chain.screening.known, chain.screening.limits)
+    found, _ = hypothesis_fits.fit_singles(chain.recalibrated, chain.screening.signatures, chain.screening.limits)
     rows = fits_to_frames(found)["fits"].set_index("explanation")
     assert rows.loc["viscous", "status"] == FAILED
     assert rows.loc["viscous", "reason"] == "the slide flies off"

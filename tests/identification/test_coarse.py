@@ -103,20 +103,22 @@ def test_recalibration_finds_parameters_whose_valley_is_narrow(clearance):
 def test_an_effect_that_moves_every_knock_is_found_by_the_second_look_alone():
     model = knocking({"spring": {"stiffness_N_m": 2.0}}, clearance=1.05, seed=2)
     base = recalibrate(model, stated_noise(model))
-    known = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    first = [fit_screened(base.problem, base.differences, known, one) for one in shortlist_singles(known, limits)]
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    first = [
+        fit_screened(base.problem, base.differences, signatures, one) for one in shortlist_singles(signatures, limits)
+    ]
     assert min(one.chi2 for one in first) > 2.0 * base.problem.size
     best, *_ = search_singles(base, limits)
     assert best.label == "spring"
     assert best.chi2 < 1.1 * base.problem.size
-    fits, _ = fit_singles(base, known, limits)
-    more, seconds = fit_pairs(base, known, limits, fits)
+    fits, _ = fit_singles(base, signatures, limits)
+    more, seconds = fit_pairs(base, signatures, limits, fits)
     assert len({one.label for one in more}) == len(more) == len(seconds)
-    again = [one for part in (1, 0) for one in fit_pairs(base, known, limits, fits[::-1], part, 2)[0]]
+    again = [one for part in (1, 0) for one in fit_pairs(base, signatures, limits, fits[::-1], part, 2)[0]]
     assert [one.label for one in again] == [one.label for one in more]
     assert [one.chi2 for one in again] == [one.chi2 for one in more]
-    decision = refit_and_decide(base, known, [*fits, *more], limits)
+    decision = refit_and_decide(base, signatures, [*fits, *more], limits)
     assert decision.verdict == "named"
     assert decision.chosen.label == "spring"
     assert decision.chosen.mapping["spring.stiffness_N_m"] == pytest.approx(2.0, rel=0.02)
@@ -126,9 +128,9 @@ def test_two_effects_that_move_every_knock_are_found_among_few_pairs(monkeypatch
     hidden = {"spring": {"stiffness_N_m": 2.0}, "coulomb": {"force_N": 0.3}}
     model = knocking(hidden, clearance=1.05, seed=3)
     base = recalibrate(model, stated_noise(model))
-    known = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    fits = [*fit_singles(base, known, limits)[0], *search_singles(base, limits)]
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    fits = [*fit_singles(base, signatures, limits)[0], *search_singles(base, limits)]
     assert min(one.chi2 for one in fits) > 100.0 * base.problem.size
     tried, race = [], coarse_search.successive_elimination
 

@@ -19,7 +19,7 @@ from jointgap.identification.model_selection import (
 )
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.identification.screening import Screen, simulate_signatures
+from jointgap.identification.screening import SignatureRegression, simulate_signatures
 from jointgap.identification.thresholds import thresholds
 from tests.identification.toy import CANDIDATES, RINGING, Toy, ringing, stated_noise, toy
 
@@ -29,12 +29,12 @@ def named(effects=None, more=(), **how) -> tuple[Decision, float]:
     model = toy(effects, **how)
     model = replace(model, candidates=(*model.candidates, *more))
     base = recalibrate(model, stated_noise(model))
-    known = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    fits, _ = fit_singles(base, known, limits)
-    fits = [*fits, *fit_pairs(base, known, limits, fits)[0]]
-    fits += swap_one_effect(base, known, fits)
-    return refit_and_decide(base, known, fits, limits), base.problem.gap(base.base.residual)
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    fits, _ = fit_singles(base, signatures, limits)
+    fits = [*fits, *fit_pairs(base, signatures, limits, fits)[0]]
+    fits += swap_one_effect(base, signatures, fits)
+    return refit_and_decide(base, signatures, fits, limits), base.problem.gap(base.base.residual)
 
 
 HIDDEN = {
@@ -75,7 +75,7 @@ def test_a_fit_from_a_finite_size_begins_at_the_size_that_the_secant_says(size):
     model = toy(hidden=lambda x, v, angle, time: -size * v * np.abs(v), seed=2)
     model = replace(model, candidates=(finite,))
     base = recalibrate(model, stated_noise(model))
-    (found,) = Screen(simulate_signatures(base.problem, base.base, base.differences)).singles()
+    (found,) = SignatureRegression(simulate_signatures(base.problem, base.base, base.differences)).singles()
     assert found.start["quadratic.drag_N_s2_m2"] == pytest.approx(size, rel=0.1)
 
 
@@ -94,9 +94,11 @@ def test_another_choice_of_numerics_is_no_second_effect():
     """What changes with the width of friction at rest is about as much as a second effect may then have to gain."""
     model = toy({"coulomb": {"force_N": 30.0}}, seed=1)
     base = recalibrate(model, stated_noise(model))
-    known = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    fits = [fit_screened(base.problem, base.differences, known, one) for one in shortlist_singles(known, limits)]
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    fits = [
+        fit_screened(base.problem, base.differences, signatures, one) for one in shortlist_singles(signatures, limits)
+    ]
     best = min(fits, key=lambda one: one.chi2)
     assert best.label == "coulomb"
     changed = np.sum(other_numerics(base.problem, best) ** 2)
@@ -115,9 +117,9 @@ def test_such_an_effect_is_not_named_where_another_is_hidden():
 def test_where_nothing_is_missing_hardly_anything_is_fitted():
     model = toy(seed=0)
     base = recalibrate(model, stated_noise(model))
-    known = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    assert len(shortlist_singles(known, limits)) <= 3
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    assert len(shortlist_singles(signatures, limits)) <= 3
 
 
 def test_a_gain_of_one_sensor_alone_hides_behind_a_length_within_its_range():
@@ -178,9 +180,9 @@ def test_an_effect_that_is_on_no_list_gets_no_name(law, seed):
 def test_thresholds_hold_their_rate_and_know_of_other_numerics():
     model = toy(seed=5)
     base = recalibrate(model, stated_noise(model))
-    known = simulate_signatures(base.problem, base.base, base.differences)
-    white = thresholds(base.problem, known, np.empty((0, base.problem.size)), rate=0.05)
-    loose = thresholds(base.problem, known, 0.3 * known.of("quadratic")[0].columns.T, rate=0.05)
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    white = thresholds(base.problem, signatures, np.empty((0, base.problem.size)), rate=0.05)
+    loose = thresholds(base.problem, signatures, 0.3 * signatures.of("quadratic")[0].columns.T, rate=0.05)
     assert loose.max_gain_threshold > white.max_gain_threshold and loose.omnibus > white.omnibus
     generator = np.random.default_rng(9)
     dof = base.problem.size - len(base.base.parameters)
@@ -191,12 +193,12 @@ def test_thresholds_hold_their_rate_and_know_of_other_numerics():
 def test_a_pair_in_another_order_is_no_rival():
     model = toy({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1)
     base = recalibrate(model, stated_noise(model))
-    known = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
     labelled = {candidate.label: candidate for candidate in model.candidates}
     pair = labelled["coulomb"], labelled["spring"]
     decision = refit_and_decide(
-        base, known, [fit_hypothesis(base.problem, pair), fit_hypothesis(base.problem, pair[::-1])], limits
+        base, signatures, [fit_hypothesis(base.problem, pair), fit_hypothesis(base.problem, pair[::-1])], limits
     )
     assert decision.verdict == "named"
     assert len(decision.ranking) == 1
@@ -245,10 +247,10 @@ def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_add
     place = [p.key for p in found.parameters].index("slider_mass")
     model = stepping(smooth, found.values[place] + 0.5 * np.sqrt(found.covariance()[place, place]))
     base = recalibrate(model, stated_noise(model))
-    known = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
-    fits, _ = fit_singles(base, known, limits)
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    fits, _ = fit_singles(base, signatures, limits)
     assert two_effect_thresholds(base, fits, limits).max_gain_threshold > 5.0 * limits.max_gain_threshold
-    decision = refit_and_decide(base, known, [*fits, *fit_pairs(base, known, limits, fits)[0]], limits)
+    decision = refit_and_decide(base, signatures, [*fits, *fit_pairs(base, signatures, limits, fits)[0]], limits)
     assert decision.verdict == "named"
     assert decision.chosen.label == "viscous"

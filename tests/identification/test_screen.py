@@ -8,7 +8,7 @@ import pytest
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import Screen, simulate_signatures
+from jointgap.identification.screening import SignatureRegression, simulate_signatures
 from jointgap.identification.signature_subspaces import SignatureSubspaces
 from tests.identification.toy import stated_noise, toy
 
@@ -33,15 +33,17 @@ def screened(effects, **how):
     ids=lambda effects: next(iter(effects)),
 )
 def test_the_hidden_effect_is_first(effects):
-    *_, known = screened(effects, seed=1)
-    assert Screen(known).singles()[0].label == next(iter(effects))
+    *_, signatures = screened(effects, seed=1)
+    assert SignatureRegression(signatures).singles()[0].label == next(iter(effects))
 
 
 def test_what_signatures_foretell_is_what_a_fit_finds():
     """Sizes act linearly here, so both must agree."""
-    problem, differences, _, known = screened({"viscous": {"damping_N_s_m": 0.3}}, seed=2)
-    first = Screen(known).singles()[0]
-    found = fit_hypothesis(problem, first.hypothesis, first.start, known.derivatives(first.signatures), differences)
+    problem, differences, _, signatures = screened({"viscous": {"damping_N_s_m": 0.3}}, seed=2)
+    first = SignatureRegression(signatures).singles()[0]
+    found = fit_hypothesis(
+        problem, first.hypothesis, first.start, signatures.derivatives(first.signatures), differences
+    )
     assert first.chi2 == pytest.approx(found.chi2, abs=0.5)
     assert first.bic == pytest.approx(found.bic, abs=0.5)
     assert found.mapping["viscous.damping_N_s_m"] == pytest.approx(first.start["viscous.damping_N_s_m"], rel=1e-2)
@@ -63,25 +65,27 @@ def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal(
 
 def test_resistance_cannot_push():
     """A force that pushes along is not explained by a negative friction."""
-    *_, known = screened({"viscous": {"damping_N_s_m": -0.3}}, seed=3)
-    by_label = {one.label: one for one in Screen(known).singles()}
+    *_, signatures = screened({"viscous": {"damping_N_s_m": -0.3}}, seed=3)
+    by_label = {one.label: one for one in SignatureRegression(signatures).singles()}
     assert by_label["viscous"].start["viscous.damping_N_s_m"] == 0.0
     assert by_label["viscous"].chi2 == pytest.approx(by_label["coulomb"].chi2)
 
 
 def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows():
-    *_, known = screened({"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.0, "frequency_Hz": 6.37}}, seed=4)
-    tried = [one.shape_parameters["frequency_Hz"] for one in known.of("harmonic_force")]
+    *_, signatures = screened({"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.0, "frequency_Hz": 6.37}}, seed=4)
+    tried = [one.shape_parameters["frequency_Hz"] for one in signatures.of("harmonic_force")]
     assert min(abs(np.array(tried) - 6.37)) < 0.1
 
 
 def test_beside_one_of_two_hidden_effects_the_other_is_first():
-    problem, differences, _, known = screened({"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}, seed=5)
-    coulomb = next(one for one in Screen(known).singles() if one.label == "coulomb")
-    found = fit_hypothesis(
-        problem, coulomb.hypothesis, coulomb.start, known.derivatives(coulomb.signatures), differences
+    problem, differences, _, signatures = screened(
+        {"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}, seed=5
     )
-    partners = Screen(known.about(found), found.hypothesis).singles()
+    coulomb = next(one for one in SignatureRegression(signatures).singles() if one.label == "coulomb")
+    found = fit_hypothesis(
+        problem, coulomb.hypothesis, coulomb.start, signatures.derivatives(coulomb.signatures), differences
+    )
+    partners = SignatureRegression(signatures.about(found), found.hypothesis).singles()
     assert partners[0].label == "coulomb + spring"
     assert partners[0].start["spring.stiffness_N_m"] == pytest.approx(5.0, rel=0.1)
     assert "coulomb + coulomb" not in {one.label for one in partners}
@@ -103,15 +107,15 @@ def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():
 
     problem_with_springs = SimulationError("the spring breaks")
     object.__setattr__(model, "simulate", failing)
-    known = simulate_signatures(problem, base, differences)
-    assert known.failed == {"spring": "the spring breaks"}
-    assert "viscous" in {one.candidate.label for one in known.found}
+    signatures = simulate_signatures(problem, base, differences)
+    assert signatures.failed == {"spring": "the spring breaks"}
+    assert "viscous" in {one.candidate.label for one in signatures.entries}
 
 
 def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it():
-    *_, known = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
-    spaces = SignatureSubspaces(known)
-    by_label = {one.candidate.label: (one.candidate,) for one in known.found}
+    *_, signatures = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
+    spaces = SignatureSubspaces(signatures)
+    by_label = {one.candidate.label: (one.candidate,) for one in signatures.entries}
     both = (*by_label["viscous"], *by_label["coulomb"])
     assert spaces.is_special_case(by_label["viscous"], both)
     assert not spaces.is_special_case(by_label["quadratic"], both)
@@ -119,9 +123,11 @@ def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it
 
 
 def test_an_effect_that_could_not_be_simulated_about_the_base_is_like_none():
-    *_, known = screened({}, seed=6)
-    (first, *rest) = known.found
+    *_, signatures = screened({}, seed=6)
+    (first, *rest) = signatures.entries
     lost = (first.candidate,)
-    spaces = SignatureSubspaces(replace(known, found=[one for one in rest if one.candidate.label != lost[0].label]))
+    spaces = SignatureSubspaces(
+        replace(signatures, entries=[one for one in rest if one.candidate.label != lost[0].label])
+    )
     assert spaces.nearest(lost)[1] == 0.0
     assert not spaces.is_special_case(lost, (rest[-1].candidate,))

@@ -68,8 +68,8 @@ def regressed(model: SliderCrankModel) -> ForceLawResult:
     nominal = {run: {p.name: p.nominal for p in model.nuisances if p.run in (None, run)} for run in runs_of(model)}
     missed = {s.key: s.value - model.simulate(s.run, nominal[s.run])[s.channel] for s in model.series}
     base = recalibrate(model, estimate_noise(model, missed))
-    known = simulate_signatures(base.problem, base.base, base.differences, candidates=())
-    limits = thresholds(base.problem, known, other_numerics(base.problem, base.base))
+    signatures = simulate_signatures(base.problem, base.base, base.differences, candidates=())
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
     return find_force_law(base.problem, base.base, library(model), limits, base.differences)
 
 

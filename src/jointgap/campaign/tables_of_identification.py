@@ -19,7 +19,7 @@ from jointgap.identification.gauss_newton import compress_rows
 from jointgap.identification.noise_model import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate
-from jointgap.identification.screening import Screened, Signature, Signatures
+from jointgap.identification.screening import LinearizedFit, Signature, Signatures
 from jointgap.tables.results_folder import Frames
 
 JOINED = " + "
@@ -71,16 +71,16 @@ def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
     return noise
 
 
-def signatures_to_frames(known: Signatures) -> Frames:
+def signatures_to_frames(signatures: Signatures) -> Frames:
     """Tables `jointgap.tables.SIGNATURES` and `jointgap.tables.SIGNATURE_SHAPES`, by name."""
     columns, shapes, count = [], [], {}
-    for signature in known.found:
+    for signature in signatures.entries:
         label = signature.candidate.label
         start = count[label] = count.get(label, -1) + 1
         columns += [
             (label, start, p.key, column) for p, column in zip(signature.amplitudes, signature.columns.T, strict=True)
         ]
-        if signature.origin is not known.residual:
+        if signature.origin is not signatures.residual:
             columns.append((label, start, _ORIGIN, signature.origin))
         shapes += [(label, start, name, value) for name, value in signature.shape_parameters.items()]
     frames = [
@@ -137,18 +137,18 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
     return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, signatures, reasons)
 
 
-def screened_frame(known: Signatures, chosen: Sequence[Screened]) -> pd.DataFrame:
+def screened_frame(signatures: Signatures, chosen: Sequence[LinearizedFit]) -> pd.DataFrame:
     """Table `jointgap.tables.SCREENED`.
 
     Parameters
     ----------
-    known : Signatures
+    signatures : Signatures
         Of all candidates, with those that could not be simulated.
-    chosen : sequence of Screened
+    chosen : sequence of LinearizedFit
         Single effects that are worth a fit, best first.
     """
     rows = [(one.label, kind_of(one.hypothesis), one.chi2, one.bic, None) for one in chosen]
-    rows += [(label, "failed", np.nan, np.nan, reason) for label, reason in known.failed.items()]
+    rows += [(label, "failed", np.nan, np.nan, reason) for label, reason in signatures.failed.items()]
     return pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "bic", "reason"])
 
 

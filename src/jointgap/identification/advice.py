@@ -198,8 +198,8 @@ def _detectability(
     base = fit_hypothesis(problem, differences=differences)
     if base.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
-    known = simulate_signatures(problem, base, differences)
-    return problem, Detectability(known, *_lengths(problem.parts, counts), rate, settings), assumed
+    signatures = simulate_signatures(problem, base, differences)
+    return problem, Detectability(signatures, *_lengths(problem.parts, counts), rate, settings), assumed
 
 
 def _lengths(parts: Iterable, counts: Mapping[Key, int]) -> tuple[list[int], list[int]]:
@@ -221,7 +221,7 @@ def _part(
 
 
 def _preflight(model: Model, detectability: Detectability, assumed: tuple[str, ...]) -> Preflight:
-    rows, sizes, failed = [], {}, dict(detectability.known.failed)
+    rows, sizes, failed = [], {}, dict(detectability.signatures.failed)
     for candidate in model.candidates:
         simulated = candidate.label in detectability.labels
         smallest = detectability.detectable_size(candidate.label) if simulated else np.inf
@@ -242,10 +242,10 @@ def _preflight(model: Model, detectability: Detectability, assumed: tuple[str, .
     columns = ["label", "parameter", "smallest_detectable", "unit", "typical", "falls", "detectable"]
     effects = pd.DataFrame(rows, columns=columns)
     seen = [row["label"] for row in rows if row["detectable"]]
-    known = [row["label"] for row in rows if row["label"] in detectability.labels]
-    cosines = pd.DataFrame(np.eye(len(known)), index=known, columns=known)
-    for i, label in enumerate(known):
-        for other in known[i + 1 :]:
+    labels = [row["label"] for row in rows if row["label"] in detectability.labels]
+    cosines = pd.DataFrame(np.eye(len(labels)), index=labels, columns=labels)
+    for i, label in enumerate(labels):
+        for other in labels[i + 1 :]:
             cosines.loc[label, other] = cosines.loc[other, label] = detectability.cosine(label, other)
     undetectable = [row["label"] for row in rows if not row["detectable"] and row["label"] not in failed]
     return Preflight(effects, cosines, detectability.merged(seen), undetectable, failed, sizes, assumed)

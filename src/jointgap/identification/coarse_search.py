@@ -14,7 +14,7 @@ from jointgap.identification.decision import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Hypothesis
-from jointgap.identification.screening import Screen, Screened, Signatures, simulate_signatures
+from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures, simulate_signatures
 from jointgap.identification.smoother import Smoother, coarse_to_fine_fit, coordinate_scan, smoothers_of
 from jointgap.identification.thresholds import Thresholds
 
@@ -30,9 +30,9 @@ def search_singles(baseline: Baseline, limits: Thresholds) -> list[Fit]:
     start, smoothers = _first_visible(baseline, (), baseline.nominal.mapping, smoothers)
     if start.status == FAILED:
         return []
-    known = simulate_signatures(baseline.problem, start, baseline.differences)
-    singles = _shortlist(known, smoothers[0], baseline.problem.settings.coarse_search.max_singles)
-    return successive_elimination(baseline, [(single, known) for single in singles], smoothers, limits)
+    signatures = simulate_signatures(baseline.problem, start, baseline.differences)
+    singles = _shortlist(signatures, smoothers[0], baseline.problem.settings.coarse_search.max_singles)
+    return successive_elimination(baseline, [(single, signatures) for single in singles], smoothers, limits)
 
 
 def search_pairs(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> list[Fit]:
@@ -60,18 +60,18 @@ def search_pairs(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) ->
     leading = [fit for fit in singles.values() if _chi2(fit, first) < limit]
     # what failed alone would fail in a pair; but an amplitude on a grid may come nearer beside another effect
     failed = {fit.label for fit in fits if not any(c.grid for c in fit.hypothesis)} - singles.keys()
-    chosen: dict[frozenset[str], tuple[Screened, Signatures]] = {}
+    chosen: dict[frozenset[str], tuple[LinearizedFit, Signatures]] = {}
     remaining: Sequence[Smoother] = ()
     for rank, fit in enumerate(leading[: settings.leading_singles]):
         single, rest = _first_visible(baseline, fit.hypothesis, fit.mapping, smoothers)
         if single.status == FAILED:
             continue
         remaining = max(remaining, rest, key=len)
-        known = simulate_signatures(baseline.problem, single, baseline.differences)
+        signatures = simulate_signatures(baseline.problem, single, baseline.differences)
         smoother = rest[0] if rest else None
-        for pair in _shortlist(known, smoother, settings.partners_per_single, single.hypothesis, every=rank == 0):
+        for pair in _shortlist(signatures, smoother, settings.partners_per_single, single.hypothesis, every=rank == 0):
             if pair.hypothesis[-1].label not in failed:
-                chosen.setdefault(frozenset(c.label for c in pair.hypothesis), (pair, known))
+                chosen.setdefault(frozenset(c.label for c in pair.hypothesis), (pair, signatures))
     pairs = list(chosen.values())
     if not smoothers:  # then none is eliminated on the way, and each is fitted to its end
         pairs = sorted(pairs, key=lambda pair: pair[0].chi2)[: settings.survivors[0]]
@@ -79,17 +79,17 @@ def search_pairs(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) ->
 
 
 def _shortlist(
-    known: Signatures, smoother: Smoother | None, count: int, beside: Hypothesis = (), every: bool = True
-) -> list[Screened]:
+    signatures: Signatures, smoother: Smoother | None, count: int, fitted_effects: Hypothesis = (), every: bool = True
+) -> list[LinearizedFit]:
     """The `count` most promising candidates and, if `every`, all those of which small amplitudes say little.
 
     These are added to the best single effect alone, because a pair costs some fifty simulations.
     """
-    singles = Screen(known, beside, smoother).singles()
+    singles = SignatureRegression(signatures, fitted_effects, smoother).singles()
     return [*singles[:count], *(single for single in singles[count:] if every and _is_nonlinear(single))]
 
 
-def _is_nonlinear(screened: Screened) -> bool:
+def _is_nonlinear(screened: LinearizedFit) -> bool:
     """Whether small amplitudes say little of an effect, so that how much it would explain does not rank it."""
     candidates = [signature.candidate for signature in screened.signatures]
     return any(candidate.replaces or candidate.grid or candidate.is_perturbation for candidate in candidates)
@@ -97,7 +97,7 @@ def _is_nonlinear(screened: Screened) -> bool:
 
 def successive_elimination(
     baseline: Baseline,
-    chosen: Sequence[tuple[Screened, Signatures]],
+    chosen: Sequence[tuple[LinearizedFit, Signatures]],
     smoothers: Sequence[Smoother],
     limits: Thresholds,
 ) -> list[Fit]:
@@ -108,7 +108,7 @@ def successive_elimination(
     Parameters
     ----------
     baseline : Baseline
-    chosen : sequence of (Screened, Signatures)
+    chosen : sequence of (LinearizedFit, Signatures)
         Hypotheses, each with the signatures that it was screened by.
     smoothers : sequence of Smoother
         Coarsest first; none to begin with the samples.
@@ -118,8 +118,8 @@ def successive_elimination(
     settings = problem.settings.coarse_search
     first = smoothers[0] if smoothers else None
     fits, failed, least = [], [], np.inf
-    for screened, known in chosen:
-        fit = fit_screened(problem, differences, known, screened, sufficient_chi2=least, smoother=first)
+    for screened, signatures in chosen:
+        fit = fit_screened(problem, differences, signatures, screened, sufficient_chi2=least, smoother=first)
         if fit.status == FAILED:
             failed.append(fit)
             continue
@@ -166,12 +166,12 @@ def _refine(
 ) -> Fit:
     """The fit with the finer smoother that starts from one with `smoother`, after a scan of perturbations."""
 
-    def refit(start: Mapping[str, float], known: Mapping[str, np.ndarray] | None) -> Fit:
+    def refit(start: Mapping[str, float], derivatives: Mapping[str, np.ndarray] | None) -> Fit:
         return fit_hypothesis(
             baseline.problem,
             fit.hypothesis,
             start,
-            known,
+            derivatives,
             baseline.differences,
             sufficient_chi2=sufficient_chi2,
             smoother=finer,

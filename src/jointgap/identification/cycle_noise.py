@@ -50,24 +50,24 @@ def scatter_between_cycles(residual: np.ndarray, angle: np.ndarray, settings: No
         None where the cycles do not overlap enough.
     """
     difference, share = _cycle_differences(residual, angle)
-    known = np.isfinite(difference)
-    if known.sum() < settings.min_differences:
+    finite = np.isfinite(difference)
+    if finite.sum() < settings.min_differences:
         return None
     per_cycle = int(2 * np.pi / np.median(np.diff(angle[np.isfinite(angle)])))
     # Neighbouring differences share a cycle: covariances near a lag of one cycle are not the noise's own.
-    lags = min(known.size // 4, per_cycle // 2)
+    lags = min(finite.size // 4, per_cycle // 2)
     if lags <= settings.max_ar_order:
         return Scatter(
-            _robust_sd(difference[known] / np.sqrt(1 + (1 - share[known]) ** 2 + share[known] ** 2)), None, 0
+            _robust_sd(difference[finite] / np.sqrt(1 + (1 - share[finite]) ** 2 + share[finite] ** 2)), None, 0
         )
     # Outliers are cut twice: coarsely, as they would look like lines, and finely once the lines are gone.
     clean = _without_outliers(_without_lines(_without_outliers(difference, 5.0), settings), 3.0)
     spectrum = _spectrum(clean, lags)
     frequency = np.linspace(0.0, np.pi, spectrum.size)
     # Interpolation between two samples damps what changes from one to the next.
-    mixed = float(np.mean(share[known] * (1.0 - share[known])))
+    mixed = float(np.mean(share[finite] * (1.0 - share[finite])))
     spectrum = spectrum / (2.0 - 2.0 * mixed * (1.0 - np.cos(frequency)))
-    return Scatter(float(np.sqrt(_mean(spectrum))), spectrum, int(known.sum()))
+    return Scatter(float(np.sqrt(_mean(spectrum))), spectrum, int(finite.sum()))
 
 
 def scatter_between_samples(residual: np.ndarray, settings: NoiseSettings) -> Scatter | None:
@@ -143,11 +143,11 @@ def _cycle_differences(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndar
         NaN where the next cycle has no datum; the share of the later one of the two samples.
     """
     difference, share = np.full(residual.size, np.nan), np.full(residual.size, np.nan)
-    known = np.flatnonzero(np.isfinite(angle))
-    if known.size < 2 or not angle[known[-1]] > angle[known[0]]:
+    finite = np.flatnonzero(np.isfinite(angle))
+    if finite.size < 2 or not angle[finite[-1]] > angle[finite[0]]:
         return difference, share
     # An angle as measured may step back by its own noise.
-    rising, value = np.maximum.accumulate(angle[known]), residual[known]
+    rising, value = np.maximum.accumulate(angle[finite]), residual[finite]
     later = rising + 2 * np.pi
     inside = later <= rising[-1] + 1e-9
     right = np.clip(np.searchsorted(rising, later[inside] - 1e-9), 1, rising.size - 1)
@@ -157,15 +157,15 @@ def _cycle_differences(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndar
     before, after = value[right - 1], value[right]
     # A sample of no weight may be missing.
     mixed = np.where(weight < 1, (1 - weight) * before, 0.0) + np.where(weight > 0, weight * after, 0.0)
-    difference[known[inside]] = value[inside] - mixed
-    share[known[inside]] = weight
+    difference[finite[inside]] = value[inside] - mixed
+    share[finite[inside]] = weight
     return difference, share
 
 
 def _spectrum(values: np.ndarray, lags: int) -> np.ndarray:
     """Of the variance of values with gaps, smoothed by Parzen's window over so many lags; the mean is the variance."""
-    known = np.isfinite(values)
-    covariance = _pairs(np.where(known, values, 0.0), lags) / np.maximum(_pairs(known.astype(float), lags), 1.0)
+    finite = np.isfinite(values)
+    covariance = _pairs(np.where(finite, values, 0.0), lags) / np.maximum(_pairs(finite.astype(float), lags), 1.0)
     u = np.arange(lags + 1) / (lags + 1)
     window = np.where(u <= 0.5, 1 - 6 * u**2 + 6 * u**3, 2 * (1 - u) ** 3)
     tapered = window * covariance
@@ -189,12 +189,12 @@ def _without_lines(values: np.ndarray, settings: NoiseSettings) -> np.ndarray:
 
     One after the other, the most significant first, until noise alone would leave the next as often as it may.
     """
-    known = np.isfinite(values)
-    index, left = np.flatnonzero(known), values.copy()
+    finite = np.isfinite(values)
+    index, left = np.flatnonzero(finite), values.copy()
     points = 4 * values.size  # a line between two frequencies of the plain periodogram is not missed
     frequency = 2 * np.pi * np.arange(1, points // 2) / points
     for _ in range(settings.max_lines):
-        power = np.abs(np.fft.rfft(np.where(known, left, 0.0), points)[1 : points // 2]) ** 2
+        power = np.abs(np.fft.rfft(np.where(finite, left, 0.0), points)[1 : points // 2]) ** 2
         if not power.any():
             return left
         share = power / _background(power, frequency)

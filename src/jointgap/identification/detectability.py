@@ -21,7 +21,7 @@ class Detectability:
 
     Parameters
     ----------
-    known : Signatures
+    signatures : Signatures
         Of all candidates, about the nominal model.
     lengths : sequence of int
         Samples of each channel of each run, in order.
@@ -34,18 +34,18 @@ class Detectability:
 
     def __init__(
         self,
-        known: Signatures,
+        signatures: Signatures,
         lengths: Sequence[int],
         counts: Sequence[int],
         rate: float,
         settings: IdentificationSettings = DEFAULT_SETTINGS,
     ):
-        self.known, self.rate, self.settings = known, rate, settings
+        self.signatures, self.rate, self.settings = signatures, rate, settings
         self._excess = settings.detectability.typical_gap**2 - 1.0  # mean square beyond noise
         self.size = sum(counts)
-        self.labels = list(dict.fromkeys(signature.candidate.label for signature in known.found))
+        self.labels = list(dict.fromkeys(signature.candidate.label for signature in signatures.entries))
         self._subspaces: dict[frozenset, SignatureSubspaces] = {}
-        blocks = [known.jacobian, *(signature.columns for signature in known.found)]
+        blocks = [signatures.jacobian, *(signature.columns for signature in signatures.entries)]
         weight = np.repeat(np.sqrt(np.divide(counts, lengths)), lengths)[:, None]
         share = np.repeat((len(lengths) * np.array(lengths)) ** -0.5, lengths)[:, None]
         # The same in few rows: as chi2 sees them, and as the gap does, in which each channel of each run counts the
@@ -54,7 +54,9 @@ class Detectability:
         self._gap = self._by_signature(compress_rows(*(share * block for block in blocks)))
 
     def _by_signature(self, blocks: Sequence[np.ndarray]) -> _Blocks:
-        return blocks[0], {id(signature): block for signature, block in zip(self.known.found, blocks[1:], strict=True)}
+        return blocks[0], {
+            id(signature): block for signature, block in zip(self.signatures.entries, blocks[1:], strict=True)
+        }
 
     def part(self, rows: np.ndarray, lengths: Sequence[int], counts: Sequence[int]) -> "Detectability":
         """The same over some of the samples.
@@ -66,12 +68,14 @@ class Detectability:
         lengths, counts : sequence of int
             As of the class, for these rows.
         """
-        known = self.known
-        found = [
+        signatures = self.signatures
+        entries = [
             replace(signature, columns=signature.columns[rows], origin=signature.origin[rows])
-            for signature in known.found
+            for signature in signatures.entries
         ]
-        fewer = replace(known, jacobian=known.jacobian[rows], residual=known.residual[rows], found=found)
+        fewer = replace(
+            signatures, jacobian=signatures.jacobian[rows], residual=signatures.residual[rows], entries=entries
+        )
         return Detectability(fewer, lengths, counts, self.rate, self.settings)
 
     def detectable_size(self, label: str) -> float:
@@ -82,17 +86,19 @@ class Detectability:
         for.
         """
         return self._usual(
-            label, [self._smallest(s, 0, self._chi2, self._noncentrality(s)) for s in self.known.of(label)]
+            label, [self._smallest(s, 0, self._chi2, self._noncentrality(s)) for s in self.signatures.of(label)]
         )
 
     def typical_size(self, label: str) -> float:
         """First amplitude [SI] that leaves the typical gap after recalibration, as `detectable_size`."""
-        return self._usual(label, [self._smallest(s, 0, self._gap, self._excess) for s in self.known.of(label)])
+        return self._usual(label, [self._smallest(s, 0, self._gap, self._excess) for s in self.signatures.of(label)])
 
     def _usual(self, label: str, sizes: list[float]) -> float:
         """Of the amplitudes that the signatures of an effect give: the median, or the least where each holds for
         others."""
-        finite = any(signature.amplitudes[0].key in signature.shape_parameters for signature in self.known.of(label))
+        finite = any(
+            signature.amplitudes[0].key in signature.shape_parameters for signature in self.signatures.of(label)
+        )
         return float(min(sizes) if finite else np.median(sizes))
 
     def cosine(self, label: str, other: str) -> float:
@@ -143,11 +149,11 @@ class Detectability:
     def _kept(self, *signatures: Signature) -> list[int]:
         """Places of the nuisances that no effect replaces."""
         replaced = {name for signature in signatures for name in signature.candidate.replaces}
-        return [i for i, p in enumerate(self.known.parameters) if p.name not in replaced]
+        return [i for i, p in enumerate(self.signatures.parameters) if p.name not in replaced]
 
     def _room(self, kept: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        low, high = bounds_of([self.known.parameters[i] for i in kept])
-        return low - self.known.values[list(kept)], high - self.known.values[list(kept)]
+        low, high = bounds_of([self.signatures.parameters[i] for i in kept])
+        return low - self.signatures.values[list(kept)], high - self.signatures.values[list(kept)]
 
     def _left(self, signature: Signature, size: int, amount: float, measure: _Blocks) -> float:
         """What recalibration cannot take up of an effect that is there, squared."""
@@ -181,17 +187,17 @@ class Detectability:
         return float(np.exp(optimize.brentq(excess, np.log(least), np.log(most), xtol=1e-3)))
 
     def _beyond_nuisances(self, *labels: str) -> SignatureSubspaces:
-        chosen = [self.known.of(label)[0] for label in labels]
+        chosen = [self.signatures.of(label)[0] for label in labels]
         replaced = frozenset(name for signature in chosen for name in signature.candidate.replaces)
         if replaced not in self._subspaces:
             kept = self._kept(*chosen)
             jacobian, columns = self._chi2
             few = [
                 replace(signature, columns=columns[id(signature)], origin=np.zeros(len(jacobian)))
-                for signature in self.known.found
+                for signature in self.signatures.entries
             ]
             self._subspaces[replaced] = SignatureSubspaces(
-                replace(self.known, jacobian=jacobian[:, kept], found=few), self.settings.screening
+                replace(self.signatures, jacobian=jacobian[:, kept], entries=few), self.settings.screening
             )
         return self._subspaces[replaced]
 
@@ -201,9 +207,9 @@ class Detectability:
         For every size that the effect has: an effect with a further one is more than the effect without. For at least
         half of the shapes and signs: a bias that may go both ways is mistaken for a friction that goes one way.
         """
-        known = self.known.of(label)
-        for size, p in enumerate(known[0].amplitudes):
-            amounts = [(signature, self._smallest(signature, size, self._gap, self._excess)) for signature in known]
+        own = self.signatures.of(label)
+        for size, p in enumerate(own[0].amplitudes):
+            amounts = [(signature, self._smallest(signature, size, self._gap, self._excess)) for signature in own]
             signs = (1.0, -1.0) if p.low < 0.0 else (1.0,)
             mistaken = [
                 self._fitted(signature, size, sign * amount, other) < self.settings.decision.min_delta_bic
@@ -219,7 +225,7 @@ class Detectability:
         """chi2 that `other` leaves of an effect that is there."""
         jacobian, columns = self._chi2
         left = []
-        for rival in self.known.of(other):
+        for rival in self.signatures.of(other):
             kept = self._kept(rival)
             low, high = self._room(kept)
             rival_low, rival_high = bounds_of(rival.amplitudes)

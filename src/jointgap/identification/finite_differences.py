@@ -64,7 +64,7 @@ class FiniteDifferences:
         values: Mapping[str, float],
         residual: np.ndarray,
         hypothesis: Hypothesis,
-        known: Mapping[str, np.ndarray] | None = None,
+        known_derivatives: Mapping[str, np.ndarray] | None = None,
         fine: bool = False,
     ) -> np.ndarray:
         """Derivatives of the residuals.
@@ -78,7 +78,7 @@ class FiniteDifferences:
         residual : (n,) array
             Whitened, at `values`.
         hypothesis : tuple of Candidate
-        known : mapping of str to (n,) array
+        known_derivatives : mapping of str to (n,) array
             Columns by key that are taken as they are [1/SI].
         fine : bool
             Whether to take steps that noise could just hide, however large the residuals are.
@@ -89,7 +89,9 @@ class FiniteDifferences:
             [1/SI]
         """
         columns = [
-            known[p.key] if known and p.key in known else self.column(p, values, residual, hypothesis, fine)
+            known_derivatives[p.key]
+            if known_derivatives and p.key in known_derivatives
+            else self.column(p, values, residual, hypothesis, fine)
             for p in parameters
         ]
         return np.column_stack(columns) if columns else np.empty((residual.size, 0))

@@ -106,7 +106,7 @@ def fit_hypothesis(
     problem: Problem,
     hypothesis: Hypothesis = (),
     start: Mapping[str, float] | None = None,
-    known: Mapping[str, np.ndarray] | None = None,
+    known_derivatives: Mapping[str, np.ndarray] | None = None,
     differences: FiniteDifferences | None = None,
     *,
     refresh: bool = False,
@@ -126,7 +126,7 @@ def fit_hypothesis(
         () for the model as it stands.
     start : mapping of str to float
         Values by key to start from [SI]; nominal where absent.
-    known : mapping of str to (n,) array
+    known_derivatives : mapping of str to (n,) array
         Derivatives by key [1/SI] that were found near the start: they save simulations.
     differences : FiniteDifferences
         Shared with other fits of the problem, so that good steps are found once.
@@ -155,7 +155,7 @@ def fit_hypothesis(
         return Fit(hypothesis, parameters, descent.values, descent.residual, descent.jacobian, count, status, reason)
 
     try:
-        descent.begin(known)
+        descent.begin(known_derivatives)
     except (InputError, SimulationError) as error:
         return finished(FAILED, str(error))
     stopping = StoppingRule(
@@ -238,22 +238,24 @@ class _Descent:
         self.residual, self.jacobian = np.full(problem.size, np.nan), np.empty((problem.size, 0))
         self.fresh, self.trusted, self.damping = True, smoother is None, 0.0
 
-    def begin(self, known: Mapping[str, np.ndarray] | None) -> None:
-        """Simulate the start; columns of the Jacobian in `known` are taken as they are."""
+    def begin(self, known_derivatives: Mapping[str, np.ndarray] | None) -> None:
+        """Simulate the start; columns of the Jacobian in `known_derivatives` are taken as they are."""
         self.residual = self._simulate(self.values)
         self._smoothed = self._smooth(self.residual)
-        self.jacobian = self.derivatives(known)
-        self.fresh = not known
+        self.jacobian = self.derivatives(known_derivatives)
+        self.fresh = not known_derivatives
 
     @property
     def chi2(self) -> float:
         """Sum of squares of what is to be small."""
         return float(self._smoothed @ self._smoothed)
 
-    def derivatives(self, known: Mapping[str, np.ndarray] | None = None, fine: bool = False) -> np.ndarray:
-        """The Jacobian here, (n, k); `known` and `fine` as in `FiniteDifferences.jacobian`."""
+    def derivatives(self, known_derivatives: Mapping[str, np.ndarray] | None = None, fine: bool = False) -> np.ndarray:
+        """The Jacobian here, (n, k); `known_derivatives` and `fine` as in `FiniteDifferences.jacobian`."""
         at = self._by_key(self.values)
-        return self._differences.jacobian(self._parameters, at, self.residual, self._hypothesis, known, fine)
+        return self._differences.jacobian(
+            self._parameters, at, self.residual, self._hypothesis, known_derivatives, fine
+        )
 
     def renew(self) -> None:
         """Make the Jacobian anew here; the next step is undamped."""

@@ -19,7 +19,7 @@ from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
-from jointgap.identification.screening import Screen, Screened, Signature, simulate_signatures
+from jointgap.identification.screening import LinearizedFit, Signature, SignatureRegression, simulate_signatures
 from jointgap.identification.settings import ForceLawSettings, IdentificationSettings
 from jointgap.identification.thresholds import Thresholds
 
@@ -152,11 +152,11 @@ def find_force_law(
     """
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
-    known = simulate_signatures(problem, base, differences, library)
-    screen, settings = Screen(known), problem.settings.force_law
-    sums = [screen.explained(chosen) for chosen in _subsets(known.found)]
+    signatures = simulate_signatures(problem, base, differences, library)
+    screen, settings = SignatureRegression(signatures), problem.settings.force_law
+    sums = [screen.explained(chosen) for chosen in _subsets(signatures.entries)]
     if not sums:
-        return ForceLawResult(None, False, "no term of the library could be simulated", failed=known.failed)
+        return ForceLawResult(None, False, "no term of the library could be simulated", failed=signatures.failed)
     counts = {
         size: sum(len(candidate.signatures) == size for candidate in sums) for size in range(1, len(COEFFICIENTS) + 1)
     }
@@ -167,8 +167,8 @@ def find_force_law(
 
     sums.sort(key=lambda screened: screened.bic)
 
-    def fitted(chosen: Sequence[Screened]) -> list[Fit]:
-        return [fit_screened(problem, differences, known, one) for one in chosen]
+    def fitted(chosen: Sequence[LinearizedFit]) -> list[Fit]:
+        return [fit_screened(problem, differences, signatures, screened) for screened in chosen]
 
     fits = fitted(_singles(sums, settings))
     alone = min(fits, key=lambda fit: fit.bic)
@@ -178,24 +178,24 @@ def find_force_law(
     best = fits[0]
     if best.status == FAILED:
         return ForceLawResult(
-            None, False, best.reason, [], fits, known.failed, [weigh(base, one, limits) for one in fits]
+            None, False, best.reason, [], fits, signatures.failed, [weigh(base, fit, limits) for fit in fits]
         )
     best = next(
-        (one for one in fits if len(one.hypothesis) == 1 and cost[one.label] - cost[best.label] < min_delta_bic), best
+        (fit for fit in fits if len(fit.hypothesis) == 1 and cost[fit.label] - cost[best.label] < min_delta_bic), best
     )
-    rest = [one for one in fits if one is not best]
+    rest = [fit for fit in fits if fit is not best]
     rivals = [
-        one
-        for one in rest
-        if cost[one.label] - cost[best.label] < min_delta_bic and _differs(one, best, base, settings.same_law_share)
+        fit
+        for fit in rest
+        if cost[fit.label] - cost[best.label] < min_delta_bic and _differs(fit, best, base, settings.same_law_share)
     ]
     accepted, because = _gate(base, best, cost[best.label], limits, problem.settings)
-    others = [one for one in rest if one not in rivals]
+    others = [fit for fit in rest if fit not in rivals]
     best = fit_hypothesis(
         problem, best.hypothesis, best.mapping, differences=differences, refresh=True
     )  # for its intervals
-    ranking = [weigh(base, one, limits) for one in (best, *rivals, *others)]
-    return ForceLawResult(best, accepted, because, rivals, others, known.failed, ranking)
+    ranking = [weigh(base, fit, limits) for fit in (best, *rivals, *others)]
+    return ForceLawResult(best, accepted, because, rivals, others, signatures.failed, ranking)
 
 
 def law_of(hypothesis: Hypothesis, values: Mapping[str, float]) -> Law:
@@ -229,15 +229,15 @@ def _product(coefficient: str, term: str) -> str:
     return coefficient if term == "1" else f"{coefficient}*{term}"
 
 
-def _subsets(found: Sequence[Signature]) -> Iterator[tuple[Signature, ...]]:
+def _subsets(signatures: Sequence[Signature]) -> Iterator[tuple[Signature, ...]]:
     """All sets of terms of one effect that a law may have."""
     for size in range(1, len(COEFFICIENTS) + 1):
-        for chosen in itertools.combinations(found, size):
+        for chosen in itertools.combinations(signatures, size):
             if len({effect_of(signature.candidate) for signature in chosen}) == 1:
                 yield chosen
 
 
-def _singles(sums: Sequence[Screened], settings: ForceLawSettings) -> list[Screened]:
+def _singles(sums: Sequence[LinearizedFit], settings: ForceLawSettings) -> list[LinearizedFit]:
     """The single terms that explain most, among them some of each effect; `sums` is best first."""
     singles = [one for one in sums if len(one.signatures) == 1]
     chosen = singles[: settings.max_fitted]
@@ -247,7 +247,9 @@ def _singles(sums: Sequence[Screened], settings: ForceLawSettings) -> list[Scree
     return chosen
 
 
-def _pairs(sums: Sequence[Screened], alone: Fit, sufficient: bool, settings: ForceLawSettings) -> list[Screened]:
+def _pairs(
+    sums: Sequence[LinearizedFit], alone: Fit, sufficient: bool, settings: ForceLawSettings
+) -> list[LinearizedFit]:
     """The pairs that add to the best single term, and the best others where it is not enough; `sums` is best first."""
     pairs = [one for one in sums if len(one.signatures) > 1]
     adding = [one for one in pairs if {c.label for c in alone.hypothesis} < {c.label for c in one.hypothesis}]

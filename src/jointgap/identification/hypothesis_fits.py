@@ -17,14 +17,16 @@ from jointgap.identification.model_selection import (
     shortlist_singles,
     two_effect_thresholds,
 )
-from jointgap.identification.screening import Screened, Signatures
+from jointgap.identification.screening import LinearizedFit, Signatures
 from jointgap.identification.thresholds import Thresholds
 
 TimedFits = tuple[list[Fit], list[float]]
 """Fits, one of each hypothesis, and how long each took [s]."""
 
 
-def fit_singles(baseline: Baseline, known: Signatures, limits: Thresholds, part: int = 0, parts: int = 1) -> TimedFits:
+def fit_singles(
+    baseline: Baseline, signatures: Signatures, limits: Thresholds, part: int = 0, parts: int = 1
+) -> TimedFits:
     """Fit every single effect of one part.
 
     A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those of the
@@ -33,18 +35,18 @@ def fit_singles(baseline: Baseline, known: Signatures, limits: Thresholds, part:
     Parameters
     ----------
     baseline : Baseline
-    known : Signatures
+    signatures : Signatures
         Of all candidates.
     limits : Thresholds
     part, parts : int
         Which of how many parts, counted from 0.
     """
-    shortlist = shortlist_singles(known, limits, baseline.problem.settings)
-    return _fit_each(baseline, known, [(single, None) for single in shortlist[part::parts]], limits)
+    shortlist = shortlist_singles(signatures, limits, baseline.problem.settings)
+    return _fit_each(baseline, signatures, [(single, None) for single in shortlist[part::parts]], limits)
 
 
 def fit_pairs(
-    baseline: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
+    baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
 ) -> TimedFits:
     """Fit every pair of one part that is worth it beside the fits of single effects.
 
@@ -54,14 +56,14 @@ def fit_pairs(
 
     Parameters
     ----------
-    baseline, known, limits, part, parts
+    baseline, signatures, limits, part, parts
         As of `fit_singles`.
     alone : sequence of Fit
         Of single effects, from all parts.
     """
     if _insufficient(baseline, alone, limits):
-        return _search(baseline, known, limits, alone) if part == 0 else ([], [])
-    return _pairs_of_best(baseline, known, limits, alone, part, parts)
+        return _search(baseline, signatures, limits, alone) if part == 0 else ([], [])
+    return _pairs_of_best(baseline, signatures, limits, alone, part, parts)
 
 
 def _insufficient(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> bool:
@@ -72,17 +74,17 @@ def _insufficient(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) 
 
 
 def _pairs_of_best(
-    baseline: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
+    baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
 ) -> TimedFits:
     """Pairs of the best single effect that is sufficient; none where none is."""
     second = two_effect_thresholds(baseline, alone, limits)
     best = best_sufficient(baseline, alone, second)
     count = baseline.problem.settings.selection.partners
-    pairs = shortlist_pairs(known, best, alone, second, count)[part::parts] if best else []
-    return _fit_each(baseline, known, [(pair, best) for pair in pairs], limits)
+    pairs = shortlist_pairs(signatures, best, alone, second, count)[part::parts] if best else []
+    return _fit_each(baseline, signatures, [(pair, best) for pair in pairs], limits)
 
 
-def _search(baseline: Baseline, known: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> TimedFits:
+def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> TimedFits:
     """Single effects by coarse search, and pairs: of a single that is sufficient now, or searched too."""
     begin = time.monotonic()
     # steps as nobody else left them: the result must not depend on what else ran in this process
@@ -93,7 +95,7 @@ def _search(baseline: Baseline, known: Signatures, limits: Thresholds, alone: Se
     if _insufficient(baseline, singles, limits):
         fits += search_pairs(baseline, singles, limits)
     else:
-        fits += _pairs_of_best(baseline, known, limits, singles)[0]
+        fits += _pairs_of_best(baseline, signatures, limits, singles)[0]
     best: dict[str, Fit] = {}
     for fit in fits:
         best[fit.label] = min(best.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
@@ -102,12 +104,12 @@ def _search(baseline: Baseline, known: Signatures, limits: Thresholds, alone: Se
 
 
 def _fit_each(
-    baseline: Baseline, known: Signatures, chosen: Sequence[tuple[Screened, Fit | None]], limits: Thresholds
+    baseline: Baseline, signatures: Signatures, chosen: Sequence[tuple[LinearizedFit, Fit | None]], limits: Thresholds
 ) -> TimedFits:
     fits, seconds = [], []
-    for screened, beside in chosen:
+    for screened, part_fit in chosen:
         begin = time.monotonic()
         sufficient = min((fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
-        fits.append(fit_screened(baseline.problem, baseline.differences, known, screened, beside, sufficient))
+        fits.append(fit_screened(baseline.problem, baseline.differences, signatures, screened, part_fit, sufficient))
         seconds.append(time.monotonic() - begin)
     return fits, seconds

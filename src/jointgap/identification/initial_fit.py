@@ -8,7 +8,7 @@ from jointgap.errors import InputError, SimulationError
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import Screened, Signature, Signatures
+from jointgap.identification.screening import LinearizedFit, Signature, Signatures
 from jointgap.identification.settings import InitialGuessSettings
 from jointgap.identification.signature_subspaces import orthonormal
 
@@ -18,9 +18,9 @@ Smooth = Callable[[np.ndarray], np.ndarray]
 def fit_screened(
     problem: Problem,
     differences: FiniteDifferences,
-    known: Signatures,
-    screened: Screened,
-    beside: Fit | None = None,
+    signatures: Signatures,
+    screened: LinearizedFit,
+    part_fit: Fit | None = None,
     sufficient_chi2: float = np.inf,
     smoother: Smooth | None = None,
 ) -> Fit:
@@ -34,10 +34,10 @@ def fit_screened(
     ----------
     problem : Problem
     differences : FiniteDifferences
-    known : Signatures
+    signatures : Signatures
         About the base.
-    screened : Screened
-    beside : Fit, optional
+    screened : LinearizedFit
+    part_fit : Fit, optional
         The fit of a part of the hypothesis that the rest is added to.
     sufficient_chi2, smoother
         As of `jointgap.identification.fit.fit_hypothesis`.
@@ -48,7 +48,7 @@ def fit_screened(
         Failed, with the reason, where its start cannot be simulated or no amplitude on a grid comes nearer to the data
         than none.
     """
-    derivatives = (known if beside is None else known.about(beside)).derivatives(screened.signatures)
+    derivatives = (signatures if part_fit is None else signatures.about(part_fit)).derivatives(screened.signatures)
     try:
         start, near = _start(problem, screened, derivatives, smoother)
     except (InputError, SimulationError) as error:
@@ -68,12 +68,12 @@ def fit_screened(
 
 
 def _start(
-    problem: Problem, screened: Screened, known: Mapping[str, np.ndarray], smoother: Smooth | None
+    problem: Problem, screened: LinearizedFit, derivatives: Mapping[str, np.ndarray], smoother: Smooth | None
 ) -> tuple[Mapping[str, float], bool]:
     """Values by key to start from, and whether that is so near the base that derivatives there are good enough."""
     for signature in screened.signatures:
         if signature.candidate.grid and not any(part.series.statistic for part in problem.parts):
-            start, misfit = _best_on_grid(problem, screened, signature, known)
+            start, misfit = _best_on_grid(problem, screened, signature, derivatives)
             if misfit >= float(signature.origin @ signature.origin):
                 label = signature.candidate.label
                 raise SimulationError(f"no size of {label} that was tried comes nearer to the data than none")
@@ -83,7 +83,7 @@ def _start(
     return _best_multiple(problem, screened, smoother)
 
 
-def _best_multiple(problem: Problem, screened: Screened, smoother: Smooth | None) -> tuple[dict[str, float], bool]:
+def _best_multiple(problem: Problem, screened: LinearizedFit, smoother: Smooth | None) -> tuple[dict[str, float], bool]:
     """The best of 1, 2, 4 ... times the linear answer, and whether it is the answer itself."""
     amplitudes = {f"{s.candidate.label}.{p.key}" for s in screened.signatures for p in s.amplitudes}
     bounds = {p.key: (p.low, p.high) for p in problem.parameters(screened.hypothesis)}
@@ -105,7 +105,7 @@ def _best_multiple(problem: Problem, screened: Screened, smoother: Smooth | None
 
 
 def _best_on_grid(
-    problem: Problem, screened: Screened, signature: Signature, known: Mapping[str, np.ndarray]
+    problem: Problem, screened: LinearizedFit, signature: Signature, derivatives: Mapping[str, np.ndarray]
 ) -> tuple[dict[str, float], float]:
     """The start whose amplitude leaves the smallest chi2 once nuisances take up what they can, and that chi2.
 
@@ -118,8 +118,10 @@ def _best_on_grid(
     key = f"{signature.candidate.label}.{amplitude.key}"
     # nuisances stay where the origin was simulated: the answer to a secant that does not hold would lead them astray
     start = {name: screened.near.get(name, value) for name, value in screened.start.items()}
-    kept = [known[p.key] for p in problem.parameters(screened.hypothesis) if p.key in known and p.key != key]
-    nuisances = orthonormal(np.column_stack(kept) if kept else np.empty((problem.size, 0)))
+    varied = [
+        derivatives[p.key] for p in problem.parameters(screened.hypothesis) if p.key in derivatives and p.key != key
+    ]
+    nuisances = orthonormal(np.column_stack(varied) if varied else np.empty((problem.size, 0)))
     origin = signature.origin
     measured = _log_power(problem, np.square(origin), settings.cycle_bins)
 
@@ -140,7 +142,7 @@ def _best_on_grid(
 
 def _best_of(
     problem: Problem,
-    screened: Screened,
+    screened: LinearizedFit,
     start: dict[str, float],
     key: str,
     values: Iterable[float],

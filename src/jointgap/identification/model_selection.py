@@ -12,7 +12,7 @@ from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate
-from jointgap.identification.screening import Screen, Screened, Signatures
+from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.identification.signature_subspaces import SignatureSubspaces, orthonormal
 from jointgap.identification.smoother import fit_via_smoothers, smoothers_of
@@ -20,13 +20,13 @@ from jointgap.identification.thresholds import Thresholds
 
 
 def shortlist_singles(
-    known: Signatures, limits: Thresholds, settings: IdentificationSettings = DEFAULT_SETTINGS
-) -> list[Screened]:
-    """Single effects that are worth a fit, best first: `known` of all candidates, by `limits` and `settings`."""
+    signatures: Signatures, limits: Thresholds, settings: IdentificationSettings = DEFAULT_SETTINGS
+) -> list[LinearizedFit]:
+    """Single effects that are worth a fit, best first: `signatures` of all candidates, by `limits` and `settings`."""
     selection = settings.selection
-    singles = Screen(known).singles()
-    dof = known.residual.size - len(known.parameters)
-    chi2 = known.residual @ known.residual
+    singles = SignatureRegression(signatures).singles()
+    dof = signatures.residual.size - len(signatures.parameters)
+    chi2 = signatures.residual @ signatures.residual
     if chi2 > limits.omnibus * dof:
         shortlist = singles[: selection.max_singles]
         if singles and singles[0].chi2 - dof > selection.unexplained_share * (chi2 - dof):
@@ -34,8 +34,8 @@ def shortlist_singles(
             shortlist += [single for single in rest if single.signatures[0].candidate.grid]
         return shortlist
     # the base leaves noise alone: effects are small, and signatures nearly exact
-    wanted = selection.min_gain_share * max(settings.decision.min_delta_bic, limits.max_gain_threshold)
-    limit = chi2 + len(known.parameters) * np.log(known.residual.size) - wanted
+    min_gain = selection.min_gain_share * max(settings.decision.min_delta_bic, limits.max_gain_threshold)
+    limit = chi2 + len(signatures.parameters) * np.log(signatures.residual.size) - min_gain
     count = sum(single.bic < min(singles[0].bic + selection.max_delta_bic, limit) for single in singles)
     return singles[: min(max(count, selection.min_singles), selection.max_singles)]
 
@@ -50,15 +50,15 @@ def best_sufficient(baseline: Baseline, fits: Sequence[Fit], second: Thresholds)
 
 
 def shortlist_pairs(
-    known: Signatures, best: Fit, fits: Sequence[Fit], second: Thresholds, count: int
-) -> list[Screened]:
+    signatures: Signatures, best: Fit, fits: Sequence[Fit], second: Thresholds, count: int
+) -> list[LinearizedFit]:
     """Pairs with a sufficient single effect that are worth a fit: those that would gain beyond chance.
 
-    At most `count`; the sufficient effect is that of `best`, `fits` are those of all single effects, `known` the
+    At most `count`; the sufficient effect is that of `best`, `fits` are those of all single effects, `signatures` the
     signatures about the base, and `second` is from `two_effect_thresholds`.
     """
     failed = {fit.label for fit in fits} - {fit.label for fit in fits if fit.status != FAILED}
-    pairs = Screen(known.about(best), best.hypothesis).singles()
+    pairs = SignatureRegression(signatures.about(best), best.hypothesis).singles()
     gaining = [pair for pair in pairs if best.bic - pair.bic > second.max_gain_threshold]
     return [pair for pair in gaining if pair.hypothesis[-1].label not in failed][:count]
 
@@ -132,7 +132,7 @@ def refit_jacobian(baseline: Baseline, fit: Fit) -> Fit:
     return fit_hypothesis(baseline.problem, fit.hypothesis, fit.mapping, differences=baseline.differences, refresh=True)
 
 
-def refit_and_decide(baseline: Baseline, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
+def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
     """Weigh the fits (`jointgap.identification.decision.decide`), the best of each hypothesis.
 
     Where the motion has numerical noise, base and rivals are first fitted again from the best one's nuisances: a
@@ -161,7 +161,7 @@ def refit_and_decide(baseline: Baseline, known: Signatures, fits: Sequence[Fit],
                 for fit in ranked[: 1 + selection.partners]:
                     if fit.status != FAILED:
                         best[_labels(fit)] = _moved(baseline, best[_labels(fit)], deeper)
-    subspaces = SignatureSubspaces(known)
+    subspaces = SignatureSubspaces(signatures)
     similarity = {
         fit.label: subspaces.nearest(fit.hypothesis)[1]
         for fit in best.values()
@@ -181,7 +181,7 @@ def refit_and_decide(baseline: Baseline, known: Signatures, fits: Sequence[Fit],
     )
 
 
-def swap_one_effect(baseline: Baseline, known: Signatures, fits: Sequence[Fit]) -> list[Fit]:
+def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit]) -> list[Fit]:
     """Fits of the pairs that differ from the best one in one effect, as far as they are not among `fits`.
 
     One of two effects may stand for another as long as the second is not beside it, and lead to the wrong pair.
@@ -198,12 +198,12 @@ def swap_one_effect(baseline: Baseline, known: Signatures, fits: Sequence[Fit]) 
             alone = fit_hypothesis(problem, (kept,), _values_without_others(best, kept), differences=differences)
         if alone.status == FAILED:
             continue
-        partners = Screen(known.about(alone), alone.hypothesis).singles()
+        partners = SignatureRegression(signatures.about(alone), alone.hypothesis).singles()
         for pair in partners[: problem.settings.selection.partners]:
             labels = frozenset(candidate.label for candidate in pair.hypothesis)
             if labels not in done:
                 done.add(labels)
-                swapped.append(fit_screened(problem, differences, known, pair, alone))
+                swapped.append(fit_screened(problem, differences, signatures, pair, alone))
     return swapped
 
 
@@ -237,7 +237,7 @@ def _moved(baseline: Baseline, fit: Fit, to: Fit) -> Fit:
     return again if again.chi2 < fit.chi2 else fit
 
 
-def select_hypothesis(baseline: Baseline, known: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
+def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
     """Choose among the fits; what is chosen is fitted once more to its end, for its intervals.
 
     What leaving out one of two effects costs is the fit of the other alone, at its best: before two effects are named
@@ -247,17 +247,17 @@ def select_hypothesis(baseline: Baseline, known: Signatures, fits: Sequence[Fit]
     Parameters
     ----------
     baseline : Baseline
-    known : Signatures
+    signatures : Signatures
         Of all candidates.
     fits : sequence of Fit
         Of single effects and pairs.
     limits : Thresholds
     """
-    fits, done = [*fits, *swap_one_effect(baseline, known, fits)], set()
-    decision = refit_and_decide(baseline, known, fits, limits)
+    fits, done = [*fits, *swap_one_effect(baseline, signatures, fits)], set()
+    decision = refit_and_decide(baseline, signatures, fits, limits)
     while members := _members_alone(baseline, [decision.chosen, *decision.equivalent], done):
         fits += members
-        decision = refit_and_decide(baseline, known, fits, limits)
+        decision = refit_and_decide(baseline, signatures, fits, limits)
     base = decision.base if decision.base is baseline.base else refit_jacobian(baseline, decision.base)
     chosen = base if decision.chosen is decision.base else decision.chosen
     if chosen.hypothesis:

@@ -74,7 +74,7 @@ class Signatures:
         [1/SI]
     residual : (n,) array
         [1] Whitened.
-    found : list of Signature
+    entries : list of Signature
     failed : mapping of label to reason
         Candidates that could not be simulated.
     """
@@ -83,7 +83,7 @@ class Signatures:
     values: np.ndarray
     jacobian: np.ndarray
     residual: np.ndarray
-    found: list[Signature]
+    entries: list[Signature]
     failed: Mapping[str, str]
 
     def about(self, fit: Fit) -> "Signatures":
@@ -91,14 +91,14 @@ class Signatures:
         taken = {name for candidate in fit.hypothesis for name in (candidate.label, *candidate.replaces)}
         others = [
             replace(s, origin=fit.residual + (s.origin - self.residual))
-            for s in self.found
+            for s in self.entries
             if not taken & {s.candidate.label, *s.candidate.replaces}
         ]
         return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, others, self.failed)
 
     def of(self, label: str) -> list[Signature]:
         """All signatures of one candidate."""
-        return [signature for signature in self.found if signature.candidate.label == label]
+        return [signature for signature in self.entries if signature.candidate.label == label]
 
     def derivatives(self, chosen: Sequence[Signature]) -> dict[str, np.ndarray]:
         """Derivatives by key, each (n,), for a fit that starts near the base."""
@@ -110,7 +110,7 @@ class Signatures:
 
 
 @dataclass(frozen=True)
-class Screened:
+class LinearizedFit:
     """What a hypothesis would explain if all were linear.
 
     Attributes
@@ -122,7 +122,7 @@ class Screened:
     start : mapping of str to float
         Values by key [SI] at which it would be.
     bic : float
-    beside : tuple of Candidate
+    fitted_effects : tuple of Candidate
         Effects that are fitted already; `start` holds their values.
     near : mapping of str to float
         Values by key [SI] about which the signatures were taken.
@@ -132,13 +132,13 @@ class Screened:
     chi2: float
     start: Mapping[str, float]
     bic: float
-    beside: Hypothesis = ()
+    fitted_effects: Hypothesis = ()
     near: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def hypothesis(self) -> Hypothesis:
         """The effects."""
-        return (*self.beside, *(signature.candidate for signature in self.signatures))
+        return (*self.fitted_effects, *(signature.candidate for signature in self.signatures))
 
     @property
     def label(self) -> str:
@@ -160,13 +160,13 @@ def simulate_signatures(
     candidates : sequence of Candidate
         All of the model's by default.
     """
-    found: list[Signature] = []
+    entries: list[Signature] = []
     failed: dict[str, str] = {}
     candidates = problem.model.candidates if candidates is None else candidates
     taken = {name for effect in base.hypothesis for name in (effect.label, *effect.replaces)}
     candidates = [candidate for candidate in candidates if not taken & {candidate.label, *candidate.replaces}]
     for candidate in sorted(candidates, key=lambda candidate: bool(candidate.steady_counterpart)):  # steady ones first
-        steady = [signature for signature in found if signature.candidate.label == candidate.steady_counterpart]
+        steady = [signature for signature in entries if signature.candidate.label == candidate.steady_counterpart]
         try:
             origin = base.residual
             if candidate.replaces:
@@ -174,14 +174,14 @@ def simulate_signatures(
                 origin = problem.residual(absent, (*base.hypothesis, candidate))
             for shapes in _initial_shapes(problem, base, candidate, steady):
                 try:
-                    found.append(_signature(problem, base, differences, candidate, shapes, origin))
+                    entries.append(_signature(problem, base, differences, candidate, shapes, origin))
                 except (InputError, SimulationError) as error:
                     failed[candidate.label] = str(error)
         except (InputError, SimulationError) as error:
             failed[candidate.label] = str(error)
-    simulated = {signature.candidate.label for signature in found}
+    simulated = {signature.candidate.label for signature in entries}
     failed = {label: reason for label, reason in failed.items() if label not in simulated}
-    finite = [signature for signature in found if np.isfinite(signature.columns).all()]
+    finite = [signature for signature in entries if np.isfinite(signature.columns).all()]
     return Signatures(base.parameters, base.values, base.jacobian, base.residual, finite, failed)
 
 
@@ -228,65 +228,70 @@ def _signature(
     return Signature(candidate, dict(shapes), np.column_stack(columns), origin, problem.runs, factor)
 
 
-class Screen:
+class SignatureRegression:
     """Linear least squares over a set of signatures, in few rows.
 
     Parameters
     ----------
-    known : Signatures
-    beside : tuple of Candidate
-        Effects among whose parameters and values `known` are.
+    signatures : Signatures
+    fitted_effects : tuple of Candidate
+        Effects among whose parameters and values `signatures` are.
     smoother : function, optional
         What of the residuals is to be small, as in `jointgap.identification.fit.fit_hypothesis`.
     """
 
     def __init__(
         self,
-        known: Signatures,
-        beside: Hypothesis = (),
+        signatures: Signatures,
+        fitted_effects: Hypothesis = (),
         smoother: Callable[[np.ndarray], np.ndarray] | None = None,
     ):
-        self.known, self.beside = known, beside
-        origins = [signature.origin - known.residual for signature in known.found]
-        self._rows = known.residual.size
-        blocks = [known.jacobian, known.residual, *(signature.columns for signature in known.found), *origins]
+        self.signatures, self.fitted_effects = signatures, fitted_effects
+        origins = [signature.origin - signatures.residual for signature in signatures.entries]
+        self._rows = signatures.residual.size
+        blocks = [
+            signatures.jacobian,
+            signatures.residual,
+            *(signature.columns for signature in signatures.entries),
+            *origins,
+        ]
         blocks = compress_rows(*(blocks if smoother is None else map(smoother, blocks)))
-        count = len(known.found)
+        count = len(signatures.entries)
         self._jacobian, self._residual = blocks[0], blocks[1]
         self._columns, self._origins = blocks[2 : 2 + count], blocks[2 + count :]
-        self._index = {id(signature): i for i, signature in enumerate(known.found)}
+        self._index = {id(signature): i for i, signature in enumerate(signatures.entries)}
 
-    def explained(self, chosen: Sequence[Signature]) -> Screened:
+    def explained(self, chosen: Sequence[Signature]) -> LinearizedFit:
         """What the signatures `chosen` together would explain, within all bounds."""
-        known = self.known
+        signatures = self.signatures
         replaced = {name for signature in chosen for name in signature.candidate.replaces}
-        kept = [i for i, p in enumerate(known.parameters) if p.name not in replaced]
+        kept = [i for i, p in enumerate(signatures.parameters) if p.name not in replaced]
         indices = [self._index[id(signature)] for signature in chosen]
         matrix = np.hstack([self._jacobian[:, kept], *(self._columns[i] for i in indices)])
         target = self._residual + sum((self._origins[i] for i in indices), np.zeros(self._residual.size))
         amplitudes = [(signature, p) for signature in chosen for p in signature.amplitudes]
-        low, high = bounds_of([known.parameters[i] for i in kept])
+        low, high = bounds_of([signatures.parameters[i] for i in kept])
         ranges = np.array([signature.valid_range(p) for signature, p in amplitudes]).reshape(-1, 2).T
         low, high = np.append(low, ranges[0]), np.append(high, ranges[1])
-        present = np.append(known.values[kept], [s.shape_parameters.get(p.key, 0.0) for s, p in amplitudes])
+        present = np.append(signatures.values[kept], [s.shape_parameters.get(p.key, 0.0) for s, p in amplitudes])
         target = target + matrix[:, len(kept) :] @ present[len(kept) :]
         step, chi2 = bounded_step(matrix, target, low - present, high - present)
-        start = {known.parameters[i].key: float(value) for i, value in zip(kept, present + step, strict=False)}
+        start = {signatures.parameters[i].key: float(value) for i, value in zip(kept, present + step, strict=False)}
         for (signature, p), value in zip(amplitudes, (present + step)[len(kept) :], strict=True):
             start[f"{signature.candidate.label}.{p.key}"] = float(value)
         for s in chosen:
             shapes = {name: value for name, value in s.shape_parameters.items() if name not in s.candidate.amplitudes}
             start |= {f"{s.candidate.label}.{name}": value for name, value in shapes.items()}
-        effects = (*self.beside, *(signature.candidate for signature in chosen))
+        effects = (*self.fitted_effects, *(signature.candidate for signature in chosen))
         free = len(kept) + sum(len(signature.coordinates) for signature in chosen)
         free += sum(len(candidate.replaces) for candidate in effects)  # as `Fit.bic` counts
-        near = {p.key: float(value) for p, value in zip(known.parameters, known.values, strict=True)}
-        return Screened(tuple(chosen), chi2, start, chi2 + free * np.log(self._rows), self.beside, near)
+        near = {p.key: float(value) for p, value in zip(signatures.parameters, signatures.values, strict=True)}
+        return LinearizedFit(tuple(chosen), chi2, start, chi2 + free * np.log(self._rows), self.fitted_effects, near)
 
-    def singles(self) -> list[Screened]:
+    def singles(self) -> list[LinearizedFit]:
         """Every candidate with its best start, best first."""
-        best: dict[str, Screened] = {}
-        for signature in self.known.found:
+        best: dict[str, LinearizedFit] = {}
+        for signature in self.signatures.entries:
             screened = self.explained((signature,))
             if screened.label not in best or screened.chi2 < best[screened.label].chi2:
                 best[screened.label] = screened

@@ -14,15 +14,15 @@ class SignatureSubspaces:
 
     Parameters
     ----------
-    known : Signatures
+    signatures : Signatures
     settings : ScreeningSettings
     """
 
-    def __init__(self, known: Signatures, settings: ScreeningSettings = DEFAULT_SETTINGS.screening):
+    def __init__(self, signatures: Signatures, settings: ScreeningSettings = DEFAULT_SETTINGS.screening):
         self._settings = settings
-        self.nuisances = orthonormal(known.jacobian)
+        self.nuisances = orthonormal(signatures.jacobian)
         self.of: dict[str, list[np.ndarray]] = {}
-        for signature in known.found:
+        for signature in signatures.entries:
             space = orthonormal(self.projected(signature.columns))
             self.of.setdefault(signature.candidate.label, []).append(space)
 

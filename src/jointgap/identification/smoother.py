@@ -103,15 +103,19 @@ def coarse_to_fine_fit(
         Its residual is that of the samples, and so is its Jacobian, which may be from near by: good for a fit that
         starts there. The last one that could be simulated; failed where the start cannot be.
     """
-    result, known = None, None
+    result, derivatives = None, None
     for smoother, finer in zip(smoothers, (*smoothers[1:], None), strict=True):
-        fit = fit_hypothesis(problem, hypothesis, start, known, differences, smoother=smoother)
+        fit = fit_hypothesis(problem, hypothesis, start, derivatives, differences, smoother=smoother)
         if fit.status == FAILED:
             return result or fit
-        result, start, known = fit, fit.mapping, dict(zip((p.key for p in fit.parameters), fit.jacobian.T, strict=True))
+        result, start, derivatives = (
+            fit,
+            fit.mapping,
+            dict(zip((p.key for p in fit.parameters), fit.jacobian.T, strict=True)),
+        )
         scanned = coordinate_scan(problem, fit, smoother, finer)
         if scanned is not None:
-            start, known = scanned, None  # after a jump derivatives do not hold any more
+            start, derivatives = scanned, None  # after a jump derivatives do not hold any more
             if finer is None:
                 values = np.array([scanned[p.key] for p in fit.parameters])
                 result = replace(fit, values=values, residual=problem.residual(scanned, hypothesis), reason="")

@@ -38,7 +38,7 @@ class Thresholds:
 class Screening(NamedTuple):
     """Signatures of all candidates, and the thresholds of the campaign."""
 
-    known: Signatures
+    signatures: Signatures
     limits: Thresholds
 
 
@@ -55,15 +55,15 @@ def screen_candidates(base: Baseline, rate: float, noise_dof: float = np.inf, se
     seed : int
         Of the null campaigns.
     """
-    known = simulate_signatures(base.problem, base.base, base.differences)
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
     numerics = other_numerics(base.problem, base.base)
     numerical_noise = base.differences.numerical_noise_chi2
-    return Screening(known, thresholds(base.problem, known, numerics, rate, noise_dof, numerical_noise, seed))
+    return Screening(signatures, thresholds(base.problem, signatures, numerics, rate, noise_dof, numerical_noise, seed))
 
 
 def thresholds(
     problem: Problem,
-    known: Signatures,
+    signatures: Signatures,
     numerics: np.ndarray,
     rate: float = 0.01,
     noise_dof: float = np.inf,
@@ -78,7 +78,7 @@ def thresholds(
     Parameters
     ----------
     problem : Problem
-    known : Signatures
+    signatures : Signatures
     numerics : (m, n) array
         [1] As `jointgap.identification.baseline.other_numerics` gives them.
     rate : float
@@ -90,11 +90,11 @@ def thresholds(
     seed : int
         Of the draws.
     """
-    size = known.residual.size
+    size = signatures.residual.size
     generator = np.random.default_rng(seed)
     # Whitening divides by noise and numerics together; the noise alone is less than 1 where numerics disagree.
     measured = np.concatenate([(part.noise.sd / part.noise.spread)[part.used] for part in problem.parts])
-    subspaces = SignatureSubspaces(known, problem.settings.screening)
+    subspaces = SignatureSubspaces(signatures, problem.settings.screening)
     numerics = subspaces.projected(numerics.T)
     draws = problem.settings.screening.null_campaigns
     amounts = generator.standard_normal((draws, numerics.shape[1]))
@@ -109,7 +109,8 @@ def thresholds(
 
     # Gains: lengths of projections, which depend on the draws through as many numbers as there are signatures.
     spaces = [
-        (orthonormal(subspaces.projected(signature.columns)), len(signature.coordinates)) for signature in known.found
+        (orthonormal(subspaces.projected(signature.columns)), len(signature.coordinates))
+        for signature in signatures.entries
     ]
     joint = np.hstack([space for space, _ in spaces]) if spaces else np.empty((size, 0))
     noise = np.linalg.qr(joint * measured[:, None], mode="r").T if joint.size else np.empty((0, 0))

@@ -46,8 +46,8 @@ CAMPAIGN_STAGES = Stages()
 _MEASURED = (MEASURED, REMARKS, CONFIG_SNAPSHOT)
 
 
-def _of(stage: str, wanted: tuple[Table, ...]) -> tuple[Table, ...]:
-    return tuple(table.at(stage) for table in wanted)
+def _of(stage: str, written: tuple[Table, ...]) -> tuple[Table, ...]:
+    return tuple(table.at(stage) for table in written)
 
 
 @CAMPAIGN_STAGES.stage(writes=(*_MEASURED, LOOK))
@@ -148,10 +148,10 @@ def screen(state: "CampaignState") -> None:
     from jointgap.identification.thresholds import screen_candidates
 
     dof = degrees_of_freedom(state.noise)
-    known, limits = state.screening = screen_candidates(state.baseline, state.false_alarm_rate, dof, state.seed)
-    state.folder.write_all(signatures_to_frames(known))
+    signatures, limits = state.screening = screen_candidates(state.baseline, state.false_alarm_rate, dof, state.seed)
+    state.folder.write_all(signatures_to_frames(signatures))
     state.folder.write(THRESHOLDS, pd.DataFrame([vars(limits)]))
-    state.folder.write(SCREENED, screened_frame(known, shortlist_singles(known, limits)))
+    state.folder.write(SCREENED, screened_frame(signatures, shortlist_singles(signatures, limits)))
 
 
 _SCREENED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("screen"))
@@ -170,7 +170,7 @@ def fit(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
     from jointgap.identification.hypothesis_fits import fit_singles
 
     screening = state.screening
-    fits, seconds = fit_singles(state.baseline, screening.known, screening.limits, part, parts)
+    fits, seconds = fit_singles(state.baseline, screening.signatures, screening.limits, part, parts)
     state.write_fits(fits, f"fit/{part}", seconds)
 
 
@@ -190,7 +190,7 @@ def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
     from jointgap.identification.hypothesis_fits import fit_pairs
 
     screening, (alone, _) = state.screening, state.fits("fit", parts)
-    fits, seconds = fit_pairs(state.baseline, screening.known, screening.limits, alone, part, parts)
+    fits, seconds = fit_pairs(state.baseline, screening.signatures, screening.limits, alone, part, parts)
     state.write_fits(fits, f"pair/{part}", seconds)
 
 
@@ -213,7 +213,7 @@ def decide(state: "CampaignState", parts: int = 1) -> None:
     (singles, seconds), (pairs, seconds_of_pairs) = (state.fits(stage, parts) for stage in ("fit", "pair"))
     labels, screening = seconds | seconds_of_pairs, state.screening
     total = {label: seconds.get(label, 0.0) + seconds_of_pairs.get(label, 0.0) for label in labels}
-    decision = select_hypothesis(state.baseline, screening.known, [*singles, *pairs], screening.limits)
+    decision = select_hypothesis(state.baseline, screening.signatures, [*singles, *pairs], screening.limits)
     state.rest_on(decision.base)
     state.write_fits([decision.base], "decide/base")
     state.write_outcome(outcome_of(decision, total), "decide")
@@ -229,12 +229,12 @@ def locate(state: "CampaignState") -> None:
     from jointgap.identification.disagreement import map_disagreement
 
     baseline = state.verdict_baseline
-    found = map_disagreement(baseline.problem, baseline.base.residual, state.false_alarm_rate)
-    state.folder.write(MAP_BINS, map_as_read(found.bins, state.clockwise))
-    state.folder.write(MAP_WINDOWS, map_as_read(found.windows, state.clockwise))
-    state.folder.write(MAP_TESTS, found.tests)
-    state.folder.write(MAP_ORDERS, found.orders)
-    state.folder.write(MAP_SCALING, found.scaling)
+    disagreement = map_disagreement(baseline.problem, baseline.base.residual, state.false_alarm_rate)
+    state.folder.write(MAP_BINS, map_as_read(disagreement.bins, state.clockwise))
+    state.folder.write(MAP_WINDOWS, map_as_read(disagreement.windows, state.clockwise))
+    state.folder.write(MAP_TESTS, disagreement.tests)
+    state.folder.write(MAP_ORDERS, disagreement.orders)
+    state.folder.write(MAP_SCALING, disagreement.scaling)
 
 
 @CAMPAIGN_STAGES.stage(reads=(*_DECIDED, *CAMPAIGN_STAGES.written_by("screen")), writes=_of("regress", OUTCOME_TABLES))
@@ -266,9 +266,9 @@ def confirm(state: "CampaignState") -> None:
     outcome = state.outcome("regress")
     named = outcome.chosen if outcome.chosen.hypothesis else None
     plain = outcome.base if named else outcome.chosen  # nominal values where these are enough
-    found = confirmation.confirm(state.model, state.noise_with_numerics, plain, named, state.seed)
-    state.folder.write(RESIDUALS, residuals_as_read(found.residuals, state.clockwise))
-    state.folder.write(GAPS, found.gaps)
+    prediction = confirmation.confirm(state.model, state.noise_with_numerics, plain, named, state.seed)
+    state.folder.write(RESIDUALS, residuals_as_read(prediction.residuals, state.clockwise))
+    state.folder.write(GAPS, prediction.gaps)
 
 
 @CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(MISSING_FORCE,), files=(MECHANISM,))
