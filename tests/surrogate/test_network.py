@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointgap import tables
-from jointgap.surrogate.evaluate import values, values_and_slopes
 from jointgap.surrogate.network import Layout, Network, Scaling, nguyen_widrow
 
 PAPER = Layout((10, 10, 10, 10))
@@ -30,23 +29,23 @@ def test_evaluation_is_the_formula_of_the_paper_written_out_by_hand():
     tansig = [2 / (1 + np.exp(-2 * (w * x + b))) - 1 for w, b in first]
     deeper = [2 / (1 + np.exp(-2 * (row[:-1] @ tansig + row[-1]))) - 1 for row in second]
     expected = -2e3 + 7e3 * (last[0, :-1] @ deeper + last[0, -1])
-    assert values(net, angle) == pytest.approx(expected, rel=1e-13)
+    assert net.values(angle) == pytest.approx(expected, rel=1e-13)
 
 
 def test_the_slope_is_the_derivative_of_the_values():
     net = network(seed=5)
     angle = np.linspace(0.5, 6.0, 50)
     step = 1e-5
-    value, slope = values_and_slopes(net, angle)
-    stencil = [values(net, angle + k * step) for k in (-2, -1, 1, 2)]
+    value, slope = net.values_and_slopes(angle)
+    stencil = [net.values(angle + k * step) for k in (-2, -1, 1, 2)]
     quotient = (stencil[0] - 8 * stencil[1] + 8 * stencil[2] - stencil[3]) / (12 * step)
-    np.testing.assert_array_equal(value, values(net, angle))
+    np.testing.assert_array_equal(value, net.values(angle))
     np.testing.assert_allclose(slope, quotient, rtol=1e-7, atol=1e-7 * np.abs(slope).max())
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (2, 5)])
 def test_values_and_slopes_have_the_shape_of_the_angles(shape):
-    value, slope = values_and_slopes(network(), np.full(shape, 1.0))
+    value, slope = network().values_and_slopes(np.full(shape, 1.0))
     assert value.shape == slope.shape == shape
 
 
@@ -82,10 +81,10 @@ def test_a_network_comes_back_from_parquet_the_same_to_the_last_bit(tmp_path):
     back = tables.read(tables.FIT, tmp_path / "fit.parquet")
     angle = np.linspace(0.3, 6.5, 101)
     for seed, net in nets.items():
-        np.testing.assert_array_equal(values(Network.from_frame(back, seed), angle), values(net, angle))
-    np.testing.assert_array_equal(values(Network.from_frame(back), angle), values(nets[3], angle))
+        np.testing.assert_array_equal(Network.from_frame(back, seed).values(angle), net.values(angle))
+    np.testing.assert_array_equal(Network.from_frame(back).values(angle), nets[3].values(angle))
     shuffled = back.sample(frac=1.0, random_state=0)
-    np.testing.assert_array_equal(values(Network.from_frame(shuffled, 0), angle), values(nets[0], angle))
+    np.testing.assert_array_equal(Network.from_frame(shuffled, 0).values(angle), nets[0].values(angle))
 
 
 def test_a_long_form_with_a_weight_missing_or_of_another_seed_is_refused():

@@ -8,7 +8,6 @@ from jointgap import tables
 from jointgap.config import Surrogate
 from jointgap.errors import InputError
 from jointgap.paper.printed import TRAINING_MSE
-from jointgap.surrogate.evaluate import values
 from jointgap.surrogate.fit_errors import Grid, Points, Trained, error_rows
 from jointgap.surrogate.network import Network
 from jointgap.surrogate.train import train
@@ -88,7 +87,7 @@ def test_the_default_seed_comes_first_with_its_own_budget_and_the_others_share_t
     assert (history.groupby("seed")["iteration"].max() == pd.Series({1: 25, 2: 25, 4: 60})).all()
     last = history[history["seed"] == 4]["mse"].iloc[-1]
     training = fit.grid.training
-    error = (values(fit.default, training.crank_angle) - training.values) / fit.default.output.range
+    error = (fit.default.values(training.crank_angle) - training.values) / fit.default.output.range
     assert last == pytest.approx(np.mean(error**2), rel=1e-9)
     assert fit.errors()["training_mse"].iloc[0] == pytest.approx(last, rel=1e-9)
 
@@ -122,7 +121,7 @@ def test_the_tables_hold_the_fit(tmp_path):
         tables.write(table, frame, tmp_path / table.name)
     back = Network.from_frame(tables.read(tables.FIT, tmp_path / "fit"))
     angle = np.linspace(0.4, 6.0, 77)
-    np.testing.assert_array_equal(values(back, angle), values(fit.default, angle))
+    np.testing.assert_array_equal(back.values(angle), fit.default.values(angle))
     errors = tables.read(tables.FIT_ERRORS, tmp_path / "fit_errors")
     assert errors["seed"].tolist() == [4, 4, 1, 1, 2, 2]
     assert errors["stop"].str.contains(":").all()
@@ -133,7 +132,7 @@ def test_later_stages_evaluate_fits_without_loading_torch():
     import sys
 
     code = (
-        "import sys, jointgap.surrogate.evaluate, jointgap.surrogate.clearance_network; sys.exit('torch' in "
+        "import sys, jointgap.surrogate.network, jointgap.surrogate.clearance_network; sys.exit('torch' in "
         "sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from jointgap import tables
-from jointgap.surrogate import evaluate
 from jointgap.surrogate.clearance_network import ClearanceNetwork
 from jointgap.tables import OUTPUTS
 from jointgap.track import network_files as weights
@@ -90,7 +89,7 @@ def test_published_weights_give_back_the_networks_outputs(published, client):
     folder = client.download_artifacts(published["surrogate/r2"].info.run_id, "network")
     network = weights.load(folder)
     angle = np.linspace(0, 2 * np.pi, 50)
-    np.testing.assert_allclose(evaluate.values(network, angle), _by_hand(fit(0), 7, angle), rtol=1e-13)
+    np.testing.assert_allclose(network.values(angle), _by_hand(fit(0), 7, angle), rtol=1e-13)
 
 
 def _by_hand(frame, seed: int, angle: np.ndarray) -> np.ndarray:
@@ -120,7 +119,7 @@ def test_torch_loads_published_weights_without_pickle(published, client):
     chain.load_state_dict({name: torch.from_numpy(arrays[name]) for name in arrays})
     angle = np.linspace(0, 2 * np.pi, 9)
     scaled = torch.from_numpy(angle / (2 * np.pi))[:, None]
-    ours = (evaluate.values(weights.load(folder), angle) + 3.0) / 8.0
+    ours = (weights.load(folder).values(angle) + 3.0) / 8.0
     np.testing.assert_allclose(chain(scaled).detach().numpy()[:, 0], ours, rtol=1e-12)
 
 

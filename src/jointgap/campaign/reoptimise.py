@@ -87,11 +87,9 @@ def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
 
 
 def _trained(trajectory: pd.DataFrame, output: str) -> Fit:
-    from jointgap.surrogate.evaluate import values_and_slopes
     from jointgap.surrogate.train import train  # PyTorch takes seconds to start
 
-    network = train(trajectory, output, _SURROGATE).default
-    return lambda angle: values_and_slopes(network, angle)
+    return train(trajectory, output, _SURROGATE).default.values_and_slopes
 
 
 def _search(mechanism: Mechanism) -> Optimise:

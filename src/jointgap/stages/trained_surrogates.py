@@ -8,7 +8,6 @@ from jointgap.mechanism import Fit
 from jointgap.stages.scenario_results import CLEARANCE, ScenarioResults, outputs_of
 from jointgap.surrogate.clearance_network import ClearanceNetwork
 from jointgap.surrogate.crank_speed import CrankSpeed
-from jointgap.surrogate.evaluate import values_and_slopes
 from jointgap.surrogate.network import Network
 
 
@@ -22,7 +21,7 @@ def trained_surrogates(results: ScenarioResults) -> dict[str, dict[str, Fit]]:
     numbers = [JOINT_NUMBERS[joint] for joint in mechanism.applied().loose]
     joints = {number: ClearanceNetwork.from_frame(fit, number, speed) for number in numbers}
     return {
-        "networks": {output: partial(values_and_slopes, network) for output, network in networks.items()},
+        "networks": {output: network.values_and_slopes for output, network in networks.items()},
         CLEARANCE: {
             output: partial(joints[tables.number_of(output)].output, output) for output in outputs_of(mechanism)
         },

@@ -4,6 +4,7 @@ Weights of layer l are a matrix of shape (neurons, sources + 1) whose last colum
 z_i = sum_j W_ij a_j + W_i,-1. All layers behind each other, row by row, are the flat vector of parameters.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -47,6 +48,48 @@ class Layout:
             matrices.append(parameters[..., first:last].reshape(*parameters.shape[:-1], rows, columns))
             first = last
         return matrices
+
+
+def activations_and_outputs(
+    matrices: list, inputs, multiply: Callable = np.matmul
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Forward propagation: the activations of every layer but the last, and the outputs.
+
+    A single network or a batch of them, in numpy or with the products of another library: its arrays must be readable
+    as numpy arrays without a copy.
+
+    Parameters
+    ----------
+    matrices : list of arrays, shapes (..., neurons, sources + 1)
+        As `Layout.split` gives them.
+    inputs : array, shape (..., 2, N)
+        Scaled inputs above a row of ones.
+    multiply : callable
+        Product of a layer's matrix and the activations before it.
+
+    Returns
+    -------
+    list of ndarray, shapes (..., neurons + 1, N)
+        Inputs, then each hidden layer; the last row is ones, so that a bias is a weight like the others.
+    ndarray, shape (..., N)
+        Scaled outputs.
+    """
+    activations = [np.asarray(inputs)]
+    for matrix in matrices[:-1]:
+        sums = np.asarray(multiply(matrix, activations[-1]))
+        layer = np.ones((*sums.shape[:-2], sums.shape[-2] + 1, sums.shape[-1]))
+        np.tanh(sums, out=layer[..., :-1, :])  # five times as fast as torch's
+        activations.append(layer)
+    return activations, np.matmul(np.asarray(matrices[-1]), activations[-1])[..., 0, :]
+
+
+def tansig_slope(layer):
+    """Derivative of tansig by its argument, shape (..., neurons, N), from a hidden layer's activations.
+
+    Works on numpy arrays and on torch tensors.
+    """
+    values = layer[..., :-1, :]
+    return 1.0 - values * values
 
 
 @dataclass(frozen=True)
@@ -135,6 +178,26 @@ class Network:
     parameters: np.ndarray
     input: Scaling
     output: Scaling
+
+    def values(self, crank_angle: ArrayLike) -> np.ndarray:
+        """The output at crank angles of any shape [rad], in its SI unit; same shape."""
+        return self.values_and_slopes(crank_angle)[0]
+
+    def values_and_slopes(self, crank_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """The output and its exact derivative with respect to the crank angle [output's unit / rad].
+
+        Times the crank's speed the derivative is the time derivative: d(gamma)/dt of one network can be held against
+        the network of gamma_dot.
+        """
+        angle = np.asarray(crank_angle, dtype=float)
+        scaled = self.input.shrink(angle.ravel())
+        *hidden, last = matrices = self.layout.split(self.parameters)
+        activations, outputs = activations_and_outputs(matrices, np.stack([scaled, np.ones_like(scaled)]))
+        slope = np.ones((1, angle.size))
+        for matrix, layer in zip(hidden, activations[1:], strict=True):
+            slope = tansig_slope(layer) * (matrix[:, :-1] @ slope)
+        slope = self.output.range / self.input.range * (last[:, :-1] @ slope)[0]
+        return self.output.expand(outputs).reshape(angle.shape), slope.reshape(angle.shape)
 
     def to_frame(self, seed: int) -> pd.DataFrame:
         """Long form, one row per weight: the columns of the table `fit`."""

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from scipy.linalg.blas import dsyrk
 
-from jointgap.surrogate.network import Layout
+from jointgap.surrogate.network import Layout, activations_and_outputs, tansig_slope
 
 
 class Evaluation(Protocol):
@@ -79,14 +79,12 @@ class NetworkEvaluation:
     def __init__(self, layout: Layout, parameters: torch.Tensor, inputs: torch.Tensor):
         self._layout = layout
         self._matrices = layout.split(parameters)
-        self._activations = [inputs.expand(len(parameters), -1, -1)]
-        for matrix in self._matrices[:-1]:
-            summed = torch.bmm(matrix, self._activations[-1])
-            members, neurons, points = summed.shape
-            layer = torch.ones(members, neurons + 1, points, dtype=torch.float64)
-            np.tanh(summed.numpy(), out=layer.numpy()[:, :neurons])  # five times as fast as torch's
-            self._activations.append(layer)
-        self.outputs = _row_times(self._matrices[-1], self._activations[-1])
+        shared = inputs.expand(len(parameters), -1, -1)
+        activations, outputs = activations_and_outputs(
+            self._matrices, shared, lambda matrix, layer: torch.bmm(matrix, torch.from_numpy(layer))
+        )
+        self._activations = [shared, *(torch.from_numpy(layer) for layer in activations[1:])]
+        self.outputs = torch.from_numpy(outputs)
         self._sensitivities: list[torch.Tensor] = []
 
     def select(self, members: torch.Tensor) -> "NetworkEvaluation":
@@ -123,10 +121,11 @@ class NetworkEvaluation:
         """d(output)/d(weighted sum) of every hidden neuron, one tensor (B, neurons, N) per hidden layer."""
         if not self._sensitivities:
             backward = self._matrices[-1][:, 0, :-1, None]
-            found = [backward * _slope(self._activations[-1])]
+            from_last = [backward * tansig_slope(self._activations[-1])]
             for matrix, layer in zip(self._matrices[-2:0:-1], self._activations[-2:0:-1], strict=True):
-                found.append(torch.bmm(matrix[:, :, :-1].transpose(1, 2), found[-1]).mul_(_slope(layer)))
-            self._sensitivities = found[::-1]
+                backward = torch.bmm(matrix[:, :, :-1].transpose(1, 2), from_last[-1])
+                from_last.append(backward.mul_(tansig_slope(layer)))
+            self._sensitivities = from_last[::-1]
         return self._sensitivities
 
     def pull_back(self, weights: torch.Tensor) -> torch.Tensor:
@@ -188,17 +187,11 @@ class NetworkEvaluation:
                 acceleration = multiply(matrix[..., :-1], second) + 2.0 * multiply(change[..., :-1], first)
             if is_output:
                 return velocity, acceleration
-            above = self._activations[depth + 1][:, :-1]
-            slope = 1.0 - above * above
+            above = self._activations[depth + 1]
+            slope = tansig_slope(above)
             first = slope * velocity
-            second = slope * acceleration - 2.0 * above * first * velocity
+            second = slope * acceleration - 2.0 * above[:, :-1] * first * velocity
         raise AssertionError("a layout has an output layer")
-
-
-def _slope(layer: torch.Tensor) -> torch.Tensor:
-    """Derivative of tansig from its values, without the row of ones."""
-    values = layer[:, :-1]
-    return 1.0 - values * values
 
 
 def _row_times(rows: torch.Tensor, columns: torch.Tensor) -> torch.Tensor:

@@ -9,7 +9,6 @@ import torch
 
 from jointgap.config import Surrogate
 from jointgap.paper.printed import TRAINING_MSE
-from jointgap.surrogate.evaluate import values
 from jointgap.surrogate.fit_errors import Grid, Trained, error_frame, error_rows
 from jointgap.surrogate.levenberg_marquardt import Result, Settings, minimise
 from jointgap.surrogate.network import Layout, Network, Scaling, nguyen_widrow
@@ -83,7 +82,7 @@ class Fit:
         return error_frame(rows)
 
     def _predict(self, seed: int, crank_angle: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        return values(replace(self.networks[seed], parameters=parameters), crank_angle)
+        return replace(self.networks[seed], parameters=parameters).values(crank_angle)
 
 
 def train(trajectory: pd.DataFrame, output: str, options: Surrogate) -> Fit:

@@ -81,8 +81,7 @@ def _pack(layers: list[tuple[np.ndarray, np.ndarray]], description: dict) -> dic
 
 
 def load(folder: Path | str) -> Network:
-    """The network of one output in a folder that holds `network.json` and `weights.npz`, for
-    `jointgap.surrogate.evaluate`.
+    """The network of one output in a folder that holds `network.json` and `weights.npz`.
 
     Raises
     ------
