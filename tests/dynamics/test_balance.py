@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from jointgap.dynamics.model.friction import FRICTION_LAWS
+from jointgap.config.friction_laws import FRICTION_LAWS
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, SPEED, effect, mechanism
 from tests.dynamics.ledger import (
     NUMBERS,
@@ -126,7 +126,7 @@ def test_work_of_the_drive_becomes_motion_strain_and_heat(moved, worst):
     work = moved["crank_torque"] * moved["crank_speed"] + slider_effects(moved) * moved["slider_velocity"]
     work = work + crank_losses(moved) * moved["crank_speed"] - joint_loss - bend["loss"]
     energy = kinetic + height + stored
-    if moved.p.crank_pin.friction_law != FRICTION_LAWS["lugre"]:  # bristles give back what they have stored
+    if moved.p.crank_pin.friction_law != FRICTION_LAWS["lugre"].code:  # bristles give back what they have stored
         assert (joint_loss > -1e-6 * np.abs(kinetic).max()).all()
     worst("energy balance", relative(energy[:, -1] - energy[0, 0] - moved.integral(work), kinetic), BOUND)
 

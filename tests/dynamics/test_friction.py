@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jointgap.dynamics.model.friction import FRICTION_LAWS, bristle_rate, friction_coefficient
+from jointgap.config.friction_laws import FRICTION_LAWS
+from jointgap.dynamics.model.friction import bristle_rate, friction_coefficient
 from tests.dynamics.laws import JointParameters, joint
 
 MU, STATIC, SPEED, DEAD_BAND, STRIBECK = 0.2, 0.35, 1e-2, 2e-3, 5e-2
@@ -22,7 +23,7 @@ def rubbing(law: str, **changed) -> JointParameters:
         "static_friction": STATIC,
         "stribeck_speed": STRIBECK,
     }
-    return joint(**{"friction_law": FRICTION_LAWS[law], **values, **changed})
+    return joint(**{"friction_law": FRICTION_LAWS[law].code, **values, **changed})
 
 
 def coefficients(law: JointParameters, speeds) -> np.ndarray:

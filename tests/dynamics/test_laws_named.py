@@ -2,11 +2,17 @@
 
 from typing import get_args
 
-from jointgap.config.joint_config import FrictionLaw, Law
+from jointgap.config.friction_laws import FRICTION_LAWS, FRICTION_PARAMETERS, laws_reading
+from jointgap.config.joint_config import Contact, Law
 from jointgap.dynamics import LAWS
-from jointgap.dynamics.model.friction import FRICTION_LAWS
 
 
 def test_the_configuration_names_the_laws_that_the_simulation_knows():
     assert set(get_args(Law)) == {*LAWS, "penalty"}
-    assert set(get_args(FrictionLaw)) == set(FRICTION_LAWS)
+    assert get_args(Contact.model_fields["friction_law"].annotation) == tuple(FRICTION_LAWS)
+
+
+def test_every_friction_law_has_its_own_code_and_every_parameter_a_law_that_reads_it():
+    assert sorted(law.code for law in FRICTION_LAWS.values()) == list(range(len(FRICTION_LAWS)))
+    assert all(laws_reading(key) for key in FRICTION_PARAMETERS)
+    assert {key for law in FRICTION_LAWS.values() for key in law.reads} == set(FRICTION_PARAMETERS)

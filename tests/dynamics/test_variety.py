@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.friction import FRICTION_LAWS
 from jointgap.dynamics.model.normal_contact import LAWS
 from jointgap.dynamics.simulation import crank_angles, integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state

@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from jointgap.dynamics.model.friction import FRICTION_LAWS, coulomb, threlfall
+from jointgap.config.friction_laws import FRICTION_LAWS
+from jointgap.dynamics.model.friction import coulomb, threlfall
 from jointgap.joints import JOINTS
 from jointgap.slider_crank.run_simulation import NUMERICS, other_numerics
 
@@ -13,7 +14,7 @@ SPEED = 1e-3  # m/s, of the usual law
 
 def joints(law: str) -> SimpleNamespace:
     """What a simulation holds of the joints, all with the same friction law."""
-    made = {name: SimpleNamespace(friction_law=FRICTION_LAWS[law], friction_speed=SPEED) for name in JOINTS}
+    made = {name: SimpleNamespace(friction_law=FRICTION_LAWS[law].code, friction_speed=SPEED) for name in JOINTS}
     return SimpleNamespace(**made)
 
 
@@ -24,7 +25,7 @@ def test_the_other_friction_law_has_the_same_slope_at_zero_speed_and_the_same_en
     assert tolerance == 1.0
     for name in JOINTS:
         joint = getattr(other, name)
-        assert joint.friction_law == FRICTION_LAWS["threlfall"]
+        assert joint.friction_law == FRICTION_LAWS["threlfall"].code
         assert joint.friction_speed == pytest.approx(3.0 * SPEED, rel=1e-12)
         slow = 1e-6 * SPEED
         assert threlfall(slow, 0.1, joint.friction_speed) == pytest.approx(coulomb(slow, 0.1, SPEED), rel=1e-5)

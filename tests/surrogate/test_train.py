@@ -132,7 +132,6 @@ def test_later_stages_evaluate_fits_without_loading_torch():
     import sys
 
     code = (
-        "import sys, jointgap.surrogate.network, jointgap.surrogate.clearance_network; sys.exit('torch' in "
-        "sys.modules)"
+        "import sys, jointgap.surrogate.network, jointgap.surrogate.clearance_network; sys.exit('torch' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

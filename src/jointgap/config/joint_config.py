@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, WrapValidator, model_validator
 
+from jointgap.config.friction_laws import FRICTION_LAWS, FRICTION_PARAMETERS, described, laws_reading
 from jointgap.joints import JOINT
 from jointgap.quantities import (
     FrictionCoefficient,
@@ -30,31 +31,11 @@ Law = Literal[
     "exact_restitution",
     "penalty",
 ]
-FrictionLaw = Literal["coulomb", "threlfall", "ambrosio", "bengisu_akay", "lugre"]
 
 FIRM_FORCE, FIRM_PENETRATION = 1e3, 1e-9
 """A force [N] that must press a journal into its bearing by more than this [m].
 
 Atoms are a fifth of it apart: a contact that yields less is rigid for all that continuum mechanics can say."""
-
-STRIBECK_SPEED = 0.01
-"""[m/s] Default of stribeck_speed: friction has fallen from its static to its kinetic value some times above it."""
-
-BRISTLE_STIFFNESS = 1e5
-"""[1/m] Default of bristle_stiffness: friction 0.1 is reached after a micrometre, the size of asperities."""
-
-BRISTLE_ACCELERATION = 1e4
-"""[m/s^2] Default bristle_damping is critical for a body pressed on with this force per mass (1 kN on 0.1 kg)."""
-
-# Which friction laws read a key beyond `friction`.
-_READ_BY = {
-    "dead_band_speed": ("ambrosio",),
-    "static_friction": ("bengisu_akay", "lugre"),
-    "stribeck_speed": ("bengisu_akay", "lugre"),
-    "viscous_friction": ("lugre",),
-    "bristle_stiffness": ("lugre",),
-    "bristle_damping": ("lugre",),
-}
 
 
 class Contact(Section):
@@ -88,7 +69,9 @@ class Contact(Section):
     exponent: quantity("", ge=1, le=10) = Field(
         1.5, description="exponent of the penetration; 3/2 for Hertz, another needs a stiffness"
     )
-    friction_law: FrictionLaw = Field("coulomb", description="how friction depends on the sliding speed")
+    friction_law: Literal[tuple(FRICTION_LAWS)] = Field(
+        "coulomb", description="how friction depends on the sliding speed"
+    )
     friction: FrictionCoefficient = Field(
         0.0, description="coefficient of kinetic friction; 0: no friction, whatever the law"
     )
@@ -97,27 +80,12 @@ class Contact(Section):
         description="sliding speed over which friction is regularised around zero, e.g. friction * tanh(v / "
         "friction_speed)",
     )
-    dead_band_speed: quantity("m/s", ge=0) | None = Field(
-        None,
-        description="ambrosio: no friction below it, full friction above friction_speed; null: a tenth of "
-        "friction_speed",
-    )
-    static_friction: quantity("", ge=0, le=1) | None = Field(
-        None, description="bengisu_akay, lugre: coefficient of static friction; null: as friction"
-    )
-    stribeck_speed: PositiveSpeed | None = Field(
-        None, description="bengisu_akay, lugre: speed over which static friction falls to kinetic; null: 0.01 m/s"
-    )
-    viscous_friction: NonNegativeNumber | None = Field(
-        None, description="lugre: sigma_2 in s/m, coefficient of friction per sliding speed; null: 0"
-    )
-    bristle_stiffness: PositiveNumber | None = Field(
-        None, description="lugre: sigma_0 in 1/m, per normal force; null: 1e5 1/m"
-    )
-    bristle_damping: NonNegativeNumber | None = Field(
-        None,
-        description="lugre: sigma_1 in s/m, per normal force; null: critical, 2 sqrt(bristle_stiffness / 1e4 m/s^2)",
-    )
+    dead_band_speed: quantity("m/s", ge=0) | None = Field(None, description=described("dead_band_speed"))
+    static_friction: quantity("", ge=0, le=1) | None = Field(None, description=described("static_friction"))
+    stribeck_speed: PositiveSpeed | None = Field(None, description=described("stribeck_speed"))
+    viscous_friction: NonNegativeNumber | None = Field(None, description=described("viscous_friction"))
+    bristle_stiffness: PositiveNumber | None = Field(None, description=described("bristle_stiffness"))
+    bristle_damping: NonNegativeNumber | None = Field(None, description=described("bristle_damping"))
 
     @model_validator(mode="after")
     def _law_has_what_it_needs(self):
@@ -137,11 +105,11 @@ class Contact(Section):
 
     @model_validator(mode="after")
     def _friction_law_reads_what_is_given(self):
-        for key, laws in _READ_BY.items():
-            if getattr(self, key) is not None and self.friction_law not in laws:
+        for key in FRICTION_PARAMETERS:
+            if getattr(self, key) is not None and key not in FRICTION_LAWS[self.friction_law].reads:
                 raise ValueError(
-                    f"{key} is read by friction_law {' and '.join(laws)} alone, not by {self.friction_law}; leave it "
-                    "out or set it to null"
+                    f"{key} is read by friction_law {' and '.join(laws_reading(key))} alone, not by "
+                    f"{self.friction_law}; leave it out or set it to null"
                 )
         if self.static_friction is not None and self.static_friction < self.friction:
             raise ValueError(
@@ -179,21 +147,11 @@ class Contact(Section):
 
     def friction_parameters(self) -> dict[str, float]:
         """Every key of the friction laws in SI, defaults filled in."""
-
-        def given_or(key: str, default: float) -> float:
-            return default if getattr(self, key) is None else getattr(self, key)
-
-        stiffness = given_or("bristle_stiffness", BRISTLE_STIFFNESS)
-        return {
-            "friction": self.friction,
-            "friction_speed": self.friction_speed,
-            "dead_band_speed": given_or("dead_band_speed", 0.1 * self.friction_speed),
-            "static_friction": given_or("static_friction", self.friction),
-            "stribeck_speed": given_or("stribeck_speed", STRIBECK_SPEED),
-            "viscous_friction": given_or("viscous_friction", 0.0),
-            "bristle_stiffness": stiffness,
-            "bristle_damping": given_or("bristle_damping", 2 * math.sqrt(stiffness / BRISTLE_ACCELERATION)),
-        }
+        values = {"friction": self.friction, "friction_speed": self.friction_speed}
+        for key, parameter in FRICTION_PARAMETERS.items():
+            given = getattr(self, key)
+            values[key] = parameter.default(values) if given is None else given
+        return values
 
 
 SOFT_SHARE = 0.5

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun
-from jointgap.dynamics.model.friction import FRICTION_LAWS
+from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.dynamics.model.parameters import Parameters
 from jointgap.identification.protocol import Effects
 from jointgap.joints import JOINTS
@@ -116,11 +116,12 @@ def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:
 
 
 def _threlfall(p: Parameters) -> None:
+    usual, other = FRICTION_LAWS["coulomb"], FRICTION_LAWS["threlfall"]
     for name in JOINTS:
         joint = getattr(p, name)
-        if joint.friction_law == FRICTION_LAWS["coulomb"]:
-            joint.friction_law = FRICTION_LAWS["threlfall"]
-            joint.friction_speed *= 3.0  # the same slope at zero speed
+        if joint.friction_law == usual.code:
+            joint.friction_law = other.code
+            joint.friction_speed *= other.slope_at_zero / usual.slope_at_zero  # the same slope at zero speed
 
 
 def _driven_run(campaign, plan, mechanism: Mechanism, values, offset, tolerance) -> drives.DrivenRun:

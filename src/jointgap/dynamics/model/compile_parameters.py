@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from jointgap.config import Mechanism, Simulate, check_drive, check_tolerance, hertz_stiffness
+from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.scenario import MeasuredDrive, MotorDrive
-from jointgap.dynamics.model.friction import FRICTION_LAWS
 from jointgap.dynamics.model.measured_drive import angle_pieces
 from jointgap.dynamics.model.normal_contact import LAWS
 from jointgap.dynamics.model.parameters import (
@@ -51,7 +51,7 @@ def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
         least_approach=contact.least_approach_speed,
         penalty_damping=contact.penalty_damping if penalty else 0.0,
         penalty_depth=contact.penalty_depth if penalty else 0.0,
-        friction_law=FRICTION_LAWS[contact.friction_law],
+        friction_law=FRICTION_LAWS[contact.friction_law].code,
         **contact.friction_parameters(),
         film_clearance=joint.clearance,
     )
@@ -127,7 +127,7 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
         effect.compile_into(fields)
     fields["drive"]["kind"] = DRIVE_KINDS.index(fields["drive"]["kind"])
     programs = {name: program_record(program) for name, program in fields["formulas"].items()}
-    bristles = any(fields[name]["friction_law"] == FRICTION_LAWS["lugre"] for name in JOINTS)
+    bristles = any(fields[name]["friction_law"] == FRICTION_LAWS["lugre"].code for name in JOINTS)
     free_crank = isinstance(options.drive, MotorDrive) or fields["crank_pivot"]["loose"]
     switches = Switches(
         auxiliary=free_crank or bristles or fields["bodies"]["rod_angular_frequency"] > 0,

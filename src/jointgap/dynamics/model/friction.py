@@ -8,12 +8,13 @@ import math
 
 import numpy as np
 
+from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.dynamics.compilation import compiled
 
-FRICTION_LAWS = {"coulomb": 0, "threlfall": 1, "ambrosio": 2, "bengisu_akay": 3, "lugre": 4}
-"""Friction laws by name: the code that `JointParameters.friction_law` holds."""
-
-_COULOMB, _THRELFALL, _AMBROSIO, _BENGISU_AKAY, _LUGRE = (np.int64(code) for code in FRICTION_LAWS.values())
+_COULOMB, _THRELFALL, _AMBROSIO, _BENGISU_AKAY, LUGRE = (
+    np.int64(FRICTION_LAWS[name].code) for name in ("coulomb", "threlfall", "ambrosio", "bengisu_akay", "lugre")
+)
+_THRELFALL_SLOPE = FRICTION_LAWS["threlfall"].slope_at_zero
 
 _TANH_IS_ONE = 20.0
 _THRELFALL_IS_ONE = 13.0
@@ -54,7 +55,7 @@ def threlfall(speed, friction, friction_speed):
     ratio = abs(speed) / friction_speed
     if ratio > _THRELFALL_IS_ONE:
         return math.copysign(friction, speed)
-    return -math.copysign(friction, speed) * math.expm1(-3.0 * ratio)
+    return -math.copysign(friction, speed) * math.expm1(-_THRELFALL_SLOPE * ratio)
 
 
 @compiled
@@ -149,7 +150,7 @@ def bristle_rate(joint, sliding_speed, bristle):
     bristle : float
         z [m].
     """
-    if joint.friction == 0.0 or joint.friction_law != _LUGRE:
+    if joint.friction == 0.0 or joint.friction_law != LUGRE:
         return 0.0
     return lugre_bristle_rate(
         sliding_speed,

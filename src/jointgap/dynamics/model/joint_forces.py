@@ -6,15 +6,13 @@ import numpy as np
 
 from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.film import film_force
-from jointgap.dynamics.model.friction import FRICTION_LAWS, bristle_rate, friction_coefficient
+from jointgap.dynamics.model.friction import LUGRE, bristle_rate, friction_coefficient
 from jointgap.dynamics.model.normal_contact import normal_force
 
 FLIGHT, CONTACT, CLAMPED = (np.int64(mode) for mode in (0, 1, 2))
 """Modes of a joint: apart; in contact; penetrated, but parting so fast that the force, which never pulls, is zero."""
 
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-_LUGRE = FRICTION_LAWS["lugre"]
 
 
 @inlined
@@ -85,7 +83,7 @@ def joint_force(joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_
 @compiled
 def bristle_motion(joint, mode, ex, ey, vx, vy, body_rate, partner_rate, bristle):
     """Rate [m/s] of the bristles' deflection [m]; arguments as in `joint_force`."""
-    if joint.friction_law != _LUGRE or mode == FLIGHT:
+    if joint.friction_law != LUGRE or mode == FLIGHT:
         return 0.0
     r = math.sqrt(ex * ex + ey * ey)
     penetration = r - joint.clearance
