@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from jointgap.errors import InputError
+from jointgap.identification.baseline import recalibrate
 from jointgap.identification.cycle_noise import effective_samples
 from jointgap.identification.noise_model import estimate_noise, numerics_noise
+from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.toy import Toy, toy
 
 HARMONIC = {"harmonic_force": {"cosine_N": 1.0, "sine_N": 0.0, "frequency_Hz": 5.3}}
@@ -160,16 +162,18 @@ def test_statistics_have_the_noise_that_is_stated_and_need_one():
         estimate_noise(unstated, residuals(model))
 
 
+class Disagreeing(Toy):
+    """Other numerics predict 0.5 N m more of the torque."""
+
+    def simulate(self, run, values, effects=(), numerics=0):
+        read = super().simulate(run, values, effects, numerics)
+        return {key: value + (0.5 if numerics and key == "torque" else 0.0) for key, value in read.items()}
+
+
 def test_numerics_that_predict_the_same_add_nothing_and_others_their_difference():
     model = toy()
     noise = estimate_noise(model, residuals(model))
     assert all(np.all(one.numerics == 0.0) for one in numerics_noise(model, {}, noise).values())
-
-    class Disagreeing(Toy):
-        def simulate(self, run, values, effects=(), numerics=0):
-            read = super().simulate(run, values, effects, numerics)
-            return {key: value + (0.5 if numerics and key == "torque" else 0.0) for key, value in read.items()}
-
     other = Disagreeing(model.series, model.nuisances, model.candidates, model.speeds)
     added = numerics_noise(other, {}, noise)
     assert added["mid", "torque"].numerics == pytest.approx(np.full(360, 0.5))
@@ -178,3 +182,15 @@ def test_numerics_that_predict_the_same_add_nothing_and_others_their_difference(
     wide = {key: replace(one, sd=np.full(360, 0.4)) for key, one in noise.items()}
     assert numerics_noise(statistics, {}, wide)["mid", "torque"].numerics == pytest.approx(np.full(360, 0.3))
     assert added["mid", "torque"].effective_samples == noise["mid", "torque"].effective_samples
+
+
+def test_numerics_that_the_settings_call_negligible_add_nothing_to_the_noise_of_the_baseline():
+    model = toy()
+    other = Disagreeing(model.series, model.nuisances, model.candidates, model.speeds)
+    noise = estimate_noise(model, residuals(model))
+    deaf = replace(DEFAULT_SETTINGS, noise=replace(DEFAULT_SETTINGS.noise, negligible_numerics=1e9))
+    largest = [
+        max(np.max(part.noise.numerics) for part in recalibrate(other, noise, settings).problem.parts)
+        for settings in (DEFAULT_SETTINGS, deaf)
+    ]
+    assert largest == [pytest.approx(0.5), 0.0]

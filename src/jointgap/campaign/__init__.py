@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 
-def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
-    """As `jointgap.stages.campaign_pipeline.analyse`, with the same `campaign` and `folder`; it is imported when it is
-    called.
+def analyse(campaign: Path | str, folder: Path | str, **settings: Any) -> dict[str, Any]:
+    """As `jointgap.stages.campaign_pipeline.analyse`, which is imported when it is called: the same `campaign`,
+    `folder` and, by name, ``settings`` and ``model_settings``.
     """
     from jointgap.stages.campaign_pipeline import analyse as run
 
-    return run(campaign, folder)
+    return run(campaign, folder, **settings)

@@ -26,8 +26,10 @@ from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS, Channel
 from jointgap.identification.advice import Preflight, advise, preflight
 from jointgap.identification.protocol import Model
+from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.recordings import Recording, read_measurements
-from jointgap.slider_crank import build_model
+from jointgap.slider_crank import DEFAULT_SETTINGS as DEFAULT_MODEL_SETTINGS
+from jointgap.slider_crank import SliderCrankSettings, build_model
 
 _FASTER, _SLOWER = 1.5, 0.5
 """Further speeds that are tried [1, of the fastest and of the slowest]: far enough to change what inertia hides."""
@@ -36,14 +38,21 @@ _SEPARATOR = " | "
 _MOST_ADVICE = 3  # lines: the first helps most, and a plan is changed one step at a time
 
 
-def preflight_tables(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
+def preflight_tables(
+    campaign: Campaign,
+    rate: float,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
+) -> dict[str, pd.DataFrame]:
     """What the campaign's speeds and channels can show.
 
     Parameters
     ----------
     campaign : Campaign
     rate : float
-        False alarms allowed.
+        [1] False alarms allowed.
+    settings, model_settings
+        Tuned numbers of the naming and of the model.
 
     Returns
     -------
@@ -56,18 +65,22 @@ def preflight_tables(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]
         The model cannot be simulated as it stands.
     """
     recordings = recorded(campaign)
-    model = build_model(campaign, None, revolutions(campaign, recordings))
-    return _frames(preflight(model, None, rate, counts(model, recordings)))
+    model = build_model(campaign, None, revolutions(campaign, recordings), model_settings)
+    return _frames(preflight(model, None, rate, counts(model, recordings), settings))
 
 
-def preflight_tables_with_advice(campaign: Campaign, rate: float) -> dict[str, pd.DataFrame]:
+def preflight_tables_with_advice(
+    campaign: Campaign,
+    rate: float,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
+) -> dict[str, pd.DataFrame]:
     """As `preflight_tables`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most.
 
     Parameters
     ----------
-    campaign : Campaign
-    rate : float
-        [1] False alarms allowed.
+    campaign, rate, settings, model_settings
+        As there.
     """
     recordings, more = recorded(campaign), extended(campaign)
     like = recordings.get(campaign.runs[0].id)
@@ -75,11 +88,12 @@ def preflight_tables_with_advice(campaign: Campaign, rate: float) -> dict[str, p
         whole = replace(like, held_out=np.zeros_like(like.held_out))  # a further run is for fitting
         recordings |= {run.id: whole for run in more.runs[len(campaign.runs) :]}
     lengths = revolutions(more, recordings)
-    plan, wider = build_model(campaign, None, lengths), build_model(more, None, lengths)
+    plan, wider = (build_model(each, None, lengths, model_settings) for each in (campaign, more))
     wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for
-    found, changes = advise(wider, [series.key for series in plan.series], None, rate, counts(wider, recordings))
-    told = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
-    return _frames(found) | {"advice": changes.assign(**told)}
+    planned = [series.key for series in plan.series]
+    shown_now, changes = advise(wider, planned, None, rate, counts(wider, recordings), settings)
+    joined = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
+    return _frames(shown_now) | {"advice": changes.assign(**joined)}
 
 
 def recorded(campaign: Campaign) -> dict[str, Recording]:

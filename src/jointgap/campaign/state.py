@@ -10,6 +10,7 @@ from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, plan
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
+from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.tables import CONFIG_SNAPSHOT, FIT_TABLES, MEASURED, NOISE_TABLES, REMARKS, TABLES
 from jointgap.tables.results_folder import ResultsFolder
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:  # what a stage does not ask for is not imported: the compiled
     from jointgap.identification.protocol import Candidate, Model
     from jointgap.identification.thresholds import Screening
     from jointgap.recordings import Measurements
+    from jointgap.recordings.limits import RecordingLimits
+    from jointgap.slider_crank import SliderCrankSettings
 
 Noise = dict[tuple[str, str], "NoiseEstimate"]
 """Noise of every series, by run and channel."""
@@ -41,6 +44,10 @@ class CampaignState:
         A campaign file.
     folder : Path, optional
         ``results/campaigns/{campaign}`` by default.
+    settings : IdentificationSettings
+        Tuned numbers of the naming. They are not written: stages that run one by one need the same ones.
+    model_settings : SliderCrankSettings, optional
+        Likewise of the slider-crank model.
 
     Attributes
     ----------
@@ -58,12 +65,33 @@ class CampaignState:
     false_alarm_rate = FALSE_ALARM_RATE
     seed = 0
 
-    def __init__(self, campaign: Path, folder: Path | None = None):
+    def __init__(
+        self,
+        campaign: Path,
+        folder: Path | None = None,
+        settings: IdentificationSettings = DEFAULT_SETTINGS,
+        model_settings: "SliderCrankSettings | None" = None,
+    ):
+        self.settings, self._model_settings = settings, model_settings
         self.campaign: Campaign = load_campaign(campaign)
         self.folder = ResultsFolder(folder or Path("results/campaigns") / self.campaign.name)
         inputs = (*plan(campaign), *(self.campaign.folder / run.file for run in self.campaign.runs))
         results = (table.path for table in TABLES.values() if "{" not in table.path)
         self.folder.check_apart(inputs, (*filter(None, results), MECHANISM, VERDICT, *SUMMARIES))
+
+    @property
+    def model_settings(self) -> "SliderCrankSettings":
+        """Tuned numbers of the slider-crank model."""
+        from jointgap.slider_crank import DEFAULT_SETTINGS
+
+        return self._model_settings or DEFAULT_SETTINGS
+
+    @property
+    def recording_limits(self) -> "RecordingLimits":
+        """Those of the model's settings by which recordings are checked."""
+        from jointgap.recordings.limits import DEFAULT_LIMITS
+
+        return self._model_settings.recordings if self._model_settings else DEFAULT_LIMITS
 
     @cached_property
     def clockwise(self) -> frozenset[str]:
@@ -85,7 +113,7 @@ class CampaignState:
         """The rig's model with the measured data."""
         from jointgap.slider_crank import build_model
 
-        return build_model(self.campaign, self.measurements)
+        return build_model(self.campaign, self.measurements, settings=self.model_settings)
 
     @cached_property
     def library(self) -> "list[Candidate]":
@@ -113,8 +141,8 @@ class CampaignState:
                 run, channel = series.key
                 raise InputError(
                     f"campaign {self.campaign.name}: {self.folder.place(NOISE_TABLES[0], stage)} is of other data than "
-                    "channel "
-                    f"{channel} of run '{run}' now holds; run `jointgap {stage}` on it again, and the stages after it"
+                    f"channel {channel} of run '{run}' now holds; run `jointgap {stage}` on it again, and the "
+                    "stages after it"
                 )
         return noise
 
@@ -124,7 +152,7 @@ class CampaignState:
         from jointgap.identification.baseline import Baseline, probed_differences
         from jointgap.identification.problem import Problem
 
-        problem = Problem(self.model, self.noise_with_numerics)
+        problem = Problem(self.model, self.noise_with_numerics, settings=self.settings)
         (nominal,), (base,) = (self._read_fits(f"recalibrate/{which}", problem) for which in ("nominal", "base"))
         return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 

@@ -120,7 +120,7 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
     }
     fit, runs = base.base, base.problem.runs
     by_label = {candidate.label: candidate for candidate in base.problem.model.candidates}
-    signatures = []
+    signatures, factor = [], base.problem.settings.screening.secant_factor
     for (label, start), own in columns.items():
         candidate = by_label.get(label)
         sizes = [p.key for p in candidate.coordinates_in(runs) if p.key in candidate.amplitudes] if candidate else []
@@ -131,7 +131,7 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
             )
         derivatives = np.column_stack([own[key] for key in sizes]) if sizes else np.empty((fit.residual.size, 0))
         origin = own.get(_ORIGIN, fit.residual)
-        signatures.append(Signature(candidate, shapes.get((label, start), {}), derivatives, origin, runs))
+        signatures.append(Signature(candidate, shapes.get((label, start), {}), derivatives, origin, runs, factor))
     failed = frames["screened"].query("kind == 'failed'")
     reasons = dict(zip(failed["explanation"], failed["reason"], strict=True))
     return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, signatures, reasons)

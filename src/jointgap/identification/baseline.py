@@ -58,7 +58,7 @@ def recalibrate(
     start = multistart_fit(first, probed_differences(first, {p.key: p.nominal for p in first.nuisances}))
     if start.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {start.reason}")
-    problem = Problem(model, numerics_noise(model, start.mapping, noise), settings=settings)
+    problem = Problem(model, numerics_noise(model, start.mapping, noise, settings.noise), settings=settings)
     differences = probed_differences(problem, start.mapping)
     nominal = fit_hypothesis(
         problem,

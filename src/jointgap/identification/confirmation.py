@@ -10,7 +10,7 @@ from jointgap.errors import InputError, SimulationError
 from jointgap.identification.fit import Fit, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Model
-from jointgap.identification.settings import DEFAULT_SETTINGS, ConfirmationSettings
+from jointgap.identification.settings import DEFAULT_SETTINGS, ConfirmationSettings, IdentificationSettings
 from jointgap.identification.whitening import Noise
 
 _ENDS = (0.05, 0.95)  # [1] quantiles between which a 90 % interval lies
@@ -49,7 +49,7 @@ def confirm(
     base: Fit,
     named: Fit | None = None,
     seed: int = 0,
-    settings: ConfirmationSettings = DEFAULT_SETTINGS.confirmation,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> Confirmed:
     """Predict every run with and without the effects of the verdict.
 
@@ -68,7 +68,7 @@ def confirm(
         With the effects of the verdict; the base where there are none.
     seed : int
         Of the bootstrap.
-    settings : ConfirmationSettings
+    settings : IdentificationSettings
 
     Raises
     ------
@@ -76,10 +76,10 @@ def confirm(
         A held-out run cannot be simulated with the base.
     """
     named = base if named is None else named
-    used = Problem(model, noise)
+    used = Problem(model, noise, settings=settings)
     frames, remarks = [_compared(used, base.mapping, named.mapping, named.hypothesis).assign(role="identify")], {}
-    for run in Problem(model, noise, held_out=True).runs:
-        problem = Problem(_Alone(model, run), noise, held_out=True)
+    for run in Problem(model, noise, held_out=True, settings=settings).runs:
+        problem = Problem(_Alone(model, run), noise, held_out=True, settings=settings)
         before = fit_run_parameters(problem, base)
         try:
             after = before if named is base else fit_run_parameters(problem, named)
@@ -89,7 +89,8 @@ def confirm(
             frame = _compared(problem, before).assign(augmented=np.nan, whitened_augmented=np.nan)
         frames.append(frame.assign(role="confirm"))
     residuals = pd.concat(frames, ignore_index=True)
-    return Confirmed(residuals.drop(columns="role"), _gaps(residuals, remarks, np.random.default_rng(seed), settings))
+    gaps = _gaps(residuals, remarks, np.random.default_rng(seed), settings.confirmation)
+    return Confirmed(residuals.drop(columns="role"), gaps)
 
 
 class _Alone:

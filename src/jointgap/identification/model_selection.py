@@ -161,7 +161,7 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
                 for fit in ranked[: 1 + selection.partners]:
                     if fit.status != FAILED:
                         best[_labels(fit)] = _moved(baseline, best[_labels(fit)], deeper)
-    subspaces = SignatureSubspaces(signatures)
+    subspaces = SignatureSubspaces(signatures, baseline.problem.settings.screening)
     similarity = {
         fit.label: subspaces.nearest(fit.hypothesis)[1]
         for fit in best.values()

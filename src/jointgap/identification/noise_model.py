@@ -18,7 +18,7 @@ from jointgap.identification.cycle_noise import (
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Model, Series, runs_of
-from jointgap.identification.settings import DEFAULT_SETTINGS, NoiseSettings
+from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings, NoiseSettings
 from jointgap.identification.whitening import Noise
 
 Key = tuple[str, str]
@@ -43,7 +43,7 @@ class NoiseEstimate(Noise):
     remarks: tuple[str, ...] = ()
 
 
-def noise_of_model(model: Model, settings: NoiseSettings = DEFAULT_SETTINGS.noise) -> dict[Key, NoiseEstimate]:
+def noise_of_model(model: Model, settings: IdentificationSettings = DEFAULT_SETTINGS) -> dict[Key, NoiseEstimate]:
     """The noise of every series.
 
     The model as it stands is fitted with noise as stated or guessed; what its residuals do not repeat from cycle to
@@ -52,7 +52,7 @@ def noise_of_model(model: Model, settings: NoiseSettings = DEFAULT_SETTINGS.nois
     Parameters
     ----------
     model : Model
-    settings : NoiseSettings
+    settings : IdentificationSettings
 
     Raises
     ------
@@ -61,17 +61,17 @@ def noise_of_model(model: Model, settings: NoiseSettings = DEFAULT_SETTINGS.nois
     SimulationError
         The model as it stands cannot be simulated.
     """
-    guess = {series.key: _guess(series, settings.guessed_share) for series in model.series}
-    problem = Problem(model, guess)
+    guess = {series.key: _guess(series, settings.noise.guessed_share) for series in model.series}
+    problem = Problem(model, guess, settings=settings)
     first = fit_hypothesis(problem)
     if first.status == FAILED:
         raise SimulationError(f"the model as it stands cannot be fitted: {first.reason}")
-    values = first.mapping | fit_run_parameters(Problem(model, guess, held_out=True), first)
+    values = first.mapping | fit_run_parameters(Problem(model, guess, held_out=True, settings=settings), first)
     residuals = {}
     for run in runs_of(model):
         predicted = problem.predict(run, values)
         residuals |= {s.key: s.value - predicted[s.channel] for s in model.series if s.run == run}
-    return estimate_noise(model, residuals, settings)
+    return estimate_noise(model, residuals, settings.noise)
 
 
 def _guess(series: Series, share: float) -> Noise:

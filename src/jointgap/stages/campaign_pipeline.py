@@ -9,6 +9,8 @@ from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
 from jointgap.campaign.conclude import conclude
 from jointgap.campaign.state import CampaignState
 from jointgap.figures.campaign_catalogue import CATALOGUE
+from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
+from jointgap.slider_crank.settings import SliderCrankSettings
 from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
 from jointgap.tables import ADVICE, DECISION, OPTIMUM, write_text
 from jointgap.tables.results_folder import ResultsFolder
@@ -21,7 +23,12 @@ _OPTIONS = {"measure": {"pictures": False}, "preflight": {"advice": False}}
 _ENDINGS = (".svg", ".png", ".parquet")
 
 
-def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
+def analyse(
+    campaign: Path | str,
+    folder: Path | str,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    model_settings: SliderCrankSettings | None = None,
+) -> dict[str, Any]:
     """Find where model and measurement of a campaign disagree and what is missing.
 
     Parameters
@@ -31,6 +38,10 @@ def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
     folder : Path
         Where the tables of all stages, the augmented mechanism and ``verdict.json`` are written; what an earlier
         analysis concluded there is removed first.
+    settings : IdentificationSettings
+        Tuned numbers of the naming.
+    model_settings : SliderCrankSettings, optional
+        Tuned numbers of the slider-crank model; its own defaults where absent.
 
     Returns
     -------
@@ -44,7 +55,7 @@ def analyse(campaign: Path | str, folder: Path | str) -> dict[str, Any]:
     SimulationError
         The model as it stands cannot be simulated.
     """
-    state, seconds = CampaignState(Path(campaign), Path(folder)), {}
+    state, seconds = CampaignState(Path(campaign), Path(folder), settings, model_settings), {}
     stages = [stage for name, stage in CAMPAIGN_STAGES.items() if name not in _LEFT_OUT]
     written = (path for stage in (*stages, CAMPAIGN_STAGES["conclude"]) for path in stage.outputs())
     state.folder.check_writable(*written)

@@ -66,7 +66,7 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     from jointgap.recordings import read_measurements, to_frame
 
     folder = state.folder
-    state.measurements = read_measurements(state.campaign)
+    state.measurements = read_measurements(state.campaign, state.recording_limits)
     folder.write(CONFIG_SNAPSHOT, config_snapshot(state.campaign))
     folder.write(REMARKS, pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}))
     folder.write(MEASURED, to_frame(state.measurements))
@@ -98,7 +98,9 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     """
     from jointgap.campaign.preflight import in_words, preflight_tables, preflight_tables_with_advice
 
-    frames = (preflight_tables_with_advice if advice else preflight_tables)(state.campaign, state.false_alarm_rate)
+    frames = (preflight_tables_with_advice if advice else preflight_tables)(
+        state.campaign, state.false_alarm_rate, state.settings, state.model_settings
+    )
     state.folder.write_all(frames)
     return in_words(*(frames[table.name] for table in (DETECTABLE, CONFUSABILITY, ADVICE))) if advice else ""
 
@@ -108,7 +110,7 @@ def noise(state: "CampaignState") -> None:
     """Find the noise of every channel of every run, from what does not repeat."""
     from jointgap.identification.noise_model import noise_of_model
 
-    state.noise = noise_of_model(state.model)
+    state.noise = noise_of_model(state.model, state.settings)
     state.write_noise(state.noise, "noise")
 
 
@@ -125,8 +127,9 @@ def recalibrate(state: "CampaignState") -> None:
     from jointgap.identification.baseline import recalibrate as recalibrated
     from jointgap.identification.noise_model import numerics_noise
 
-    baseline = state.baseline = recalibrated(state.model, state.noise)
-    of_all_runs = numerics_noise(state.model, baseline.base.mapping, state.noise)  # of held-out runs too
+    baseline = state.baseline = recalibrated(state.model, state.noise, state.settings)
+    # of held-out runs too
+    of_all_runs = numerics_noise(state.model, baseline.base.mapping, state.noise, state.settings.noise)
     of_fitted_runs = {part.series.key: part.noise for part in baseline.problem.parts}
     state.noise_with_numerics = of_all_runs | of_fitted_runs
     state.write_noise(state.noise_with_numerics, "recalibrate")
@@ -151,7 +154,7 @@ def screen(state: "CampaignState") -> None:
     signatures, limits = state.screening = screen_candidates(state.baseline, state.false_alarm_rate, dof, state.seed)
     state.folder.write_all(signatures_to_frames(signatures))
     state.folder.write(THRESHOLDS, pd.DataFrame([vars(limits)]))
-    state.folder.write(SCREENED, screened_frame(signatures, shortlist_singles(signatures, limits)))
+    state.folder.write(SCREENED, screened_frame(signatures, shortlist_singles(signatures, limits, state.settings)))
 
 
 _SCREENED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("screen"))
@@ -266,7 +269,7 @@ def confirm(state: "CampaignState") -> None:
     outcome = state.outcome("regress")
     named = outcome.chosen if outcome.chosen.hypothesis else None
     plain = outcome.base if named else outcome.chosen  # nominal values where these are enough
-    prediction = confirmation.confirm(state.model, state.noise_with_numerics, plain, named, state.seed)
+    prediction = confirmation.confirm(state.model, state.noise_with_numerics, plain, named, state.seed, state.settings)
     state.folder.write(RESIDUALS, residuals_as_read(prediction.residuals, state.clockwise))
     state.folder.write(GAPS, prediction.gaps)
 
