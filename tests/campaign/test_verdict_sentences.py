@@ -4,7 +4,7 @@ import pytest
 
 from jointgap.campaign.verdict_sentences import answer, held_out_in_words
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS
+from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
 
 FRICTION = "Missing in the model is Coulomb friction of the slider."
 TOLERATED = DEFAULT_SETTINGS.decision.tolerated_reduced_chi2
@@ -164,4 +164,24 @@ def test_held_out_runs_that_cannot_be_simulated_are_all_told_with_their_reasons(
     )
     assert answer(verdict) == (
         f"{FRICTION} With this added the model meets the data used for fitting within the noise. {reason}."
+    )
+
+
+def test_a_fault_alone_lies_in_the_measurement_and_two_effects_are_in_the_plural():
+    assert answer(NAMED | {"effects": [BIAS]}) == (
+        "The fault lies in the measurement, not in the mechanism: a bias of the sensor of crank torque (bias 0.5 N*m). "
+        "With this taken into account the model meets the measurement within the noise."
+    )
+    assert answer(NAMED | {"effects": [COULOMB, WEIGHT]}) == (
+        "Missing in the model are Coulomb friction of the slider and the weight of the bodies. With this added the "
+        "model meets the measurement within the noise."
+    )
+
+
+def test_beside_a_run_that_cannot_be_simulated_the_largest_gap_of_the_others_is_told():
+    lost = {"run": "fast", "gap": {"before": 8.0, "after": None}, "not_simulated": "it flies off"}
+    others = [{"run": run, "gap": {"before": 6.0, "after": after}} for run, after in (("mid", 5.0), ("low", 5.5))]
+    assert answer(held_out("named", 8.7, None) | {"held_out": [lost, *others]}).endswith(
+        "so it is not confirmed there. It does not meet the held-out data: the gap in another run is 5.50, so more may "
+        "be missing."
     )

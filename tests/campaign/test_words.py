@@ -140,3 +140,16 @@ def test_a_gap_from_a_hundred_on_has_no_digits_after_the_point(gap, shown):
 def test_a_share_is_told_in_percent():
     assert percent(0.98765) == "98.8 %"
     assert percent(0.98765, 0) == "99 %"
+
+
+def test_a_row_of_a_parameter_has_the_digits_of_its_error_in_the_value_and_at_both_ends_of_its_interval():
+    force = {"value": 21.3, "sd": 0.4, "interval_90": [20.6, 22.0]}
+    bound = {"value": 9.0, "sd": None, "interval_90": [None, None], "remark": "at its bound"}
+    effects = [
+        {"name": "slider_coulomb_friction", "site": "slider", "parameters": {"force_N": force}},
+        {"name": "added_slider_mass", "site": "slider", "parameters": {"mass_kg": bound}},
+    ]
+    assert parameter_rows(effects) == (
+        ("slider_coulomb_friction: force_N", "21.30 N", "0.40", "20.60 to 22.00"),
+        ("added_slider_mass: mass_kg", "9 kg", "at its bound", "–"),
+    )
