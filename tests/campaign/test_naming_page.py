@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.campaign.preflight import in_words, preflight
+from jointgap.campaign.preflight import in_words, preflight_tables
 from jointgap.config.load import load_campaign
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.recordings import read_measurements
@@ -42,7 +42,7 @@ def test_the_preflight_that_it_prints_is_what_comes_out(tmp_path):
     assert f"`{mechanism}` as its mechanism" in PAGE
     (tmp_path / "campaign.yaml").write_text(re.search(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[1])
     (tmp_path / "mechanism.yaml").write_text(Path(mechanism).read_text())
-    found = preflight(load_campaign(tmp_path / "campaign.yaml"), 0.01)
+    found = preflight_tables(load_campaign(tmp_path / "campaign.yaml"), 0.01)
     printed = in_words(found["detectable"], found["confusability"], pd.DataFrame()).splitlines()
     shown = re.search(r"```\n(Effects that these runs.*?)```", PAGE, re.DOTALL)[1].splitlines()
     shown = [line for line in shown if line != "  ..." and not line.startswith("A further ")]
