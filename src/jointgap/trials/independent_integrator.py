@@ -1,8 +1,8 @@
 """Other numerics than the simulation's: the embedded Runge-Kutta pair of orders 5 and 4, from event to event.
 
-Method, step control and search for events are not those of `jointgap.dynamics.solver.integrate`, so that no simulator is
-fitted to its own output: the duplication is on purpose. Equations of motion, contact laws, the conditions of an event, the
-start and what is computed from a sampled state are the same.
+Method, step control and search for events are not those of `jointgap.dynamics.solver.integrate`, so that no simulator
+is fitted to its own output: the duplication is on purpose. Equations of motion, contact laws, the conditions of an
+event, the start and what is computed from a sampled state are the same.
 
 J. R. Dormand and P. J. Prince, J. Comput. Appl. Math. 6 (1980) 19-26.
 """
