@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jointgap.config import Box
-from jointgap.optimise.operators import feasible_mutation, intermediate_crossover, rank_expectation, stochastic_uniform
+from jointgap.optimise.genetic import feasible_mutation, intermediate_crossover, rank_expectation, stochastic_uniform
 from jointgap.optimise.region import Region
 
 REGION = Region.of(Box(crank_length=(0.147, 0.153), rod_length=(0.555, 0.564)), 0.27)

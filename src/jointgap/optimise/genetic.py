@@ -1,8 +1,18 @@
 """The genetic algorithm with the paper's settings, carried by pymoo.
 
 Generational: the elites live on unchanged, the rest of the next generation are children, of which the crossover fraction
-comes from two parents and the others from one by mutation. The operators are in `jointgap.optimise.operators`; they keep
-bounds and inequality, so pymoo has no constraint to handle.
+comes from two parents and the others from one by mutation. The operators are pure functions of arrays and a random
+generator. They follow the MATLAB toolbox that the paper used, in its variants for linear inequalities: what they make
+of allowed parents is allowed, so pymoo has no constraint to handle.
+
+- Fitness by rank: expectation proportional to 1/sqrt(rank).
+- Stochastic uniform selection (Baker 1987): one throw, equal steps along a line on which each parent has its
+  expectation's length.
+- Crossover: a random point of the line between two parents (the toolbox's "intermediate"; its default "scattered" would
+  swap L2 and L3 between parents and can break the inequality).
+- Mutation: a step in a random direction, cut where it would leave the region. Its length is drawn evenly up to the
+  width of the box in every generation. The toolbox's "adaptive feasible" mutation shrinks it after failures instead, and
+  then far more runs end somewhere on the valley's floor.
 """
 
 from dataclasses import dataclass
@@ -18,9 +28,63 @@ from pymoo.core.survival import Survival
 from pymoo.termination.max_gen import MaximumGenerationTermination
 
 from jointgap.config import Genetic
-from jointgap.optimise import operators
 from jointgap.optimise.objective import Objective
 from jointgap.optimise.region import Region
+
+
+def rank_expectation(values: np.ndarray) -> np.ndarray:
+    """How much of the next parents each individual should be, from values to minimise; shape (n,), sum 1."""
+    rank = np.empty(len(values))
+    rank[np.argsort(values, kind="stable")] = np.arange(1, len(values) + 1)
+    weight = 1.0 / np.sqrt(rank)
+    return weight / np.sum(weight)
+
+
+def stochastic_uniform(expectation: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
+    """Indices of `count` parents, shape (count,), shuffled.
+
+    Parent i is taken floor(count * expectation[i]) times or once more.
+
+    Parameters
+    ----------
+    expectation : ndarray, shape (n,)
+        Shares of the parents, sum 1.
+    count : int
+    random : Generator
+    """
+    marks = (np.arange(count) + random.random()) / count
+    edges = np.cumsum(expectation)
+    edges[-1] = 1.0
+    return random.permutation(np.searchsorted(edges, marks, side="right"))
+
+
+def intermediate_crossover(first: np.ndarray, second: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """A random point between each pair of parents, shapes (n, 2).
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (n, 2)
+        Parents (L2, L3) [m].
+    random : Generator
+    """
+    return first + random.random((len(first), 1)) * (second - first)
+
+
+def feasible_mutation(parents: np.ndarray, region: Region, random: np.random.Generator) -> np.ndarray:
+    """Each parent (n, 2) moved by up to the box's width in a random direction, cut at the region's edge.
+
+    Parameters
+    ----------
+    parents : ndarray, shape (n, 2)
+        (L2, L3) [m].
+    region : Region
+    random : Generator
+    """
+    angle = 2.0 * np.pi * random.random(len(parents))
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    moves = random.random((len(parents), 1)) * direction * region.size
+    moved = [parent + region.reach(parent, move) * move for parent, move in zip(parents, moves, strict=True)]
+    return np.clip(moved, region.lower, region.upper)
 
 
 @dataclass(frozen=True)
@@ -81,12 +145,12 @@ class _Mating(InfillCriterion):
         lengths, values = pop.get("X"), pop.get("F")[:, 0]
         crossed = round(self.crossover_fraction * n_offsprings)
         mutated = n_offsprings - crossed
-        chosen = operators.stochastic_uniform(operators.rank_expectation(values), 2 * crossed + mutated, random_state)
+        chosen = stochastic_uniform(rank_expectation(values), 2 * crossed + mutated, random_state)
         parents = lengths[chosen]
         children = np.concatenate(
             [
-                operators.intermediate_crossover(parents[:crossed], parents[crossed : 2 * crossed], random_state),
-                operators.feasible_mutation(parents[2 * crossed :], problem.region, random_state),
+                intermediate_crossover(parents[:crossed], parents[crossed : 2 * crossed], random_state),
+                feasible_mutation(parents[2 * crossed :], problem.region, random_state),
             ]
         )
         return Population.new(X=children, origin=["crossover"] * crossed + ["mutation"] * mutated)

@@ -17,9 +17,9 @@ from enum import Enum
 
 import numpy as np
 import torch
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from jointgap.surrogate.network_batch import Evaluation, Model
-from jointgap.surrogate.normal_equations import Dual, Primal, smaller_form
 
 
 class Status(Enum):
@@ -134,7 +134,7 @@ def minimise(model: Model, targets: np.ndarray, start: np.ndarray, settings: Set
     evaluation = model.evaluate(parameters)
     if not torch.isfinite(evaluation.outputs).all():
         raise ValueError("the outputs at the start are not finite")
-    system = smaller_form(model)
+    system = _smaller_form(model)
     everyone = [_Member(system(model), model.size, settings) for _ in parameters]
     for member, residual, gradient in zip(
         everyone, target - evaluation.outputs, _gradients(evaluation, target), strict=True
@@ -191,7 +191,7 @@ def _solved(active: list["_Member"], right_sides: torch.Tensor) -> torch.Tensor:
 class _Member:
     """Damping, error and end of one member."""
 
-    def __init__(self, system: "Dual | Primal", size: int, settings: Settings):
+    def __init__(self, system: "_Dual | _Primal", size: int, settings: Settings):
         self.system = system
         self._size = size
         self._settings = settings
@@ -260,3 +260,95 @@ class _Member:
             self.status = Status.STALLED
         elif len(self.errors) > settings.iterations:
             self.status = Status.BUDGET
+
+
+def _smaller_form(model: Model) -> "type[_Dual] | type[_Primal]":
+    """The cheaper form: the dual costs points^3 / 3 and less than that for its matrix, the primal points x parameters^2."""
+    return _Dual if model.points <= 1.5 * model.size else _Primal
+
+
+class _Damped:
+    """A symmetric matrix, and the Cholesky factor of it plus a multiple of the identity."""
+
+    def __init__(self, rows: int):
+        self._matrix = np.zeros((rows, rows), order="F")
+        self._factor = np.zeros((rows, rows), order="F")
+        self._diagonal = np.diag_indices(rows)
+
+    def factor(self, damping: float) -> bool:
+        """Factor matrix + damping I; False if it is not positive definite in double precision."""
+        np.copyto(self._factor, self._matrix)
+        self._factor[self._diagonal] += damping
+        _, failed = dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
+        return not failed
+
+    def _solve(self, right_side: np.ndarray) -> np.ndarray:
+        return dpotrs(self._factor, right_side, lower=1)[0]
+
+
+class _Dual(_Damped):
+    """v = J^T u with (J J^T + mu I) u = e."""
+
+    def __init__(self, model: Model):
+        super().__init__(model.points)
+        self._spare = np.zeros_like(self._factor)
+
+    def form(self, evaluation: Evaluation, index: int) -> float:
+        """Form J J^T and return its trace.
+
+        Parameters
+        ----------
+        evaluation : Evaluation
+        index : int
+            Member of the batch.
+        """
+        evaluation.products_of_rows(index, self._matrix, (self._factor, self._spare))
+        return float(self._matrix[self._diagonal].sum())
+
+    def solve(self, right_side: np.ndarray) -> np.ndarray:
+        return self._solve(right_side)
+
+    @staticmethod
+    def expand(evaluation: Evaluation, solutions: torch.Tensor) -> torch.Tensor:
+        """The step v = J^T u, shape (B, P).
+
+        Parameters
+        ----------
+        evaluation : Evaluation
+        solutions : Tensor, shape (B, N)
+        """
+        return evaluation.pull_back(solutions)
+
+
+class _Primal(_Damped):
+    """(J^T J + mu I) v = J^T e."""
+
+    def __init__(self, model: Model):
+        super().__init__(model.size)
+
+    def form(self, evaluation: Evaluation, index: int) -> float:
+        """Form J^T J and return its trace.
+
+        Parameters
+        ----------
+        evaluation : Evaluation
+        index : int
+            Member of the batch.
+        """
+        self._jacobian = evaluation.jacobian()[index].numpy()
+        self._matrix[...] = self._jacobian.T @ self._jacobian
+        return float(self._matrix[self._diagonal].sum())
+
+    def solve(self, right_side: np.ndarray) -> np.ndarray:
+        return self._solve(self._jacobian.T @ right_side)
+
+    @staticmethod
+    def expand(evaluation: Evaluation, solutions: torch.Tensor) -> torch.Tensor:
+        """The step v: the solutions themselves, shape (B, P).
+
+        Parameters
+        ----------
+        evaluation : Evaluation
+        solutions : Tensor, shape (B, P)
+        """
+        return solutions

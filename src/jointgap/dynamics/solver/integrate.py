@@ -14,8 +14,7 @@ from jointgap.dynamics.model.joint_forces import FLIGHT
 from jointgap.dynamics.model.parameters import MOTOR
 from jointgap.dynamics.model.relative_motion import all_turns, direction, relative_motion
 from jointgap.dynamics.solver.contact_episodes import EPISODE, EVENT_WIDTH, begin_episode, follow_episodes, note_event
-from jointgap.dynamics.solver.event_step import advance
-from jointgap.dynamics.solver.events import all_conditions, switched
+from jointgap.dynamics.solver.events import advance, all_conditions, switched
 from jointgap.dynamics.solver.runge_kutta import (
     AFTER,
     BEFORE,
