@@ -19,7 +19,7 @@ SOURCES = (*sorted(_PACKAGE.rglob("*.py")), _PACKAGE.parent / "formula.py", _PAC
 
 
 def _is_usable(folder: Path) -> bool:
-    """Whether `folder` can be made, is one's own and can be written to; permission bits alone do not tell (root, mounts).
+    """Whether `folder` can be made, is one's own and takes files; permission bits alone do not say so (root, mounts).
 
     Compiled code in a folder of somebody else is not to be trusted.
     """
@@ -32,7 +32,7 @@ def _is_usable(folder: Path) -> bool:
 
 
 def cache_folder(beside: Path) -> str:
-    """First usable place of: the user's choice, the folder `beside` the sources, the user's cache, the temporary folder.
+    """First usable place of: the user's choice, `beside` the sources, the user's cache, the temporary folder.
 
     Returns an empty string (numba's own choice) when none is.
     """

@@ -98,8 +98,8 @@ class Ensemble:
 def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[Outcome]:
     """Simulate runs side by side; their outcomes in order, whatever the number of workers.
 
-    Only a few runs are held at a time: `runs` may be a generator of any length. A run that cannot be simulated comes out
-    with its error, and the others go on.
+    Only a few runs are held at a time: `runs` may be a generator of any length. A run that cannot be simulated comes
+    out with its error, and the others go on.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ def crank_angles(options: Simulate) -> np.ndarray:
 def integrate_to_angles(
     p: Parameters, start: tuple[np.ndarray, np.ndarray], angles: np.ndarray, tolerance: float
 ) -> IntegrationResult:
-    """IntegrationResult from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start angle.
+    """Integrate from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start angle.
 
     Parameters
     ----------
@@ -161,13 +161,13 @@ def integrate_to_angles(
     )
     limit = math.ceil(STEPS_PER_REVOLUTION * max((angles[-1] - angles[0]) / (2 * math.pi), 1.0))
     status, end, events, steps = integrate(
-        p, *start, times, angles, tolerance, VELOCITY_TIME, limit, samples.states, samples.auxiliary_states, samples.modes,
-        samples.approaches, samples.directions,
+        p, *start, times, angles, tolerance, VELOCITY_TIME, limit, samples.states, samples.auxiliary_states,
+        samples.modes, samples.approaches, samples.directions,
     )  # fmt: skip
     if status != DONE:
         advice = (
-            f"ask for a larger tolerance than {tolerance:g} m, or check what makes the motion so stiff: stiffness, restitution, "
-            "friction_speed or bristle_stiffness of the contacts, a small mass, an effect or its formula"
+            f"ask for a larger tolerance than {tolerance:g} m, or check what makes the motion so stiff: stiffness, "
+            "restitution, friction_speed or bristle_stiffness of the contacts, a small mass, an effect or its formula"
         )
         raise SimulationError(
             f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.time:.9g} s, crank angle "
@@ -181,8 +181,8 @@ def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None
     reached = crank_motion(p, times[-1])[0]
     if (np.diff(times) <= 0).any() or abs(reached - angles[-1]) > 1e-9 * max(abs(angles[-1]), 1.0):
         raise InputError(
-            f"the measured crank angle goes as far as {math.degrees(reached):.9g} deg at {times[-1]:.9g} s, the samples to "
-            f"{math.degrees(angles[-1]):.9g} deg; ask for fewer revolutions or give a longer record"
+            f"the measured crank angle goes as far as {math.degrees(reached):.9g} deg at {times[-1]:.9g} s, the "
+            f"samples to {math.degrees(angles[-1]):.9g} deg; ask for fewer revolutions or give a longer record"
         )
 
 

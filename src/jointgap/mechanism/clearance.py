@@ -20,8 +20,8 @@ _NOTHING = Motion.of(0.0)
 class ClearanceMotion:
     """The virtual links of the loose joints; those of ideal joints have no length.
 
-    r1 at gamma1 points from the frame's centre of the crank pivot to the crank's, r2 at gamma2 from the crank's pin centre
-    A to the rod's end A', r3 at gamma3 from the slider's pin centre B to the rod's end B'.
+    r1 at gamma1 points from the frame's centre of the crank pivot to the crank's, r2 at gamma2 from the crank's pin
+    centre A to the rod's end A', r3 at gamma3 from the slider's pin centre B to the rod's end B'.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class ClearanceMotion:
 
     @classmethod
     def from_table(cls, table: pd.DataFrame, loose: Iterable[str]) -> "ClearanceMotion":
-        """Read the columns ``r2, r2_dot, r2_ddot, gamma2, ... gamma2_ddot`` of a trajectory, and so on for joints `loose`.
+        """Read the columns ``r2, r2_dot, r2_ddot, gamma2, ... gamma2_ddot`` and so on for the joints `loose`.
 
         Parameters
         ----------

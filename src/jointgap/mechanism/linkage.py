@@ -1,8 +1,8 @@
 """Positions, velocities and accelerations of the links, equations (2)-(10) and (13)-(21).
 
-One set of formulae serves both forms. Handed the whole clearance motion it is exact; handed `ClearanceMotion.paper_form`,
-in which the lengths of the clearance vectors stand still, it is the chain rule that equations (6)-(9) write out as sums
-of partial derivatives by the crank angle, gamma2 and gamma3, mixed terms included.
+One set of formulae serves both forms. Handed the whole clearance motion it is exact; handed
+`ClearanceMotion.paper_form`, in which the lengths of the clearance vectors stand still, it is the chain rule that
+equations (6)-(9) write out as sums of partial derivatives by the crank angle, gamma2 and gamma3, mixed terms included.
 """
 
 from dataclasses import dataclass
@@ -75,7 +75,7 @@ def linkage_motion(
     head_x, head_y = clearance.piston_pin_vector()
     foot_x, foot_y = pivot_x + pin_x + step_x, pivot_y + pin_y + step_y
 
-    # The slider stays on its line, so the rod has to come down by its foot's height above the slider less the vector B -> B'.
+    # The slider stays on its line: the rod comes down by its foot's height above the slider less the vector B -> B'.
     height = foot_y - head_y - Motion.of(mechanism.slider.offset)
     rod_angle = _falling_rod(height, rod.length, crank_angle.position)
     rod_length = Motion.of(rod.length)

@@ -13,7 +13,8 @@ class Motion:
     Attributes
     ----------
     position, velocity, acceleration : ndarray
-        The quantity and its first two time derivatives, of shapes that broadcast; in the quantity's unit, per s, per s^2.
+        The quantity and its first two time derivatives, of shapes that broadcast; in the quantity's unit, per s, per
+        s^2.
     """
 
     position: np.ndarray

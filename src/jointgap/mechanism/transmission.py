@@ -16,8 +16,8 @@ def clearance_lift(vectors: Mapping[str, ArrayLike]) -> np.ndarray:
     Parameters
     ----------
     vectors : mapping of str to array_like, shape (n,)
-        Lengths ``r1``, ``r2``, ``r3`` [m] and directions ``gamma1``, ``gamma2``, ``gamma3`` [rad] of the clearance vectors of
-        the loose joints; ideal joints are left out. A direction is not looked at where the length is zero.
+        Lengths ``r1``, ``r2``, ``r3`` [m] and directions ``gamma1``, ``gamma2``, ``gamma3`` [rad] of the clearance
+        vectors of the loose joints; ideal joints are left out. A direction is not looked at where the length is zero.
 
     Returns
     -------
@@ -84,6 +84,6 @@ def check_reach(cosine: np.ndarray, crank_angle: ArrayLike, rod_length: ArrayLik
     angle = np.real(np.broadcast_to(crank_angle, span.shape)[worst])
     length = np.broadcast_to(rod_length, span.shape)[worst]
     raise InputError(
-        f"the rod of {1e3 * length:g} mm cannot reach the slide at crank angle {np.degrees(angle):.4g} deg: its crank end "
-        f"is {1e3 * length * span[worst]:.6g} mm off the slide's line; shorten the crank or lengthen the rod"
+        f"the rod of {1e3 * length:g} mm cannot reach the slide at crank angle {np.degrees(angle):.4g} deg: its crank "
+        f"end is {1e3 * length * span[worst]:.6g} mm off the slide's line; shorten the crank or lengthen the rod"
     )

@@ -1,9 +1,9 @@
 """The genetic algorithm with the paper's settings, carried by pymoo.
 
-Generational: the elites live on unchanged, the rest of the next generation are children, of which the crossover fraction
-comes from two parents and the others from one by mutation. The operators are pure functions of arrays and a random
-generator. They follow the MATLAB toolbox that the paper used, in its variants for linear inequalities: what they make
-of allowed parents is allowed, so pymoo has no constraint to handle.
+Generational: the elites live on unchanged, the rest of the next generation are children, of which the crossover
+fraction comes from two parents and the others from one by mutation. The operators are pure functions of arrays and a
+random generator. They follow the MATLAB toolbox that the paper used, in its variants for linear inequalities: what they
+make of allowed parents is allowed, so pymoo has no constraint to handle.
 
 - Fitness by rank: expectation proportional to 1/sqrt(rank).
 - Stochastic uniform selection (Baker 1987): one throw, equal steps along a line on which each parent has its
@@ -11,8 +11,8 @@ of allowed parents is allowed, so pymoo has no constraint to handle.
 - Crossover: a random point of the line between two parents (the toolbox's "intermediate"; its default "scattered" would
   swap L2 and L3 between parents and can break the inequality).
 - Mutation: a step in a random direction, cut where it would leave the region. Its length is drawn evenly up to the
-  width of the box in every generation. The toolbox's "adaptive feasible" mutation shrinks it after failures instead, and
-  then far more runs end somewhere on the valley's floor.
+  width of the box in every generation. The toolbox's "adaptive feasible" mutation shrinks it after failures instead,
+  and then far more runs end somewhere on the valley's floor.
 """
 
 from dataclasses import dataclass

@@ -41,8 +41,8 @@ def objectives(
 ) -> dict[str, Objective]:
     """Equation (12) by source of the frozen clearance motion.
 
-    The surrogates and ``simulation`` over the configured window of the first revolution, on samples that are no training
-    points; ``simulation_settled`` over a whole settled revolution.
+    The surrogates and ``simulation`` over the configured window of the first revolution, on samples that are no
+    training points; ``simulation_settled`` over a whole settled revolution.
 
     Parameters
     ----------

@@ -47,8 +47,8 @@ class Region:
         lower, upper = np.transpose([box.crank_length, box.rod_length])
         if lower[0] - ratio_limit * upper[1] >= 0.0:
             raise InputError(
-                f"ratio_limit {ratio_limit:g} leaves nothing of the box: even the shortest crank, {1e3 * lower[0]:g} mm, "
-                f"is longer than {ratio_limit:g} times the longest rod, {1e3 * upper[1]:g} mm; raise ratio_limit"
+                f"ratio_limit {ratio_limit:g} leaves nothing of the box: even the shortest crank, {1e3 * lower[0]:g} "
+                f"mm, is longer than {ratio_limit:g} times the longest rod, {1e3 * upper[1]:g} mm; raise ratio_limit"
             )
         return cls(lower, upper, ratio_limit)
 
@@ -97,7 +97,7 @@ class Region:
         return float(np.clip(min(limits, default=1.0), 0.0, 1.0))
 
     def clip(self, lengths: ArrayLike) -> np.ndarray:
-        """Lengths (2,) moved onto the bounds; then the crank shortened, or else the rod lengthened, to the inequality."""
+        """Lengths (2,) moved onto the bounds; then the crank shortened or the rod lengthened, to the inequality."""
         crank, rod = np.clip(lengths, self.lower, self.upper)
         crank = max(self.lower[0], min(crank, self.ratio_limit * rod))
         return np.array([crank, max(rod, crank / self.ratio_limit)])

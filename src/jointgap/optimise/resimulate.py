@@ -1,9 +1,9 @@
 """What new lengths do in truth: the contact simulation again with them, as an ensemble of slightly perturbed starts.
 
 The frozen objective keeps the clearance motion of the original lengths. Here it answers to the lengths. Motion in loose
-joints can be chaotic, so that a percentage from one run says nothing: every pair of lengths, the original one included, is
-simulated from the same perturbed starts, and reductions compare the two ensembles, each member of one with each of the
-other.
+joints can be chaotic, so that a percentage from one run says nothing: every pair of lengths, the original one included,
+is simulated from the same perturbed starts, and reductions compare the two ensembles, each member of one with each of
+the other.
 """
 
 from collections.abc import Iterable

@@ -1,7 +1,7 @@
 """The objective over the plane of lengths, and the valley's floor for each measure.
 
-With the clearance motion frozen the error hangs almost only on the ratio L2/L3; along the floor (1 - R) L3 stays constant
-for measures that are linear in the angle, and (1 - R) L3^2 for the sum of squares, R being the reduction.
+With the clearance motion frozen the error hangs almost only on the ratio L2/L3; along the floor (1 - R) L3 stays
+constant for measures that are linear in the angle, and (1 - R) L3^2 for the sum of squares, R being the reduction.
 """
 
 import numpy as np

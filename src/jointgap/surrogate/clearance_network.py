@@ -7,8 +7,8 @@ one complex output w(crank angle), gives the clearance vector as a complex numbe
 
 and r, gamma and all their derivatives follow by calculus: they cannot contradict each other. The clearance vector is
 as smooth as the motion even where gamma turns quickly because r is small. The factor s takes out the one point where
-gamma is undefined: at the start z grows like the square of the angle, w does not, and gamma is the direction of w. (Where a
-motion does not start with coincident centres, s is 1.)
+gamma is undefined: at the start z grows like the square of the angle, w does not, and gamma is the direction of w.
+(Where a motion does not start with coincident centres, s is 1.)
 """
 
 from dataclasses import dataclass
@@ -181,7 +181,7 @@ class ClearanceNetwork:
 
 
 def start_factor(crank_angle: np.ndarray, start_angle: float, settling: float) -> list[np.ndarray]:
-    """s = tanh^2((angle - start) / settling) and its three derivatives by the angle; 1, 0, 0, 0 if settling is infinite.
+    """s = tanh^2((angle - start) / settling), its three derivatives by the angle; 1, 0, 0, 0 if settling is infinite.
 
     Parameters
     ----------

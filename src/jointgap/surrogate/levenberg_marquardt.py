@@ -263,7 +263,7 @@ class _Member:
 
 
 def _smaller_form(model: Model) -> "type[_Dual] | type[_Primal]":
-    """The cheaper form: the dual costs points^3 / 3 and less than that for its matrix, the primal points x parameters^2."""
+    """The cheaper form: the dual costs points^3 / 3 and less for its matrix, the primal points x parameters^2."""
     return _Dual if model.points <= 1.5 * model.size else _Primal
 
 

@@ -6,7 +6,8 @@ gamma' and gamma'', and whose real parts with r those of r, r' and r''. So one l
 what counts, each error in units of what is allowed, and nothing is left to chance: no seed, no iteration to watch.
 
 Neurons start evenly spaced. Where an output's training error is above its share the distance is halved, and the
-problem is solved again, until all training errors are a given fraction of the paper's. Samples held out are not looked at.
+problem is solved again, until all training errors are a given fraction of the paper's. Samples held out are not looked
+at.
 """
 
 from collections.abc import Iterable

@@ -61,7 +61,7 @@ class Samples:
 
     @property
     def shares(self) -> np.ndarray:
-        """Share of the revolution that each sample stands for, shape (n,): samples are dense where the motion is quick."""
+        """Share of the revolution that each sample stands for, (n,): samples are dense where the motion is quick."""
         widths = np.gradient(self.crank_angle)
         return widths / widths.sum()
 
@@ -91,7 +91,8 @@ class Samples:
         ratio = int(np.round((held_out[1] - held_out[0]) / (angle[1] - angle[0])))
         if ratio < 2 * PER_HELD_OUT or not np.allclose(held_out[: len(angle[::ratio])], angle[::ratio], atol=1e-9):
             raise InputError(
-                f"the fine sampling must have a multiple of the trajectory's samples, {2 * PER_HELD_OUT} times as many at least"
+                "the fine sampling must have a multiple of the trajectory's samples, "
+                f"{2 * PER_HELD_OUT} times as many at least"
             )
         part = {name: fine[name].to_numpy()[: len(angle)] for name in ("crank_speed", "crank_acceleration")}
         speed, mean = part["crank_speed"], float(part["crank_speed"].mean())

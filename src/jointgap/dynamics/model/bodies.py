@@ -12,9 +12,9 @@ _SHARE = 2.0 / math.pi  # mean of the bending mode sin(pi s / L), of which the m
 def rod_accelerations(bodies, rod_cos, rod_sin, speed, bend, bend_rate, fx, fy, moment):
     """Accelerations of the rod.
 
-    A flexible rod is a uniform beam, pinned at both ends, in its first mode w = q sin(pi s / L), a floating frame through
-    the ends: with the speed v of the frame, kinetic energy 1/2 int rho [(v_t - W w)^2 + (v_n + w')^2] ds, stiffness and
-    damping of a mode of the given frequency. Its equations are Lagrange's, all terms kept.
+    A flexible rod is a uniform beam, pinned at both ends, in its first mode w = q sin(pi s / L), a floating frame
+    through the ends: with the speed v of the frame, kinetic energy 1/2 int rho [(v_t - W w)^2 + (v_n + w')^2] ds,
+    stiffness and damping of a mode of the given frequency. Its equations are Lagrange's, all terms kept.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""From a configured mechanism and its drive to the plain numbers of the equations of motion; every effect writes its own."""
+"""From a configured mechanism and its drive to the numbers of the equations of motion; every effect writes its own."""
 
 import math
 
@@ -106,7 +106,8 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
     Raises
     ------
     InputError
-        Effects that make it impossible, a measured crank angle that cannot be used, a tolerance too coarse for a clearance.
+        Effects that make it impossible, a measured crank angle that cannot be used, a tolerance too coarse for a
+        clearance.
     """
     made = mechanism.applied()
     check_drive(made, options)

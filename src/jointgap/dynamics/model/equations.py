@@ -1,14 +1,14 @@
 """Equations of motion of the slider-crank, whichever of its joints are loose.
 
-State: the clearance vectors of crank pin and piston pin and their rates, eight numbers; zero for good where the joint is
-ideal. Everything else follows from them and from the crank angle. The clearance vectors themselves, not the positions of
-the bodies: a clearance is a thousandth of a length, and so is the rounding.
+State: the clearance vectors of crank pin and piston pin and their rates, eight numbers; zero for good where the joint
+is ideal. Everything else follows from them and from the crank angle. The clearance vectors themselves, not the
+positions of the bodies: a clearance is a thousandth of a length, and so is the rounding.
 
-Auxiliary states, all constant unless the mechanism has them: clearance vector of the crank pivot, crank angle of a motor,
-deflection of a flexible rod; the rates of these four; a bristle for each joint with LuGre friction.
+Auxiliary states, all constant unless the mechanism has them: clearance vector of the crank pivot, crank angle of a
+motor, deflection of a flexible rod; the rates of these four; a bristle for each joint with LuGre friction.
 
-In each joint the clearance vector runs from the partner's centre (crank, slider, frame) to the body's (rod, rod, crank);
-its length is r, the normal points along it, the tangent is the normal turned by +90 degrees.
+In each joint the clearance vector runs from the partner's centre (crank, slider, frame) to the body's (rod, rod,
+crank); its length is r, the normal points along it, the tangent is the normal turned by +90 degrees.
 
 Reactions of ideal pins are the forces under which their bodies do not part. The accelerations depend linearly on the
 forces: those of ideal pins follow from one small system of equations; where friction depends on them in turn, from a
@@ -88,8 +88,8 @@ def accelerations(p, time, crank_angle, crank, y, x, modes, damping) -> tuple:
     Returns
     -------
     tuple
-        Accelerations as `bodies_under` has them; forces in crank pin, piston pin, crank pivot; torque of motor and losses
-        on the crank [N m], force on the slider [N]; rates of the bristles (3).
+        Accelerations as `bodies_under` has them; forces in crank pin, piston pin, crank pivot; torque of motor and
+        losses on the crank [N m], force on the slider [N]; rates of the bristles (3).
     """
     here = pose(p.bodies, crank, y, x)
     pin = joint_force(p.crank_pin, modes[0], damping[0], y[0], y[1], y[4], y[5], here.rod_speed, crank.speed, x[8])

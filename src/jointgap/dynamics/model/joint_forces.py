@@ -53,8 +53,8 @@ def joint_force(joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_
     Returns
     -------
     tuple of 6 floats
-        Force along the normal (pushing, >= 0 but for rounding) and along the tangent, x, y [N]; moments about the body's
-        centre on the body and about the partner's centre on the partner [N m].
+        Force along the normal (pushing, >= 0 but for rounding) and along the tangent, x, y [N]; moments about the
+        body's centre on the body and about the partner's centre on the partner [N m].
     """
     if mode != CONTACT and joint.film_viscosity == 0.0:
         return NOTHING
@@ -93,7 +93,7 @@ def bristle_motion(joint, mode, ex, ey, vx, vy, body_rate, partner_rate, bristle
 
 @compiled
 def pin_friction(joint, fx, fy, speed, sign_speed):
-    """Moment [N m] on the body by friction in an ideal joint with the reaction (fx, fy) [N]: -k r |F| sgn w, w = `speed`.
+    """Moment [N m] on the body by friction in an ideal joint under the reaction (fx, fy): -k r |F| sgn w, w = `speed`.
 
     Parameters
     ----------

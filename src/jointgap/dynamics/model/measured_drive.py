@@ -43,7 +43,8 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
     for key, column in (("time", drive.time), ("angle", drive.angle)):
         if column not in table:
             raise InputError(
-                f"{path}: has no column '{column}', which simulate.drive.{key} names; {did_you_mean(column, list(table))}"
+                f"{path}: has no column '{column}', which simulate.drive.{key} names; "
+                f"{did_you_mean(column, list(table))}"
             )
         numbers = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
         if not np.isfinite(numbers).all():
@@ -92,10 +93,11 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
     With the encoder's step q known: the quintic with few knots that deviates by q / sqrt(12) RMS, the rounding of an
     encoder, and by three standard errors of that, lest ties be followed: the mean square of n roundings scatters by
     sqrt(0.8 / n) of itself. Else a cubic whose smoothness cross-validation chooses (G. Wahba, Spline models for
-    observational data, 1990), which takes some 0.5 ms a sample. Both are made for what is left beside a steady rotation.
+    observational data, 1990), which takes some 0.5 ms a sample. Both are made for what is left beside a steady
+    rotation.
 
-    At the very ends, where samples lie on one side alone, the accelerations are weak: some ten times as far off as inside,
-    and those of the cubic are zero there. Let a record begin and end some samples beyond what is simulated.
+    At the very ends, where samples lie on one side alone, the accelerations are weak: some ten times as far off as
+    inside, and those of the cubic are zero there. Let a record begin and end some samples beyond what is simulated.
 
     Parameters
     ----------
@@ -136,8 +138,8 @@ def angle_pieces(options: Simulate) -> tuple[np.ndarray, float]:
     """Pieces (k, 7) of a measured drive from where it passes the start angle, and its end [s]: see `knots_record`.
 
     The time is zero there, the angle is shifted by whole turns to the start angle. Noise must not cost a record that
-    begins or ends on the start angle a revolution: both ends reach further by the encoder's step, or else by three times
-    the smoothing's residual but no more than a sample.
+    begins or ends on the start angle a revolution: both ends reach further by the encoder's step, or else by three
+    times the smoothing's residual but no more than a sample.
 
     Raises
     ------
@@ -161,8 +163,8 @@ def angle_pieces(options: Simulate) -> tuple[np.ndarray, float]:
     fine = np.linspace(*ends, 20 * len(smooth.x))
     if (speed := smooth(fine, 1)).min() <= 0:
         raise InputError(
-            f"{path}: the crank stands still or turns back at {fine[np.argmin(speed)]:.6g} s; give an angle that rises, "
-            "or its resolution, for noise to be smoothed"
+            f"{path}: the crank stands still or turns back at {fine[np.argmin(speed)]:.6g} s; give an angle that "
+            "rises, or its resolution, for noise to be smoothed"
         )
     first, last = (float(value) for value in smooth(ends))
     begin = _first_pass(options, first)
@@ -189,8 +191,8 @@ def _too_short(options: Simulate, first: float, last: float) -> InputError:
     held = max(math.floor((last - _first_pass(options, first)) / _TURN), 0)
     return InputError(
         f"{options.drive.file}: it goes from {math.degrees(first):.6g} to {math.degrees(last):.6g} deg; from the start "
-        f"angle {math.degrees(options.start_angle):.6g} deg on it holds {held} whole revolutions, simulate.revolutions asks "
-        f"for {options.revolutions}; ask for fewer or give a longer record"
+        f"angle {math.degrees(options.start_angle):.6g} deg on it holds {held} whole revolutions, simulate.revolutions "
+        f"asks for {options.revolutions}; ask for fewer or give a longer record"
     )
 
 

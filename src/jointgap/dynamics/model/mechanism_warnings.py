@@ -9,7 +9,7 @@ UNTOLD = 0.005
 """Deviation of the delivered from the asked restitution that is too small to tell: no measured one is known better."""
 
 PENALTY_SPEEDS = (0.1, 1.0)
-"""Approach speeds [m/s] at which the penalty form's restitution is told: hits in a settled and in a starting mechanism."""
+"""Approach speeds [m/s] at which the penalty form's restitution is given: hits in settled and in starting motion."""
 
 
 def remarks(mechanism: Mechanism) -> list[str]:
@@ -55,8 +55,8 @@ def _of_friction(contact: Contact) -> Iterator[str]:
     most = given["viscous_friction"] * contact.friction / excess
     if given["bristle_damping"] > most:
         yield (
-            "lugre with static_friction above friction can drive a motion for moments instead of braking it; a bristle_damping "
-            f"of {most:.3g} s/m or less rules that out, or more viscous_friction"
+            "lugre with static_friction above friction can drive a motion for moments instead of braking it; a "
+            f"bristle_damping of {most:.3g} s/m or less rules that out, or more viscous_friction"
         )
 
 

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from jointgap.dynamics.compilation import compiled
 
 PULL_FAR_OFF = 1e3
-"""Parting speed [m/s] before a contact pulls, from which on it is not followed any further: no mechanism is that fast."""
+"""Parting speed [m/s] before a contact pulls, from which on it is not followed: no mechanism is that fast."""
 
 
 def hunt_crossley(restitution: float) -> float:

@@ -65,8 +65,8 @@ def crank_motion(p, time):
 def crank_times(p, angles):
     """Times [s] at which a prescribed crank passes `angles` (n,) [rad], growing, the first at the start.
 
-    The end of a measured angle, `p.knots.end`, for those that it does not reach. When a motor's crank passes them only the
-    integration can tell: zeros.
+    The end of a measured angle, `p.knots.end`, for those that it does not reach. When a motor's crank passes them only
+    the integration can tell: zeros.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ _PIECES = 16
 
 @inlined
 def relative_motion(here) -> tuple:
-    """Clearance vector, rate and second rate of crank pin, piston pin and crank pivot, 6 numbers each [m, m/s, m/s^2]."""
+    """Clearance vector and its two rates at crank pin, piston pin and crank pivot, 6 numbers each [m, m/s, m/s^2]."""
     y, a, x, b = here.clearance_state, here.clearance_rates, here.auxiliary_state, here.auxiliary_rates
     return (
         (y[0], y[1], y[4], y[5], a[4], a[5]),

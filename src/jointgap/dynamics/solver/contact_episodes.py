@@ -1,7 +1,7 @@
 """Contacts as episodes, from an impact to the separation: impulse, peak of the force, maxima of the penetration.
 
-To a user a joint is in flight, in an impact or in contact. An impact is a contact in which the penetration has one maximum at
-most: the journal hits and rebounds. In a longer one it stays, swinging about its equilibrium.
+To a user a joint is in flight, in an impact or in contact. An impact is a contact in which the penetration has one
+maximum at most: the journal hits and rebounds. In a longer one it stays, swinging about its equilibrium.
 """
 
 import math
@@ -16,7 +16,7 @@ from jointgap.dynamics.solver.tableau import COUNT, NODES, STAGES
 from jointgap.joints import JOINTS
 
 EPISODE = 4
-"""Numbers kept of each joint's contact: impulse [N s], largest normal force [N], maxima of the penetration, begin [s]."""
+"""Numbers kept of a joint's contact: impulse [N s], largest normal force [N], maxima of the penetration, begin [s]."""
 
 EVENT = ("time", "joint", "begins", "approach_speed", "impulse", "peak_force", "maxima", "crank_angle", "duration")
 """What a row of the events holds; the numbers of the episode belong to its end."""

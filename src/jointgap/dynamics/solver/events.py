@@ -9,7 +9,8 @@ Each mode has two conditions, numbers that stay positive while the mode lasts:
     CLAMPED    d                                 (separation)
                -(d' + d'_0 / chi)                (the force comes back)
 
-For other laws of the normal force than those of a restitution see `jointgap.dynamics.model.normal_contact.pushing_margin`.
+For other laws of the normal force than those of a restitution see
+`jointgap.dynamics.model.normal_contact.pushing_margin`.
 """
 
 import math

@@ -30,14 +30,14 @@ def perturbed_start(vectors: np.ndarray, loose: Collection[str]) -> np.ndarray:
 
 
 def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarray]:
-    """State with given clearance vectors whose rates are zero: by default the ideal mechanism's positions and velocities.
+    """State with given clearance vectors, their rates zero; by default the ideal mechanism's positions and velocities.
 
     Parameters
     ----------
     p : Parameters
     perturbation : (4,) or (6,) array_like, optional
-        Clearance vectors r2 x, r2 y, r3 x, r3 y and, where the crank pivot is loose, r1 x, r1 y [m]; zero by default, and
-        to be zero in a joint that is ideal.
+        Clearance vectors r2 x, r2 y, r3 x, r3 y and, where the crank pivot is loose, r1 x, r1 y [m]; zero by default,
+        and to be zero in a joint that is ideal.
 
     Returns
     -------
@@ -52,19 +52,21 @@ def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarra
     vectors = np.zeros(4) if perturbation is None else np.asarray(perturbation, dtype=float)
     if vectors.shape not in ((4,), (6,)) or not np.isfinite(vectors).all():
         raise InputError(
-            f"perturbation {vectors.tolist()} must be four or six finite lengths in m: r2 x, r2 y, r3 x, r3 y, r1 x, r1 y"
+            f"perturbation {vectors.tolist()} must be four or six finite lengths in m: r2 x, r2 y, r3 x, r3 y, r1 x, "
+            "r1 y"
         )
     vectors = np.append(vectors, np.zeros(6 - vectors.size))
     for joint in JOINT.values():
         length, numbers = math.hypot(*vectors[joint.components]), getattr(p, joint.name)
         if length > 0 and not numbers.loose:
             raise InputError(
-                f"perturbation of the {joint.words}: r{joint.number} is {length:g} m, but the joint is ideal; set it to 0"
+                f"perturbation of the {joint.words}: r{joint.number} is {length:g} m, but the joint is ideal; set it "
+                "to 0"
             )
         if length >= numbers.clearance:
             raise InputError(
-                f"perturbation of the {joint.words}: {length:g} m is not within its clearance of {numbers.clearance:g} m; "
-                "a simulation starts out of contact"
+                f"perturbation of the {joint.words}: {length:g} m is not within its clearance of {numbers.clearance:g} "
+                "m; a simulation starts out of contact"
             )
     b, d = p.bodies, p.drive
     rise = b.slider_offset + vectors[3] - b.crank_length * math.sin(d.start_angle) - vectors[1] - vectors[5]

@@ -170,7 +170,8 @@ def integrate(
     Returns
     -------
     tuple
-        Status, instant at the end, events as an (m, 9) array (see `jointgap.dynamics.solver.contact_episodes`), number of steps.
+        Status, instant at the end, events as an (m, 9) array (see `jointgap.dynamics.solver.contact_episodes`), number
+        of steps.
     """
     k = np.zeros((COUNT, COLUMNS))
     events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0

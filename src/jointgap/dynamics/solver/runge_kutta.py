@@ -22,7 +22,7 @@ from jointgap.dynamics.solver.tableau import COUNT, ERROR_3, ERROR_5, NODES, STA
 LINEAR, AFTER, BEFORE = (np.int64(time_map) for time_map in (0, 1, -1))  # of one type, so that code is compiled once
 
 SECOND = np.array([1, 1, *(1 + np.flatnonzero(row[1:])[0] for row in STAGES[2:])])
-"""By stage, the first column after column 0 that is not zero; in the solution's row that of the error estimators too."""
+"""By stage, the first column after column 0 that is not zero; in the solution's row the error estimators' too."""
 
 
 NORMAL, COLUMNS = STATES + AUXILIARY_STATES, STATES + AUXILIARY_STATES + 3

@@ -1,7 +1,7 @@
 """Tableau of the 8th-order Runge-Kutta method of Dormand and Prince with its 5th- and 3rd-order error estimators.
 
-Coefficients of DOP853 in Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd edition, section II.10.
-Stage s is taken at `NODES[s]` with the weights `STAGES[s, :s]`; row COUNT of both is the end of the step.
+Coefficients of DOP853 in Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd edition, section
+II.10. Stage s is taken at `NODES[s]` with the weights `STAGES[s, :s]`; row COUNT of both is the end of the step.
 """
 
 import numpy as np
