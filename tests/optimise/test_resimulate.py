@@ -11,7 +11,7 @@ from jointgap.optimise.resimulate import (
     perturbations,
     reduction_pairs,
     resimulate,
-    stretches,
+    sample_ranges,
 )
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
@@ -124,8 +124,8 @@ def test_ideal_joints_are_not_perturbed_and_loose_ones_are_alike_whichever_other
     assert np.array_equal(pivot[:, 4:], three[:, 4:]) and not pivot[:, :4].any()
 
 
-def test_the_stretches_are_the_window_and_one_whole_revolution():
-    chosen = stretches(SIMULATE, OPTIMISE, POINTS)
+def test_the_ranges_of_samples_are_the_window_and_one_whole_revolution():
+    chosen = sample_ranges(SIMULATE, OPTIMISE, POINTS)
     assert chosen["window"][0] == 121 and chosen["window"][-1] == 719
     assert not np.any(chosen["window"] % 10 == 0)
     assert np.array_equal(chosen["settled"], np.arange(720, 1440))

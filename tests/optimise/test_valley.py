@@ -8,7 +8,7 @@ from jointgap.optimise.objective import MEASURES
 
 @pytest.fixture(scope="module")
 def floor(objective, region):
-    return valley.floor(objective, region)
+    return valley.best_cranks(objective, region)
 
 
 def test_the_invariant_is_constant_along_the_floor(floor):

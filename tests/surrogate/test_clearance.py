@@ -51,7 +51,7 @@ def fit():
     return train_clearance(motion(720, 2), motion(14400), FIT, PINS)
 
 
-def test_bumps_add_up_to_one_and_their_derivatives_to_zero():
+def test_basis_functions_add_up_to_one_and_their_derivatives_to_zero():
     points = np.linspace(0, 6.5, 40)
     for block in LAYER.blocks(points, 4):
         sums = [values.sum(axis=1) for values in block.values]
@@ -60,7 +60,7 @@ def test_bumps_add_up_to_one_and_their_derivatives_to_zero():
             np.testing.assert_allclose(sums[order], 0.0, atol=1e-10)
 
 
-def test_weights_of_bumps_and_of_neurons_describe_the_same_function():
+def test_weights_of_basis_functions_and_of_neurons_describe_the_same_function():
     random = np.random.default_rng(3)
     weights, bias = random.normal(size=60) + 1j * random.normal(size=60), 0.3 - 0.2j
     network = ClearanceNetwork(2, LAYER, weights, bias, 0.0, np.inf, CrankSpeed.constant(SPEED))

@@ -12,7 +12,7 @@ make of allowed parents is allowed, so pymoo has no constraint to handle.
   swap L2 and L3 between parents and can break the inequality).
 - Mutation: a step in a random direction, cut where it would leave the region. Its length is drawn evenly up to the
   width of the box in every generation. The toolbox's "adaptive feasible" mutation shrinks it after failures instead,
-  and then far more runs end somewhere on the valley's floor.
+  and then far more runs end somewhere along the valley.
 """
 
 from dataclasses import dataclass
@@ -237,5 +237,5 @@ def evaluations_until(values: np.ndarray, best: float, tolerance: float) -> int 
     best, tolerance : float
         [rad^2], share of it.
     """
-    near = np.flatnonzero(values <= best * (1.0 + tolerance))
-    return int(near[0]) + 1 if len(near) else None
+    close_enough = np.flatnonzero(values <= best * (1.0 + tolerance))
+    return int(close_enough[0]) + 1 if len(close_enough) else None

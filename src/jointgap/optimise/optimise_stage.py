@@ -11,7 +11,7 @@ from jointgap.joints import JOINT_NUMBERS
 from jointgap.mechanism import Fit, clearance_lift, ideal_cycle
 from jointgap.optimise import search as searching
 from jointgap.optimise.objective import Objective, frozen_objective
-from jointgap.optimise.resimulate import Resimulation, compare, resimulate, stretches
+from jointgap.optimise.resimulate import Resimulation, compare, resimulate, sample_ranges
 from jointgap.optimise.search import Point, printed_points
 
 DIGITS = 6  # lengths are simulated again to the micrometre; points that agree so far are simulated once
@@ -49,18 +49,18 @@ def objectives(
     mechanism, simulate, options, training_points, trajectory, surrogates
         As in `optimise`.
     """
-    samples = stretches(simulate, options, training_points)
+    samples = sample_ranges(simulate, options, training_points)
     coordinates = [f"{name}{JOINT_NUMBERS[joint]}" for joint in mechanism.loose for name in ("r", "gamma")]
     angle = trajectory["crank_angle"].to_numpy()
     window, settled = samples["window"], samples["settled"]
-    made = {}
+    by_source = {}
     for name, fits in surrogates.items():
         lift = clearance_lift({name: fits[name](angle[window])[0] for name in coordinates})
-        made[name] = frozen_objective(mechanism, angle[window], lift)
+        by_source[name] = frozen_objective(mechanism, angle[window], lift)
     lift = clearance_lift({name: trajectory[name].to_numpy() for name in coordinates})
-    made["simulation"] = frozen_objective(mechanism, angle[window], lift[window])
-    made["simulation_settled"] = frozen_objective(mechanism, angle[settled], lift[settled])
-    return made
+    by_source["simulation"] = frozen_objective(mechanism, angle[window], lift[window])
+    by_source["simulation_settled"] = frozen_objective(mechanism, angle[settled], lift[settled])
+    return by_source
 
 
 def optimise(
@@ -93,22 +93,22 @@ def optimise(
     SimulationError
         From simulating again.
     """
-    made = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
-    searches = searching.search_all(made, options)
+    by_source = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
+    searches = searching.search_all(by_source, options)
     valley, floor = searching.valleys(searches)
     printed = printed_points(mechanism, simulate)
     points = [Point("original", "original", (mechanism.crank.length, mechanism.rod.length)), *printed]
     points += [point for search in searches for point in search.points]
-    again = _simulated_again(mechanism, simulate, options, training_points, points)
+    resimulations = _simulated_again(mechanism, simulate, options, training_points, points)
     return Optimisation(
-        optima=searching.optima(made, searches, printed),
+        optima=searching.optima(by_source, searches, printed),
         population=searching.populations(searches),
         paths=searching.paths(searches),
         tolerance=searching.tolerances(searches),
         valley=valley,
         floor=floor,
-        resimulated=_resimulated(again, made, options.ensemble.members),
-        worth=_worth(again, mechanism.slider.offset),
+        resimulated=_resimulated(resimulations, by_source, options.ensemble.members),
+        worth=_cycle_extremes(resimulations, mechanism.slider.offset),
     )
 
 
@@ -116,36 +116,36 @@ def _simulated_again(
     mechanism: Mechanism, simulate: Simulate, options: Optimise, training_points: int, points: list[Point]
 ) -> dict[str, Resimulation]:
     """The ensemble at every point, by its name; the original first."""
-    done: dict[tuple[float, ...], Resimulation] = {}
+    by_lengths: dict[tuple[float, ...], Resimulation] = {}
     for point in points:
         lengths = _rounded(point)
-        if lengths not in done:
-            done[lengths] = resimulate(mechanism, simulate, options, training_points, lengths)
-    return {point.name: done[_rounded(point)] for point in points}
+        if lengths not in by_lengths:
+            by_lengths[lengths] = resimulate(mechanism, simulate, options, training_points, lengths)
+    return {point.name: by_lengths[_rounded(point)] for point in points}
 
 
 def _rounded(point: Point) -> tuple[float, ...]:
     return tuple(round(length, DIGITS) for length in point.lengths)
 
 
-def _resimulated(again: dict[str, Resimulation], made: dict[str, Objective], members: int) -> pd.DataFrame:
+def _resimulated(resimulations: dict[str, Resimulation], by_source: dict[str, Objective], members: int) -> pd.DataFrame:
     """Frame of the table optimise_resimulated."""
-    frozen = {"window": made["simulation"], "settled": made["simulation_settled"]}
+    frozen = {"window": by_source["simulation"], "settled": by_source["simulation_settled"]}
     rows = []
-    for name, ensemble in again.items():
+    for name, ensemble in resimulations.items():
         crank, rod = ensemble.lengths
-        reductions = {stretch: objective.reductions(ensemble.lengths) for stretch, objective in frozen.items()}
-        for row in compare(ensemble, again["original"]):
+        reductions = {key: objective.reductions(ensemble.lengths) for key, objective in frozen.items()}
+        for row in compare(ensemble, resimulations["original"]):
             reduction = float(getattr(reductions[row["stretch"]], row["measure"]))
             keys = {"point": name, "crank_length": crank, "rod_length": rod}
             rows.append(keys | row | {"frozen_reduction": reduction, "members": members})
     return pd.DataFrame(rows)
 
 
-def _worth(again: dict[str, Resimulation], offset: float) -> pd.DataFrame:
+def _cycle_extremes(resimulations: dict[str, Resimulation], offset: float) -> pd.DataFrame:
     """Frame of the table optimise_worth."""
     rows = []
-    for name, ensemble in again.items():
+    for name, ensemble in resimulations.items():
         ideal = ideal_cycle(*ensemble.lengths, offset)
         cycles = {
             "ideal": (ideal.largest_departure, ideal.outer_dead_centre, ideal.inner_dead_centre),

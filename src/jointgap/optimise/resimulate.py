@@ -44,7 +44,8 @@ class Resimulation:
     lengths : tuple of float
         (L2, L3) [m].
     errors : dict of str to Measures
-        By stretch; each measure of shape (members,), of mu_d at the original lengths less the simulated mu.
+        By name in `sample_ranges`; each measure of shape (members,), of mu_d at the original lengths less
+        the simulated mu.
     largest_departure : ndarray, shape (members,)
         Largest distance of mu from 90 deg over the settled revolution [rad].
     outer_dead_centre, inner_dead_centre : ndarray, shape (members,)
@@ -74,7 +75,7 @@ def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
     return perturbed_start(np.concatenate(drawn, axis=1), loose)
 
 
-def stretches(simulate: Simulate, optimise: Optimise, training_points: int) -> dict[str, np.ndarray]:
+def sample_ranges(simulate: Simulate, optimise: Optimise, training_points: int) -> dict[str, np.ndarray]:
     """Samples of a trajectory over which an error counts.
 
     Parameters
@@ -125,12 +126,12 @@ def resimulate(
         mechanism.crank.length, mechanism.rod.length, ensemble.crank_angle, 0.0, mechanism.slider.offset
     )
     error = desired - ensemble.transmission_angle
-    samples = stretches(simulate, optimise, training_points)
+    samples = sample_ranges(simulate, optimise, training_points)
     angles = ensemble.transmission_angle[:, samples["settled"]]
     slider = ensemble.slider_position[:, samples["settled"]]
     return Resimulation(
         lengths=lengths,
-        errors={stretch: measure(error[:, chosen]) for stretch, chosen in samples.items()},
+        errors={name: measure(error[:, chosen]) for name, chosen in samples.items()},
         largest_departure=np.max(np.abs(angles - np.pi / 2), axis=1),
         outer_dead_centre=np.max(slider, axis=1),
         inner_dead_centre=np.min(slider, axis=1),
@@ -151,7 +152,7 @@ def reduction_pairs(new: Measures, original: Measures, name: str) -> np.ndarray:
 
 
 def compare(new: Resimulation, original: Resimulation) -> list[dict[str, object]]:
-    """Per stretch and measure: both errors and the reduction with their spreads.
+    """Per range of samples and measure: both errors and the reduction with their spreads.
 
     Parameters
     ----------
@@ -165,15 +166,15 @@ def compare(new: Resimulation, original: Resimulation) -> list[dict[str, object]
         share_better: share of the pairs in which the new lengths have the smaller error.
     """
     rows = []
-    for stretch in new.errors:
+    for range_name in new.errors:
         for name in MEASURES:
-            pairs = reduction_pairs(new.errors[stretch], original.errors[stretch], name)
+            pairs = reduction_pairs(new.errors[range_name], original.errors[range_name], name)
             numbers = {
-                "original_error": getattr(original.errors[stretch], name),
-                "error": getattr(new.errors[stretch], name),
+                "original_error": getattr(original.errors[range_name], name),
+                "error": getattr(new.errors[range_name], name),
                 "reduction": pairs,
             }
-            row: dict[str, object] = {"stretch": stretch, "measure": name}
+            row: dict[str, object] = {"stretch": range_name, "measure": name}
             for key, values in numbers.items():
                 spread = Spread.of(values)
                 row |= {key: spread.median, f"{key}_low": spread.low, f"{key}_high": spread.high}

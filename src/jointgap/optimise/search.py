@@ -78,12 +78,12 @@ class Search:
     @property
     def points(self) -> tuple[Point, Point]:
         """What the genetic and the local optimiser found."""
-        found = {"genetic": self.genetic, "local": self.best_local}
+        results = {"genetic": self.genetic, "local": self.best_local}
         return tuple(
             Point(
                 f"{self.source}_{self.box}_{method}", method, tuple(map(float, result.lengths)), self.source, self.box
             )
-            for method, result in found.items()
+            for method, result in results.items()
         )
 
 
@@ -100,8 +100,10 @@ def search_all(objectives: dict[str, Objective], options: Optimise) -> list[Sear
     for source, objective in objectives.items():
         for box, bounds in options.boxes.items():
             region = Region.of(bounds, options.ratio_limit)
-            found = local.search_from_all(objective, region, options.local_tolerance)
-            searches.append(Search(source, box, objective, region, evolve(objective, region, options.genetic), found))
+            local_results = local.search_from_all(objective, region, options.local_tolerance)
+            searches.append(
+                Search(source, box, objective, region, evolve(objective, region, options.genetic), local_results)
+            )
     return searches
 
 
@@ -227,5 +229,5 @@ def valleys(searches: list[Search]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Frames of the tables optimise_valley and optimise_floor."""
     return (
         _labelled(searches, lambda search: valley.grid(search.objective, search.region)),
-        _labelled(searches, lambda search: valley.floor(search.objective, search.region)),
+        _labelled(searches, lambda search: valley.best_cranks(search.objective, search.region)),
     )

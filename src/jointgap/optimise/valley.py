@@ -1,6 +1,6 @@
 """The objective over the plane of lengths, and the valley's floor for each measure.
 
-With the clearance motion frozen the error hangs almost only on the ratio L2/L3; along the floor (1 - R) L3 stays
+With the clearance motion frozen the error hangs almost only on the ratio L2/L3; along its lowest line (1 - R) L3 stays
 constant for measures that are linear in the angle, and (1 - R) L3^2 for the sum of squares, R being the reduction.
 """
 
@@ -60,7 +60,7 @@ def invariant(reduction: float, rod_length: float, name: str) -> float:
     return (1.0 - reduction) * rod_length ** (2 if name == "sum_of_squares" else 1)
 
 
-def floor(objective: Objective, region: Region) -> pd.DataFrame:
+def best_cranks(objective: Objective, region: Region) -> pd.DataFrame:
     """The best crank length for each rod length and measure; the crank's bounds and the inequality are not looked at.
 
     Parameters
@@ -76,7 +76,7 @@ def floor(objective: Objective, region: Region) -> pd.DataFrame:
     rows = []
     for rod in np.linspace(region.lower[1], region.upper[1], ROD_LENGTHS):
         best = {name: _best_crank(objective, region, rod, name) for name in MEASURES[:3]}
-        best["sum_of_squares"] = best["rms"]  # the one grows with the other
+        best["sum_of_squares"] = best["rms"]  # each grows with the other
         for name, crank in best.items():
             value = float(getattr(objective.measures((crank, rod)), name))
             reduction = float(getattr(objective.reductions((crank, rod)), name))

@@ -59,7 +59,7 @@ class ClearanceNetwork:
     turns: int = 0
 
     def __post_init__(self):
-        object.__setattr__(self, "_bump_weights", self.layer.from_tansig(self.weights, self.bias))
+        object.__setattr__(self, "_basis_weights", self.layer.from_tansig(self.weights, self.bias))
         centres = self.layer.centres
         grid = np.linspace(centres[:-1], centres[1:], 4, endpoint=False, axis=-1).ravel()
         grid = np.concatenate([[self.start_angle], grid[grid > self.start_angle]])
@@ -77,11 +77,11 @@ class ClearanceNetwork:
             How many: value, first, second, third derivative.
         """
         order = np.argsort(crank_angle, kind="stable")
-        found = [np.empty(len(crank_angle), complex) for _ in range(orders)]
+        derivatives = [np.empty(len(crank_angle), complex) for _ in range(orders)]
         for block in self.layer.blocks(crank_angle[order], orders):
-            for result, values in zip(found, block.values, strict=True):
-                result[order[block.points]] = values @ self._bump_weights[block.bumps]
-        return found
+            for result, values in zip(derivatives, block.values, strict=True):
+                result[order[block.points]] = values @ self._basis_weights[block.functions]
+        return derivatives
 
     def polar(self, crank_angle: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """r and gamma, each as [value, first, second, third derivative by the crank angle], shape (n,) each.
@@ -94,8 +94,8 @@ class ClearanceNetwork:
         q2 = ratios[1] - q1**2
         q3 = ratios[2] - q1 * (q1**2 + 3.0 * q2)
         gamma = np.angle(w)
-        near = np.interp(crank_angle, *self._gamma)
-        gamma += 2.0 * np.pi * np.round((near - gamma) / (2.0 * np.pi))
+        expected = np.interp(crank_angle, *self._gamma)
+        gamma += 2.0 * np.pi * np.round((expected - gamma) / (2.0 * np.pi))
         p1, p2, p3 = q1.real, q2.real, q3.real
         size = [factor * np.abs(w) for factor in (1.0, p1, p1**2 + p2, p1**3 + 3.0 * p1 * p2 + p3)]
         s = self._start(crank_angle)
@@ -123,14 +123,14 @@ class ClearanceNetwork:
         angle = np.asarray(crank_angle, dtype=float)
         r, gamma = self.polar(angle.ravel())
         n = names[name]
-        found = (r if name.startswith("r") else gamma)[:2]
+        value_and_slope = (r if name.startswith("r") else gamma)[:2]
         if n > 0:
             w, w1, w2 = self.speed(angle.ravel())
-            found = [gamma[1] * w, gamma[2] * w + gamma[1] * w1]
+            value_and_slope = [gamma[1] * w, gamma[2] * w + gamma[1] * w1]
         if n > 1:
             second = gamma[3] * w**2 + 3.0 * gamma[2] * w * w1 + gamma[1] * (w1**2 + w * w2)
-            found = [gamma[2] * w**2 + gamma[1] * w * w1, second]
-        return tuple(values.reshape(angle.shape) for values in found)
+            value_and_slope = [gamma[2] * w**2 + gamma[1] * w * w1, second]
+        return tuple(values.reshape(angle.shape) for values in value_and_slope)
 
     def _start(self, crank_angle: np.ndarray) -> list[np.ndarray]:
         return start_factor(crank_angle, self.start_angle, self.settling)

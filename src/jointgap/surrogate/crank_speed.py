@@ -30,7 +30,7 @@ class CrankSpeed:
 
     @classmethod
     def of(cls, trajectory: pd.DataFrame) -> "CrankSpeed":
-        """The speed that the columns crank_speed and crank_acceleration of a trajectory tell."""
+        """The speed that the columns crank_speed and crank_acceleration of a trajectory give."""
         angle, speed, acceleration = (
             trajectory[f"crank_{name}"].to_numpy(dtype=float) for name in ("angle", "speed", "acceleration")
         )

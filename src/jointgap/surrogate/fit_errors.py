@@ -67,8 +67,8 @@ class Grid:
         angle = trajectory["crank_angle"].to_numpy()
         first = angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)
         angle, values = angle[first], trajectory[output].to_numpy()[first]
-        stride, rest = divmod(len(angle) - 1, training_points - 1)
-        if rest or stride < 2:
+        stride, remainder = divmod(len(angle) - 1, training_points - 1)
+        if remainder or stride < 2:
             raise InputError(
                 f"training_points {training_points} does not fit {len(angle) - 1} samples per revolution; "
                 f"make samples_per_revolution a multiple, at least twice, of {training_points - 1}"
@@ -84,7 +84,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class Trained:
-    """What is told of a model beside its errors.
+    """What the table of errors says of a model besides them.
 
     `at_paper` predicts as the model did after `iterations_to_paper`, when its training error first was the paper's.
     """

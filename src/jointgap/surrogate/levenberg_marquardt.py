@@ -142,15 +142,15 @@ def minimise(model: Model, targets: np.ndarray, start: np.ndarray, settings: Set
         member.begin(residual.numpy(), gradient)
     active = list(everyone)
     while True:
-        going = [index for index, member in enumerate(active) if member.status is None]
-        if len(going) < len(active):
+        unfinished = [index for index, member in enumerate(active) if member.status is None]
+        if len(unfinished) < len(active):
             for index, member in enumerate(active):
                 if member.status is not None:
                     member.parameters = parameters[index].numpy().copy()
-            active = [active[index] for index in going]
+            active = [active[index] for index in unfinished]
             if not active:
                 return [member.result() for member in everyone]
-            parameters, evaluation = parameters[going], evaluation.select(going)
+            parameters, evaluation = parameters[unfinished], evaluation.select(unfinished)
         residual = target - evaluation.outputs
         for index, member in enumerate(active):
             member.prepare(evaluation, index)
@@ -170,8 +170,8 @@ def minimise(model: Model, targets: np.ndarray, start: np.ndarray, settings: Set
             chosen = torch.tensor(accepted)
             parameters = torch.where(chosen[:, None], trial_parameters, parameters)
             evaluation = evaluation.replaced(trial, chosen)
-            for member, gradient, fresh in zip(active, _gradients(evaluation, target), accepted, strict=True):
-                if fresh:
+            for member, gradient, taken in zip(active, _gradients(evaluation, target), accepted, strict=True):
+                if taken:
                     member.gradient = gradient
         for index, member in enumerate(active):
             member.keep(parameters[index])

@@ -1,11 +1,12 @@
 """Wide layers of tansig neurons by the differences of neighbours: a basis that is local and well conditioned.
 
-The functions that a layer of H tansig neurons and a bias can give are those of the H + 1 bumps
+The functions that a layer of H tansig neurons and a bias can give are those of the H + 1 basis functions
 
     B_k = (tanh z_(k-1) - tanh z_k) / 2,    z_k = (x - centre_k) / width_k,    tanh z_(-1) = 1,  tanh z_H = -1,
 
 which add up to one. Each is there only between its two neurons and a few widths around: where thousands of neurons
-meet thousands of points, matrices are banded. The weights of bumps and neurons tell each other (`from_tansig`).
+meet thousands of points, matrices are banded. The weights of basis functions and neurons
+follow from each other (`from_tansig`).
 """
 
 from collections.abc import Iterator
@@ -21,18 +22,18 @@ DERIVATIVES = 3
 
 @dataclass(frozen=True)
 class Block:
-    """Points that see the same bumps.
+    """Points that see the same basis functions.
 
     Attributes
     ----------
     points : slice
-    bumps : slice
-    values : list of ndarray, shape (points, bumps)
-        The bumps' values and derivatives by x, orders 0, 1, 2, ...
+    functions : slice
+    values : list of ndarray, shape (points, functions)
+        The basis functions' values and derivatives by x, orders 0, 1, 2, ...
     """
 
     points: slice
-    bumps: slice
+    functions: slice
     values: list[np.ndarray]
 
 
@@ -52,21 +53,22 @@ class Layer:
     widths: np.ndarray
 
     @property
-    def bumps(self) -> int:
+    def functions(self) -> int:
+        """Number of basis functions, H + 1."""
         return len(self.centres) + 1
 
     def from_tansig(self, weights: np.ndarray, bias: complex) -> np.ndarray:
-        """Weights of the bumps from the neurons' output weights, shape (H,), and the output's bias."""
+        """Weights of the basis functions from the neurons' output weights, shape (H,), and the output's bias."""
         steps = np.concatenate([[0.0], np.cumsum(2.0 * weights)])
         return bias - steps[-1] / 2.0 + steps
 
     @staticmethod
-    def to_tansig(bump_weights: np.ndarray) -> tuple[np.ndarray, complex]:
+    def to_tansig(basis_weights: np.ndarray) -> tuple[np.ndarray, complex]:
         """The neurons' output weights, shape (H,), and the output's bias."""
-        return np.diff(bump_weights) / 2.0, (bump_weights[0] + bump_weights[-1]) / 2.0
+        return np.diff(basis_weights) / 2.0, (basis_weights[0] + basis_weights[-1]) / 2.0
 
     def blocks(self, points: np.ndarray, orders: int) -> Iterator[Block]:
-        """Rising points cut into blocks, each with the bumps that are not zero there.
+        """Rising points cut into blocks, each with the basis functions that are not zero there.
 
         Parameters
         ----------
@@ -94,10 +96,10 @@ class Layer:
         t = np.tanh((points[:, None] - self.centres[neurons]) * inverse)
         f = 1.0 - t * t
         tansig = [t, f * inverse, -2.0 * t * f * inverse**2, f * (6.0 * t * t - 2.0) * inverse**3][:orders]
-        found = []
+        differences = []
         for order, values in enumerate(tansig):
             end = np.full((len(points), 1), 0.0 if order else 1.0)
-            sides = ([end] if low == 0 else []) + [values] + ([-end] if high == self.bumps else [])
+            sides = ([end] if low == 0 else []) + [values] + ([-end] if high == self.functions else [])
             values = np.concatenate(sides, axis=1) if len(sides) > 1 else values
-            found.append((values[:, :-1] - values[:, 1:]) / 2.0)
-        return found
+            differences.append((values[:, :-1] - values[:, 1:]) / 2.0)
+        return differences

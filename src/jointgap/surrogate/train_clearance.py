@@ -72,7 +72,7 @@ class ClearanceFit:
         rows = []
         for joint, fit in self.joints.items():
             network, samples = fit.network, fit.samples
-            trained = Trained("clearance", None, 2 * network.layer.bumps, fit.rounds, fit.stop)
+            trained = Trained("clearance", None, 2 * network.layer.functions, fit.rounds, fit.stop)
             for kind in ("r", "gamma", "gamma_dot", "gamma_ddot"):
                 name = column(kind, joint)
                 rows += error_rows(
@@ -145,32 +145,32 @@ def grow(samples: Samples, joint: int, start_angle: float, speed: CrankSpeed, se
 
 
 def _solve(layer: Layer, samples: Samples, start: list[np.ndarray]) -> np.ndarray:
-    """Weights of the bumps, complex (H + 1,): banded normal equations, and one refinement with the true residual."""
+    """Weights of the basis functions, complex (H + 1,): banded normal equations, refined with the true residual."""
     blocks = list(layer.blocks(samples.crank_angle, 3))
     rows = _Rows(layer, samples, start)
-    band = 2 * max(block.bumps.stop - block.bumps.start for block in blocks)
-    normal = np.zeros((band, 2 * layer.bumps))
+    band = 2 * max(block.functions.stop - block.functions.start for block in blocks)
+    normal = np.zeros((band, 2 * layer.functions))
     for block in blocks:
         matrix, _ = rows.of(block)
         product = matrix.T @ matrix
-        first, size = 2 * block.bumps.start, len(product)
+        first, size = 2 * block.functions.start, len(product)
         for offset in range(size):
             normal[: size - offset, first + offset] += product[offset:, offset]
     normal[0] *= 1.0 + RIDGE
     factor = cholesky_banded(normal, overwrite_ab=True, lower=True, check_finite=False), True
-    solution = np.zeros(2 * layer.bumps)
+    solution = np.zeros(2 * layer.functions)
     for _ in range(PASSES):
         right = np.zeros_like(solution)
         for block in blocks:
-            matrix, wanted = rows.of(block)
-            part = slice(2 * block.bumps.start, 2 * block.bumps.stop)
-            right[part] += matrix.T @ (wanted - matrix @ solution[part])
+            matrix, targets = rows.of(block)
+            part = slice(2 * block.functions.start, 2 * block.functions.stop)
+            right[part] += matrix.T @ (targets - matrix @ solution[part])
         solution += cho_solve_banded(factor, right, check_finite=False)
     return solution[0::2] + 1j * solution[1::2]
 
 
 class _Rows:
-    """Rows of the least-squares problem; unknowns are real and imaginary part of each bump's weight in turn."""
+    """Rows of the least-squares problem; unknowns: real and imaginary part of each basis function's weight in turn."""
 
     def __init__(self, layer: Layer, samples: Samples, start: list[np.ndarray]):
         values = samples.values
@@ -193,7 +193,7 @@ class _Rows:
             self._precision[kind] = np.maximum(1.0 / scale, implied) * np.sqrt(samples.shares)
 
     def of(self, block: Block) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix (6 points, 2 bumps) and right side (6 points,)."""
+        """Matrix (6 points, 2 functions) and targets (6 points,)."""
         at = block.points
         value, first, second = block.values
         r, ratio, curvature = (array[at, None] for array in (self._r, self._ratio, self._curvature))
@@ -209,16 +209,16 @@ class _Rows:
             "gamma_dot": (log1, False),
             "gamma_ddot": (log2, False),
         }
-        points, bumps = value.shape
-        matrix = np.empty((len(parts), points, bumps, 2))
-        wanted = np.zeros((len(parts), points))
+        points, functions = value.shape
+        matrix = np.empty((len(parts), points, functions, 2))
+        targets = np.zeros((len(parts), points))
         for index, (kind, (change, is_real)) in enumerate(parts.items()):
             precision = self._precision[kind][at, None]
             matrix[index, :, :, 0] = precision * (change.real if is_real else change.imag)
             matrix[index, :, :, 1] = precision * (-change.imag if is_real else change.real)
             if is_real:  # the imaginary changes of the true w are 0
-                wanted[index] = precision[:, 0] * self._values[kind][at]
-        return matrix.reshape(-1, 2 * bumps), wanted.ravel()
+                targets[index] = precision[:, 0] * self._values[kind][at]
+        return matrix.reshape(-1, 2 * functions), targets.ravel()
 
 
 def _on_the_same_turn(network: ClearanceNetwork, samples: Samples) -> ClearanceNetwork:
@@ -230,8 +230,8 @@ def _on_the_same_turn(network: ClearanceNetwork, samples: Samples) -> ClearanceN
 def _squared_errors(network: ClearanceNetwork, samples: Samples) -> list[np.ndarray]:
     """Squared errors of r, gamma and gamma's derivatives at the samples, in units of the squared error allowed."""
     r, gamma = network.polar(samples.crank_angle)
-    found = {"r": r[0], "gamma": gamma[0], "gamma_dot": gamma[1], "gamma_ddot": gamma[2]}
-    errors = {kind: values - samples.values[kind] for kind, values in found.items()}
+    outputs = {"r": r[0], "gamma": gamma[0], "gamma_dot": gamma[1], "gamma_ddot": gamma[2]}
+    errors = {kind: values - samples.values[kind] for kind, values in outputs.items()}
     errors["gamma"] = np.remainder(errors["gamma"] + np.pi, 2.0 * np.pi) - np.pi  # a coarse network may miss a turn
     return [(error / samples.scales[kind]) ** 2 for kind, error in errors.items()]
 
