@@ -12,14 +12,14 @@ class SimulationError(RuntimeError):
     """A simulation could not go on; the message holds time, crank angle and state."""
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, accepted: Iterable[str]) -> str:
     """A hint at the nearest known name, or the list of known names when none is near.
 
     Parameters
     ----------
     word : str
         What the user wrote.
-    known : iterable of str
+    accepted : iterable of str
         What would have been accepted.
 
     Returns
@@ -27,7 +27,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     str
         A sentence such as ``did you mean 'friction'?``.
     """
-    names = sorted(known)
+    names = sorted(accepted)
     near = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
     if near:
         return f"did you mean '{near[0]}'?"

@@ -112,7 +112,7 @@ def compile_formula(text: str, coefficients: Mapping[str, float]) -> Program:
     if len(text) > LONGEST_FORMULA:
         raise InputError(f"the formula has {len(text)} characters, more than {LONGEST_FORMULA}; shorten it")
     reader = _Reader(text, coefficients)
-    tree = reader.whole()
+    tree = reader.formula()
     if unused := sorted(set(coefficients) - reader.used):
         raise InputError(f"formula '{text}' does not use the coefficient '{unused[0]}'; leave it out")
     codes, numbers = [], []
@@ -133,7 +133,7 @@ class _Reader:
         self.text, self.coefficients, self.used = text, coefficients, set()
         self.tokens, self.next, self.nesting = _tokens(text), 0, 0
 
-    def whole(self) -> _Tree:
+    def formula(self) -> _Tree:
         tree = self.sum()
         if self.next < len(self.tokens):
             raise self.wrong("cannot stand here; an operation is missing before it, or a bracket was never opened")
@@ -214,9 +214,9 @@ class _Reader:
         if name in _CONSTANTS:
             return _CONSTANTS[name]
         if name not in self.coefficients:
-            known = {*_RESERVED, *self.coefficients}
-            hint = did_you_mean(name, known)
-            listed = "" if hint.startswith("known") else f" Known here: {', '.join(sorted(known))}."
+            accepted = {*_RESERVED, *self.coefficients}
+            hint = did_you_mean(name, accepted)
+            listed = "" if hint.startswith("known") else f" Known here: {', '.join(sorted(accepted))}."
             raise InputError(f"formula '{self.text}': unknown name '{name}'; {hint}{listed}")
         self.used.add(name)
         return self.checked(float(self.coefficients[name]))

@@ -96,7 +96,7 @@ def test_a_failed_write_keeps_the_old_file_and_no_half_written_one(tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        tables.write_whole(place, stop_half_way)
+        tables.write_atomically(place, stop_half_way)
     assert [file.read_text(encoding="utf-8") for file in tmp_path.iterdir()] == ["old"]
 
 
@@ -146,7 +146,7 @@ def test_a_disk_that_fills_up_is_one_clear_error_and_leaves_nothing_behind(tmp_p
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with pytest.raises(InputError, match=r"full\.txt: cannot be written \(No space left on device\)"):
-        tables.write_whole(tmp_path / "full.txt", fill)
+        tables.write_atomically(tmp_path / "full.txt", fill)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -67,19 +67,19 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
     chosen = outcome.chosen
     lines = [f"The mechanism of campaign {campaign.name} with what was found: {outcome.verdict}."]
     covariance = chosen.covariance()
-    for p, one in nuisances_as_read(chosen, covariance, clockwise(campaign)):
-        error = "" if one["sd"] is None else f" +- {one['sd']:.2g}"
-        line = f"{p.key}: {one['value']:.6g}{error} {p.unit}".removesuffix(" 1")
-        lines.append(line + (f" ({one['remark']})" if one["sd"] is None else ""))
+    for p, estimate in nuisances_as_read(chosen, covariance, clockwise(campaign)):
+        error = "" if estimate["sd"] is None else f" +- {estimate['sd']:.2g}"
+        line = f"{p.key}: {estimate['value']:.6g}{error} {p.unit}".removesuffix(" 1")
+        lines.append(line + (f" ({estimate['remark']})" if estimate["sd"] is None else ""))
     for candidate in chosen.hypothesis:
-        for name, one in effect_estimates(chosen, candidate, covariance).items():
+        for name, estimate in effect_estimates(chosen, candidate, covariance).items():
             sensor = " (a fault of the sensor, no part of the mechanism)" if candidate.sensor else ""
-            lines.append(f"{candidate.label}, {name}: {one['value']:.6g}{_error(one)}{sensor}")
+            lines.append(f"{candidate.label}, {name}: {estimate['value']:.6g}{_error(estimate)}{sensor}")
     return [*lines, "Values that belong to one run, and standard errors, are for reading only. All numbers are SI."]
 
 
-def _error(one: dict) -> str:
-    if one["sd"] is None:
-        return f" ({one['remark']})"
-    low, high = one["interval_90"]
-    return f" +- {one['sd']:.2g}, 90 % {low:.6g} to {high:.6g}"
+def _error(estimate: dict) -> str:
+    if estimate["sd"] is None:
+        return f" ({estimate['remark']})"
+    low, high = estimate["interval_90"]
+    return f" +- {estimate['sd']:.2g}, 90 % {low:.6g} to {high:.6g}"

@@ -65,14 +65,14 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
         )
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
         raise InputError(f"campaigns = {paths!r} must be a list of campaign files, e.g. [config/campaigns/mine.yaml]")
-    found: dict[str, CampaignFiles] = {}
+    campaigns: dict[str, CampaignFiles] = {}
     for path in paths:
         file = _file(path, folders)
         campaign = load_campaign(file)
-        if campaign.name in found:
+        if campaign.name in campaigns:
             raise InputError(
-                f"campaigns: {found[campaign.name].campaign} and {file} are both called '{campaign.name}'; give each "
-                "its own name"
+                f"campaigns: {campaigns[campaign.name].campaign} and {file} are both called '{campaign.name}'; "
+                "give each its own name"
             )
         for run in campaign.runs:
             if not os.path.isfile(campaign.folder / run.file):
@@ -82,8 +82,8 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
                 )
         data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
         shared = parts or (2 if campaign.mechanism.applied().loose else 1)
-        found[campaign.name] = CampaignFiles(str(file), plan(file), data, shared)
-    return found
+        campaigns[campaign.name] = CampaignFiles(str(file), plan(file), data, shared)
+    return campaigns
 
 
 def plan(file: Path) -> tuple[str, ...]:
@@ -100,7 +100,9 @@ def _file(path: str, folders: Sequence[Path]) -> Path:
             return folder / path
         if os.path.isdir(folder / path):
             raise InputError(f"campaigns: '{path}' is a folder; name the campaign file in it")
-    looked = (
+    searched_folders = (
         "" if os.path.isabs(path) else f" in {' or '.join(dict.fromkeys(str(folder.resolve()) for folder in folders))}"
     )
-    raise InputError(f"campaigns: no file '{path}'{looked}; correct the path (CAMPAIGN=... of `make campaign`)")
+    raise InputError(
+        f"campaigns: no file '{path}'{searched_folders}; correct the path (CAMPAIGN=... of `make campaign`)"
+    )

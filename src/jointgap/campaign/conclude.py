@@ -24,7 +24,7 @@ def conclude(state: CampaignState) -> dict[str, Any]:
     folder, outcome = state.folder, state.outcome("regress")
     separated = _separated_by(state, outcome.equivalent)
     detectable, confusability, gaps = (folder.read(name) for name in ("detectable", "confusability", "gaps"))
-    found = verdict.document(
+    content = verdict.document(
         state.campaign.name,
         outcome,
         folder.read("map_windows"),
@@ -35,8 +35,8 @@ def conclude(state: CampaignState) -> dict[str, Any]:
         separated,
         state.clockwise,
     )
-    write_text(folder.path / VERDICT, verdict.text(found))
-    return found
+    write_text(folder.path / VERDICT, verdict.text(content))
+    return content
 
 
 def show(state: CampaignState) -> None:
@@ -45,7 +45,7 @@ def show(state: CampaignState) -> None:
     from jointgap.figures.campaign_catalogue import CATALOGUE, TABLES, draw
 
     folder = state.folder
-    found = verdict.read(folder.path / VERDICT)
+    content = verdict.read(folder.path / VERDICT)
     stages = {"ranking": "regress"}  # written by two stages, of which the later one counts
     frames = {
         table: folder.read(table, stages.get(table, ""))
@@ -53,8 +53,8 @@ def show(state: CampaignState) -> None:
         if folder.place(table, stages.get(table, "")).is_file()
     }
     for name in CATALOGUE:
-        style.save(draw(name, frames, found), folder.path / "figures" / name)
-    summary = page(found, frames, (*folder.read("remarks")["remark"], *_noise_remarks(state)))
+        style.save(draw(name, frames, content), folder.path / "figures" / name)
+    summary = page(content, frames, (*folder.read("remarks")["remark"], *_noise_remarks(state)))
     markdown, html = (folder.path / name for name in SUMMARIES)
     write_text(markdown, to_markdown(summary))
     write_text(html, to_html(summary, folder.path / "figures"))

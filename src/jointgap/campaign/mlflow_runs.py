@@ -41,13 +41,13 @@ def records(folder: Path) -> list[Record]:
     for effect in verdict["effects"]:
         own = _metric(effect, labels)
         metrics[f"{own}_delta_bic"] = effect["delta_bic"]
-        for name, one in effect["parameters"].items():
-            if not isinstance(one["value"], str):
-                metrics[f"{own}_{name}"] = one["value"]
+        for name, estimate in effect["parameters"].items():
+            if not isinstance(estimate["value"], str):
+                metrics[f"{own}_{name}"] = estimate["value"]
     named = " + ".join(f"{effect['name']}:{effect['site']}" for effect in verdict["effects"])
     pictures = sorted(path for path in (folder / "figures").glob("*") if path.suffix in (".svg", ".png"))
     files = {name: folder / name for name in (VERDICT, MECHANISM, *SUMMARIES) if (folder / name).is_file()}
-    whole = Record(
+    campaign_run = Record(
         "campaign",
         metrics={name: value for name, value in metrics.items() if value is not None},
         datasets=tuple(
@@ -57,7 +57,7 @@ def records(folder: Path) -> list[Record]:
         files=files | {f"figures/{path.name}": path for path in pictures},
         notes={"verdict": verdict["verdict"], "effects": named, "because": verdict["because"]},
     )
-    return [whole, *(_fit(row) for row in ranking.to_dict("records"))]
+    return [campaign_run, *(_fit(row) for row in ranking.to_dict("records"))]
 
 
 def _metric(effect: Mapping[str, Any], labels: Collection[str]) -> str:

@@ -19,8 +19,8 @@ def effect_in_words(effect: Mapping[str, Any]) -> str:
 
 
 def _words(name: str) -> str:
-    known = EFFECTS[name].WORDS if name in EFFECTS else FAULTS[name].words if name in FAULTS else ""
-    return known or name.replace("_", " ")
+    template = EFFECTS[name].WORDS if name in EFFECTS else FAULTS[name].words if name in FAULTS else ""
+    return template or name.replace("_", " ")
 
 
 def label_in_words(label: str) -> str:

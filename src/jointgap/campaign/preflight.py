@@ -85,8 +85,8 @@ def preflight_tables_with_advice(
     recordings, more = recorded(campaign), extended(campaign)
     like = recordings.get(campaign.runs[0].id)
     if like is not None:  # a further run is as long as the one that it is like
-        whole = replace(like, held_out=np.zeros_like(like.held_out))  # a further run is for fitting
-        recordings |= {run.id: whole for run in more.runs[len(campaign.runs) :]}
+        for_fitting = replace(like, held_out=np.zeros_like(like.held_out))  # a further run is for fitting
+        recordings |= {run.id: for_fitting for run in more.runs[len(campaign.runs) :]}
     lengths = revolutions(more, recordings)
     plan, wider = (build_model(each, None, lengths, model_settings) for each in (campaign, more))
     wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for
@@ -118,11 +118,11 @@ def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict
         By run.
     """
     speeds = {run.id: run.speed for run in campaign.runs}
-    found = {}
-    for run, one in recordings.items():
-        angle = one.crank_angle if one.has_angle else speeds[run] * one.time
-        found[run] = float(np.ptp(angle[np.isfinite(angle)])) / math.tau * angle.size / (angle.size - 1)
-    return found
+    turned = {}
+    for run, recording in recordings.items():
+        angle = recording.crank_angle if recording.has_angle else speeds[run] * recording.time
+        turned[run] = float(np.ptp(angle[np.isfinite(angle)])) / math.tau * angle.size / (angle.size - 1)
+    return turned
 
 
 def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str, str], int]:
@@ -134,12 +134,16 @@ def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str,
     recordings : mapping of str to Recording
         By run.
     """
-    found = {}
+    counted = {}
     for run, channel in (series.key for series in model.series if series.run in recordings):
-        one = recordings[run]
-        values = one.crank_angle if channel == "crank_angle" else one.channels.get(channel, np.zeros(one.held_out.size))
-        found[run, channel] = int(np.count_nonzero(np.isfinite(values) & ~one.held_out))
-    return found
+        recording = recordings[run]
+        values = (
+            recording.crank_angle
+            if channel == "crank_angle"
+            else recording.channels.get(channel, np.zeros(recording.held_out.size))
+        )
+        counted[run, channel] = int(np.count_nonzero(np.isfinite(values) & ~recording.held_out))
+    return counted
 
 
 def extended(campaign: Campaign) -> Campaign:
@@ -164,13 +168,13 @@ def extended(campaign: Campaign) -> Campaign:
     return campaign.model_copy(update={"runs": (*campaign.runs, *runs), "channels": campaign.channels | channels})
 
 
-def _frames(found: Preflight) -> dict[str, pd.DataFrame]:
-    effects = found.effects
+def _frames(result: Preflight) -> dict[str, pd.DataFrame]:
+    effects = result.effects
     # What varies an effect need not be what states it: units of the latter are in the catalogue.
     units = [row.unit or unit_of(*row.label.partition(":")[::2], row.parameter) for row in effects.itertuples()]
-    failed = pd.Series([found.failed.get(label) for label in effects["label"]], dtype=object)
-    detectable = effects.assign(unit=units, failed=failed, assumed=assumed_in_a_cell(found.assumed))
-    return {"detectable": detectable, "confusability": confusability_frame(found.cosines, found.merged)}
+    failed = pd.Series([result.failed.get(label) for label in effects["label"]], dtype=object)
+    detectable = effects.assign(unit=units, failed=failed, assumed=assumed_in_a_cell(result.assumed))
+    return {"detectable": detectable, "confusability": confusability_frame(result.cosines, result.merged)}
 
 
 def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]) -> str:
@@ -186,12 +190,12 @@ def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Ite
         Groups that the campaign cannot tell apart. Advice was sought for these alone.
     """
     first, *others = explanations
-    sought = {frozenset((a, b)) for other in others for a in first - other for b in other - first}
-    if not any(pair <= set(group) for pair in sought for group in merged):
+    differing = {frozenset((a, b)) for other in others for a in first - other for b in other - first}
+    if not any(pair <= set(group) for pair in differing for group in merged):
         return "Preflight does not count them as alike: a longer record, or one with less noise, should separate them."
     for row in advice.itertuples():
-        told = {frozenset(pair.split(_SEPARATOR)) for pair in row.separated.split(", ") if pair}
-        if sought & told:
+        separated = {frozenset(pair.split(_SEPARATOR)) for pair in row.separated.split(", ") if pair}
+        if differing & separated:
             return f"A further {row.change} would separate them."
     return "No single further speed or channel that was tried would separate them: vary a mass or a load between runs."
 

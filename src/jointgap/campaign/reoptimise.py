@@ -67,10 +67,10 @@ def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
     trajectory = simulate(mechanism, options).samples
     numbers = [JOINT_NUMBERS[joint] for joint in mechanism.loose]
     fits = {output: _trained(trajectory, output) for number in numbers for output in (f"r{number}", f"gamma{number}")}
-    found = optimise(mechanism, options, _search(mechanism), _SURROGATE.training_points, trajectory, {NETWORK: fits})
-    optima = found.optima.query("method == 'local'")
+    result = optimise(mechanism, options, _search(mechanism), _SURROGATE.training_points, trajectory, {NETWORK: fits})
+    optima = result.optima.query("method == 'local'")
     optima = optima[optima["point"] == optima["source"] + "_near_local"]
-    settled = found.resimulated.query("stretch == 'settled' and measure == 'rms'").set_index("point")["reduction"]
+    settled = result.resimulated.query("stretch == 'settled' and measure == 'rms'").set_index("point")["reduction"]
     return [
         {
             "source": row["source"],

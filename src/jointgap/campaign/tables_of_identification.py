@@ -147,7 +147,7 @@ def screened_frame(signatures: Signatures, chosen: Sequence[LinearizedFit]) -> p
     chosen : sequence of LinearizedFit
         Single effects that are worth a fit, best first.
     """
-    rows = [(one.label, kind_of(one.hypothesis), one.chi2, one.bic, None) for one in chosen]
+    rows = [(screened.label, kind_of(screened.hypothesis), screened.chi2, screened.bic, None) for screened in chosen]
     rows += [(label, "failed", np.nan, np.nan, reason) for label, reason in signatures.failed.items()]
     return pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "bic", "reason"])
 

@@ -17,7 +17,7 @@ from jointgap.identification.problem import label_of
 
 SCHEMA_VERSION = 1
 
-_FOUND = "discovered_"
+_TERM_PREFIX = "discovered_"
 
 
 def document(
@@ -58,7 +58,7 @@ def document(
         "verdict": outcome.verdict,
         "because": outcome.because,
         "effects": effects(outcome.chosen, gains),
-        "equivalent": [effects(one, gains) for one in outcome.equivalent],
+        "equivalent": [effects(fit, gains) for fit in outcome.equivalent],
         "separated_by": separated_by,
         "nuisances": _nuisances(outcome.chosen, clockwise),
         "where": [
@@ -70,8 +70,8 @@ def document(
             }
             for row in windows.to_dict("records")
         ],
-        "gap": {role: dict(one) for role, one in gap.items()},
-        "held_out": [dict(one) for one in held_out],
+        "gap": {role: dict(gaps) for role, gaps in gap.items()},
+        "held_out": [dict(run) for run in held_out],
         "preflight": {key: list(value) for key, value in preflight.items()},
         "false_alarm_rate": false_alarm_rate,
     }
@@ -91,12 +91,12 @@ def read(path) -> dict[str, Any]:
         No such file, or not a verdict.
     """
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: is no verdict ({error}); run the campaign's stages first") from error
-    if not isinstance(found, dict) or found.get("schema_version") != SCHEMA_VERSION:
+    if not isinstance(content, dict) or content.get("schema_version") != SCHEMA_VERSION:
         raise InputError(f"{path}: is no verdict of schema_version {SCHEMA_VERSION}; run the campaign's stages again")
-    return found
+    return content
 
 
 def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
@@ -109,8 +109,8 @@ def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
         BIC by label of an explanation.
     """
     covariance = fit.covariance()
-    laws = [candidate for candidate in fit.hypothesis if candidate.name.startswith(_FOUND)]
-    found = [
+    laws = [candidate for candidate in fit.hypothesis if candidate.name.startswith(_TERM_PREFIX)]
+    entries = [
         _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_estimates(fit, candidate, covariance))
         for candidate in fit.hypothesis
         if candidate not in laws
@@ -124,8 +124,8 @@ def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
             p = fit.parameters[place]
             sd = float(np.sqrt(covariance[place, place]))
             parameters[name] = estimate_with_interval(law.coefficients[name], sd, p.low, p.high)
-        found.append(_effect(effect_of(laws[0]), law.site, fit, laws, gains, parameters))
-    return found
+        entries.append(_effect(effect_of(laws[0]), law.site, fit, laws, gains, parameters))
+    return entries
 
 
 def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
@@ -136,21 +136,23 @@ def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
 
 
 def _gains(outcome: Outcome) -> dict[str, float]:
-    known = outcome.ranking.dropna(subset=["bic"])
-    return {"base": outcome.base.bic} | dict(zip(known["explanation"], known["bic"], strict=True))
+    ranked = outcome.ranking.dropna(subset=["bic"])
+    return {"base": outcome.base.bic} | dict(zip(ranked["explanation"], ranked["bic"], strict=True))
 
 
 def _nuisances(fit: Fit, clockwise: Collection[str]) -> dict[str, dict[str, Any]]:
-    found = nuisances_as_read(fit, fit.covariance(), clockwise)
-    return {p.key: {key: one[key] for key in ("value", "sd", "remark") if key in one} for p, one in found}
+    nuisances = nuisances_as_read(fit, fit.covariance(), clockwise)
+    return {
+        p.key: {key: estimate[key] for key in ("value", "sd", "remark") if key in estimate} for p, estimate in nuisances
+    }
 
 
 def _finite(value: Any) -> Any:
     """`value` with null for numbers that are not finite, and plain numbers for numpy's."""
     if isinstance(value, Mapping):
-        return {key: _finite(one) for key, one in value.items()}
+        return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
+        return [_finite(item) for item in value]
     if isinstance(value, float | np.floating):
         return float(value) if np.isfinite(value) else None
     return int(value) if isinstance(value, np.integer) else value

@@ -22,7 +22,7 @@ def effects(name: str | None) -> None:
         return
     if name not in EFFECTS:
         raise InputError(f"effect '{name}': no such effect; {did_you_mean(name, EFFECTS)}")
-    _one(name, EFFECTS[name])
+    _page_of(name, EFFECTS[name])
 
 
 def _limits(row) -> str:
@@ -58,7 +58,7 @@ def _catalogue(catalogue) -> None:
     )
 
 
-def _one(name: str, effect) -> None:
+def _page_of(name: str, effect) -> None:
     import inspect
     import textwrap
 

@@ -102,8 +102,8 @@ def _wrong_kind(key: str, item: dict) -> str:
     discriminator = item["ctx"]["discriminator"].strip("'")
     if item["type"] == "union_tag_not_found":
         return f"key '{key}.{discriminator}' is missing; add it"
-    tag, known = item["ctx"]["tag"], [word.strip(" '") for word in item["ctx"]["expected_tags"].split(",")]
-    return f"{key}.{discriminator} = {tag!r}: no such {_KINDS[discriminator]}; {did_you_mean(tag, known)}"
+    tag, expected = item["ctx"]["tag"], [word.strip(" '") for word in item["ctx"]["expected_tags"].split(",")]
+    return f"{key}.{discriminator} = {tag!r}: no such {_KINDS[discriminator]}; {did_you_mean(tag, expected)}"
 
 
 def _model_at(model: type[BaseModel], location: tuple) -> type[BaseModel]:

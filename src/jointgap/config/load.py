@@ -94,7 +94,7 @@ def _with_mechanism(data: dict[str, Any], folders: tuple[Path, ...], source: str
     return data | {"mechanism": _mechanism_data(data["mechanism"], folders, source)} if "mechanism" in data else data
 
 
-def _with_found_drive(data: dict[str, Any], folders: tuple[Path, ...]) -> dict[str, Any]:
+def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...]) -> dict[str, Any]:
     """`data` with the file of a measured drive looked for in `folders`."""
     simulate = data.get("simulate")
     drive = simulate.get("drive") if isinstance(simulate, Mapping) else None
@@ -133,10 +133,10 @@ def resolve(
     InputError
         Unknown scenario or key, wrong type, impossible value.
     """
-    known = {*_NOT_OF_SCENARIOS, *Scenario.model_fields}
+    allowed = {*_NOT_OF_SCENARIOS, *Scenario.model_fields}
     for key in config:
-        if key not in known:
-            raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(str(key), known)}")
+        if key not in allowed:
+            raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(str(key), allowed)}")
     scenarios = config.get("scenarios") or {}
     if not isinstance(scenarios, Mapping) or not scenarios:
         raise InputError(
@@ -162,7 +162,7 @@ def resolve(
             base | {"mechanism": _mechanism_data(base.get("mechanism", {}), folders)},
             over | ({"mechanism": _mechanism_data(over["mechanism"], folders)} if "mechanism" in over else {}),
         )
-        resolved[str(name)] = validate(Scenario, _with_found_drive(data, folders), where)
+        resolved[str(name)] = validate(Scenario, _with_drive_file(data, folders), where)
     return resolved
 
 
@@ -194,7 +194,7 @@ def parse_options(options: str) -> Scenario:
     data = _read_json(options) if options.endswith(".json") else read_yaml(options)
     folders = (Path(), Path(options).parent)
     data = data | {"mechanism": _mechanism_data(data.get("mechanism", {}), folders)}
-    return validate(Scenario, _with_found_drive(data, folders), options)
+    return validate(Scenario, _with_drive_file(data, folders), options)
 
 
 def _read_json(path: str) -> dict[str, Any]:

@@ -279,7 +279,7 @@ class Effect(Section):
 
     @classmethod
     def candidate(
-        cls, *coordinates: Parameter, site: str = "", amplitudes: tuple[str, ...] = (), **further: Any
+        cls, *coordinates: Parameter, site: str = "", amplitudes: tuple[str, ...] = (), **attributes: Any
     ) -> Candidate:
         """This effect as a fit sees it.
 
@@ -295,7 +295,7 @@ class Effect(Section):
             Other attributes of a `Candidate`.
         """
         keys = amplitudes or tuple(coordinate.key for coordinate in coordinates)
-        return Candidate(cls.NAME, site or cls.SITE, coordinates, keys, has_site=bool(site), **further)
+        return Candidate(cls.NAME, site or cls.SITE, coordinates, keys, has_site=bool(site), **attributes)
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
@@ -325,19 +325,19 @@ def joint_data(data: dict[str, Any], effect: str, joint: str) -> dict[str, Any]:
     InputError
         There are none.
     """
-    found = data["joints"][joint]
-    if found == "ideal":
+    entry = data["joints"][joint]
+    if entry == "ideal":
         raise InputError(
             f"effects: {effect} needs the data of {joint}; write the joint as a mapping with journal, journal_radius, "
             "bearing_radius and contact, and 'loose: false' where it is to be ideal otherwise"
         )
-    return found
+    return entry
 
 
 def page(order: int) -> Callable[[type[Effect]], type[Effect]]:
     """Make an effect of the catalogue, at the place `order`, of the class that is decorated."""
 
-    def made(cls: type[Effect]) -> type[Effect]:
+    def decorate(cls: type[Effect]) -> type[Effect]:
         name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
         section, options = cls.PARAMETERS, {"__module__": cls.__module__}
         if not isinstance(section, type):
@@ -353,7 +353,7 @@ def page(order: int) -> Callable[[type[Effect]], type[Effect]]:
             section.__qualname__ = f"{effect.__name__}.{section.__name__}"
         return effect
 
-    return made
+    return decorate
 
 
 PIN = {"site": (Literal["crank_pin", "piston_pin"], Field(description="the pin"))}

@@ -87,18 +87,18 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
 
 
 def _bin_row(panel: Panel, place: int, run: str, bins: pd.DataFrame, colours: ScalarMappable) -> None:
-    known = bins[bins["mean"].notna()]
-    start, width = known["start_deg"].to_numpy(), (known["end_deg"] - known["start_deg"]).to_numpy()
+    filled = bins[bins["mean"].notna()]
+    start, width = filled["start_deg"].to_numpy(), (filled["end_deg"] - filled["start_deg"]).to_numpy()
     spans = list(zip(start, width, strict=True))
-    panel.axes.broken_barh(spans, (place - 0.4, 0.8), facecolors=colours.to_rgba(known["mean"].to_numpy()))
+    panel.axes.broken_barh(spans, (place - 0.4, 0.8), facecolors=colours.to_rgba(filled["mean"].to_numpy()))
     panel.record(
         MEAN.name,
         start + width / 2.0,
-        np.full(len(known), float(place)),
+        np.full(len(filled), float(place)),
         low=start,
-        high=known["end_deg"],
-        value=known["mean"],
-        label=[run] * len(known),
+        high=filled["end_deg"],
+        value=filled["mean"],
+        label=[run] * len(filled),
         value_quantity=MEAN.name,
         value_unit=MEAN.unit,
     )
@@ -431,7 +431,7 @@ def _length_scales(panel: Panel, x: np.ndarray, y: np.ndarray) -> None:
 COSINE = Quantity("cosine of the signatures", "1")
 _EFFECT = Quantity("effect", "")
 _RELATIVE_SIZE = Quantity("size over the one that makes a gap of 1.5", "1")
-_TOLD_FROM = 0.5  # cosines that are written as numbers
+_WRITTEN_FROM = 0.5  # cosines that are written as numbers
 _MERGED = "cannot be told apart here"
 
 
@@ -448,7 +448,7 @@ def confusability(tables: Tables, verdict: Verdict) -> Drawing:
     rows, columns = pairs["first"].map(number), pairs["second"].map(number)
     cosine[rows, columns] = cosine[columns, rows] = np.nan_to_num(np.abs(pairs["cosine"].to_numpy(dtype=float)))
     np.fill_diagonal(cosine, 1.0)
-    order = _alike_beside_each_other(cosine, [[number[label] for label in group] for group in _merged(verdict, number)])
+    order = _order_by_likeness(cosine, [[number[label] for label in group] for group in _merged(verdict, number)])
     labels, cosine = [labels[i] for i in order], cosine[np.ix_(order, order)]
     number = {label: place for place, label in enumerate(labels)}
     count = len(labels)
@@ -469,9 +469,9 @@ def confusability(tables: Tables, verdict: Verdict) -> Drawing:
         value_unit=COSINE.unit,
     )
     for (row, column), value in np.ndenumerate(cosine):
-        if row != column and value >= _TOLD_FROM:
+        if row != column and value >= _WRITTEN_FROM:
             ink = "white" if value > 0.6 else "black"
-            panel.axes.text(column, row, _short_of_one(value), ha="center", va="center", color=ink, fontsize=6.0)
+            panel.axes.text(column, row, _two_digits(value), ha="center", va="center", color=ink, fontsize=6.0)
     for group in _merged(verdict, number):
         places = sorted(number[label] for label in group)
         edge = Rectangle((places[0] - 0.5, places[0] - 0.5), len(places), len(places), fill=False, linewidth=1.8)
@@ -490,12 +490,12 @@ def confusability(tables: Tables, verdict: Verdict) -> Drawing:
     return sheet.drawing()
 
 
-def _merged(verdict: Mapping[str, Any], known: Mapping[str, int]) -> list[list[str]]:
+def _merged(verdict: Mapping[str, Any], shown: Mapping[str, int]) -> list[list[str]]:
     groups = verdict.get("preflight", {}).get("merged", ())
-    return [own for group in groups if len(own := [label for label in group if label in known]) > 1]
+    return [own for group in groups if len(own := [label for label in group if label in shown]) > 1]
 
 
-def _alike_beside_each_other(cosine: np.ndarray, groups: list[list[int]]) -> list[int]:
+def _order_by_likeness(cosine: np.ndarray, groups: list[list[int]]) -> list[int]:
     """An order in which effects that look alike are neighbours, those of one group without a stranger between them."""
     if len(cosine) < 3:
         return list(range(len(cosine)))
@@ -507,7 +507,7 @@ def _alike_beside_each_other(cosine: np.ndarray, groups: list[list[int]]) -> lis
     return list(leaves_list(linkage(squareform(distance, checks=False), "average", optimal_ordering=True)))
 
 
-def _short_of_one(value: float) -> str:
+def _two_digits(value: float) -> str:
     """Two digits after the point, three where these would be 1.00."""
     return "1" if value >= 0.9995 else f"{value:.{3 if value >= 0.995 else 2}f}".lstrip("0")
 
@@ -538,10 +538,10 @@ def detectable(tables: Tables, verdict: Verdict) -> Drawing:
     panel.axes.set_xlim(0.7 * np.fmin(low, 0.2), 2.0 * np.fmax(high, 1.0))
     panel.axes.xaxis.set_major_formatter(tick_label)
     panel.axes.set_ylabel("")
-    beside = panel.axes.secondary_yaxis("right")
-    beside.set_yticks(place, [_detectable_size(row) for row in effects.itertuples()])
-    beside.tick_params(length=0)
-    beside.spines["right"].set_visible(False)
+    right_axis = panel.axes.secondary_yaxis("right")
+    right_axis.set_yticks(place, [_detectable_size(row) for row in effects.itertuples()])
+    right_axis.tick_params(length=0)
+    right_axis.spines["right"].set_visible(False)
     sheet.legend()
     return sheet.drawing()
 

@@ -128,12 +128,14 @@ def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
     Arguments as in `draw`.
     """
     table, box = tables["optimise_resimulated"], next(iter(scenario.optimise.boxes))
-    told = {name if name.startswith("printed_") else f"{name}_{box}_genetic": words for name, words in LENGTHS.items()}
-    wanted = [point for point in table["point"].unique() if point in told]
-    names = [told[point] for point in wanted]
+    origin_of = {
+        name if name.startswith("printed_") else f"{name}_{box}_genetic": words for name, words in LENGTHS.items()
+    }
+    wanted = [point for point in table["point"].unique() if point in origin_of]
+    names = [origin_of[point] for point in wanted]
     place = np.arange(len(wanted))[::-1]
     sheet = Sheet(1.6 + 0.62 * len(wanted), 1, 2)
-    beside: Panel | None = None
+    left_panel: Panel | None = None
     for column, (stretch, title) in enumerate(
         (("window", "window of the first revolution"), ("settled", "whole settled revolution"))
     ):
@@ -162,9 +164,9 @@ def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
                 markerfacecolor="white",
             )
         panel.vertical_line("no change", 0.0, named=False)
-        panel.rows(names if beside is None else [""] * len(names), place)
-        if beside is not None:
+        panel.rows(names if left_panel is None else [""] * len(names), place)
+        if left_panel is not None:
             panel.axes.set_ylabel("")
-        beside = panel
+        left_panel = panel
     sheet.legend()
     return sheet.drawing()

@@ -122,7 +122,7 @@ def save(drawing: Drawing, stem: Path | str) -> tuple[Path, ...]:
     paths = []
     for suffix, saver in savers.items():
         path = stem.with_name(stem.name + suffix)
-        tables.write_whole(path, saver)
+        tables.write_atomically(path, saver)
         paths.append(path)
     data = stem.with_name(stem.name + ".parquet")
     tables.write(tables.PLOTTED, drawing.data, data)

@@ -276,6 +276,6 @@ def _is_rival(fit: Fit, best: Fit, apart: float) -> bool:
 
     One that merely adds to the best, or leaves something out of it, is no other.
     """
-    labels, best_labels = ({candidate.label for candidate in one.hypothesis} for one in (fit, best))
+    labels, best_labels = ({candidate.label for candidate in each.hypothesis} for each in (fit, best))
     is_other = not labels >= best_labels and not labels < best_labels
     return fit.bic - best.bic < apart and is_other and len(labels) <= len(best_labels)

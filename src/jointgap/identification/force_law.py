@@ -239,11 +239,11 @@ def _subsets(signatures: Sequence[Signature]) -> Iterator[tuple[Signature, ...]]
 
 def _singles(sums: Sequence[LinearizedFit], settings: ForceLawSettings) -> list[LinearizedFit]:
     """The single terms that explain most, among them some of each effect; `sums` is best first."""
-    singles = [one for one in sums if len(one.signatures) == 1]
+    singles = [screened for screened in sums if len(screened.signatures) == 1]
     chosen = singles[: settings.max_fitted]
-    for effect in dict.fromkeys(effect_of(one.hypothesis[0]) for one in singles):
-        of_effect = [one for one in singles if effect_of(one.hypothesis[0]) == effect]
-        chosen += [one for one in of_effect[: settings.fitted_per_effect] if one not in chosen]
+    for effect in dict.fromkeys(effect_of(screened.hypothesis[0]) for screened in singles):
+        of_effect = [screened for screened in singles if effect_of(screened.hypothesis[0]) == effect]
+        chosen += [screened for screened in of_effect[: settings.fitted_per_effect] if screened not in chosen]
     return chosen
 
 
@@ -251,8 +251,10 @@ def _pairs(
     sums: Sequence[LinearizedFit], alone: Fit, sufficient: bool, settings: ForceLawSettings
 ) -> list[LinearizedFit]:
     """The pairs that add to the best single term, and the best others where it is not enough; `sums` is best first."""
-    pairs = [one for one in sums if len(one.signatures) > 1]
-    adding = [one for one in pairs if {c.label for c in alone.hypothesis} < {c.label for c in one.hypothesis}]
+    pairs = [screened for screened in sums if len(screened.signatures) > 1]
+    adding = [
+        screened for screened in pairs if {c.label for c in alone.hypothesis} < {c.label for c in screened.hypothesis}
+    ]
     chosen = adding[: settings.fitted_per_effect]
     return chosen if sufficient else chosen + [pair for pair in pairs[: settings.max_fitted] if pair not in chosen]
 

@@ -58,10 +58,10 @@ class SignatureSubspaces:
         ----------
         special, general : tuple of Candidate
         """
-        part, whole = (self.span([c.label for c in hyp if c.label in self.of]) for hyp in (special, general))
-        if not 0 < part.shape[1] < whole.shape[1]:
+        inner, outer = (self.span([c.label for c in hyp if c.label in self.of]) for hyp in (special, general))
+        if not 0 < inner.shape[1] < outer.shape[1]:
             return False
-        return bool(np.linalg.norm(part - whole @ (whole.T @ part), 2) < self._settings.special_case_distance)
+        return bool(np.linalg.norm(inner - outer @ (outer.T @ inner), 2) < self._settings.special_case_distance)
 
     def nearest(self, hypothesis: Hypothesis) -> tuple[str, float]:
         """The candidate beyond the explanation that it could stand for best, and the squared cosine; '' where there is

@@ -43,7 +43,7 @@ def _contact(first: pd.DataFrame, turned: np.ndarray, scenario: Scenario) -> Ite
         last[joint] = float(turned[lost].max(initial=0.0))
         share[joint] = float(lost[turned > UNSTABLE_UNTIL_DEG].mean())
     worst = max(last.values())
-    told = [
+    last_losses = [
         f"in the {joint.replace('_', ' ')} at {last[joint]:.1f} deg ({share[joint]:.1%} of what follows 30 deg is off "
         "contact)"
         for joint in last
@@ -54,7 +54,7 @@ def _contact(first: pd.DataFrame, turned: np.ndarray, scenario: Scenario) -> Ite
         worst,
         "deg",
         worst <= ABOUT * UNSTABLE_UNTIL_DEG,
-        f"Contact (r >= {IN_CONTACT} rc) is last lost {' and '.join(told)}.",
+        f"Contact (r >= {IN_CONTACT} rc) is last lost {' and '.join(last_losses)}.",
     )
     if "crank_pin" not in mechanism.loose:
         return
@@ -140,14 +140,14 @@ def _deviations(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFrame) ->
 def _superposed(first: pd.DataFrame, ideal: pd.DataFrame, loose: Sequence[str]) -> Row:
     deviation = (first["slider_position"] - ideal["slider_position"]).to_numpy()
     numbers = sorted(JOINT_NUMBERS[joint] for joint in loose)
-    known = first[[f"gamma{number}" for number in numbers]].notna().all(axis=1).to_numpy()
+    defined = first[[f"gamma{number}" for number in numbers]].notna().all(axis=1).to_numpy()
     signs = {number: -1.0 if number == 3 else 1.0 for number in numbers}
     shares = [
-        sign * (first[f"r{number}"] * np.cos(first[f"gamma{number}"])).to_numpy()[known]
+        sign * (first[f"r{number}"] * np.cos(first[f"gamma{number}"])).to_numpy()[defined]
         for number, sign in signs.items()
     ]
     terms = "".join(f" {'-' if sign < 0 else '+'} r{number} cos gamma{number}" for number, sign in signs.items())
-    deviation = deviation[known]
+    deviation = deviation[defined]
     left = float(np.var(deviation - sum(shares)) / np.var(deviation))
     alone = min(float(np.var(deviation - share) / np.var(deviation)) for share in shares)
     return claim(
@@ -189,8 +189,8 @@ def _networks(errors: pd.DataFrame, scenario: Scenario) -> Row:
 def _optimisers(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Iterator[Row]:
     main = next(iter(scenario.optimise.boxes))
     optima = frames["optimise_optima"]
-    found = optima[(optima["source"] == "networks") & (optima["box"] == main)].set_index("method")
-    genetic, local = found.loc["genetic"], found.loc["local"]
+    of_networks = optima[(optima["source"] == "networks") & (optima["box"] == main)].set_index("method")
+    genetic, local = of_networks.loc["genetic"], of_networks.loc["local"]
     lead = 100 * float(genetic["rms_reduction"] - local["rms_reduction"])
     yield claim(
         "the genetic algorithm beats the local optimiser",
@@ -244,7 +244,7 @@ def _distinct(points: np.ndarray) -> int:
     return len(kept)
 
 
-def _real_gain(again: pd.DataFrame, worth: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
+def _real_gain(again: pd.DataFrame, machine: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
     main = next(iter(scenario.optimise.boxes))
     point = f"networks_{main}_genetic"
     rows = again[(again["point"] == point) & (again["measure"] == "rms")].set_index("stretch")
@@ -261,13 +261,13 @@ def _real_gain(again: pd.DataFrame, worth: pd.DataFrame, scenario: Scenario) -> 
             f"starts for each pair of lengths, beside {100 * row['frozen_reduction']:.2f} % with the clearance "
             f"motion frozen; better in {row['share_better']:.0%} of the pairs. In degrees: RMS error "
             f"{np.degrees(row['original_error']):.4f} before and {np.degrees(row['error']):.4f} after. "
-            f"{_worth(worth, point)}",
+            f"{_machine_metrics(machine, point)}",
         )
 
 
-def _worth(worth: pd.DataFrame, point: str) -> str:
+def _machine_metrics(machine: pd.DataFrame, point: str) -> str:
     """What the lengths mean for the machine over a settled revolution, in a sentence."""
-    row = worth[(worth["point"] == point) & (worth["cycle"] == "simulated")].iloc[0]
+    row = machine[(machine["point"] == point) & (machine["cycle"] == "simulated")].iloc[0]
     smallest, departure = np.degrees(row["smallest_transmission_angle"]), np.degrees(row["largest_departure"])
     change = np.degrees(row["smallest_transmission_angle_change"])
     return (

@@ -48,11 +48,11 @@ def _claims(comparison: pd.DataFrame) -> str:
 
 
 def _introduction(scenario: Scenario, comparison: pd.DataFrame) -> list[str]:
-    if found := departures(scenario.mechanism, scenario.simulate):
+    if differences := departures(scenario.mechanism, scenario.simulate):
         return [
             scenario.description,
-            f"The paper's printed numbers are not comparable with this mechanism ({'; '.join(found)}), so none is "
-            f"listed. {_claims(comparison)}",
+            f"The paper's printed numbers are not comparable with this mechanism ({'; '.join(differences)}), so none "
+            f"is listed. {_claims(comparison)}",
         ]
     return [
         scenario.description,

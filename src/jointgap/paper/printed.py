@@ -39,9 +39,9 @@ def departures(mechanism: Mechanism, simulate: Simulate) -> tuple[str, ...]:
 
     What the paper does not print (the contact, and which body carries the journals) is no departure.
     """
-    applied, found = mechanism.applied(), []
+    applied, differences = mechanism.applied(), []
     if applied.loose != LOOSE:
-        found.append(
+        differences.append(
             f"loose: {' and '.join(applied.loose).replace('_', ' ') or 'no joint'}, not crank pin and piston pin"
         )
     lengths = {"crank": (applied.crank.length, CRANK_M), "rod": (applied.rod.length, ROD_M)}
@@ -51,12 +51,12 @@ def departures(mechanism: Mechanism, simulate: Simulate) -> tuple[str, ...]:
     lengths["offset"] = (applied.slider.offset, 0.0)
     for name, (ours, theirs) in lengths.items():
         if abs(ours - theirs) > ROUNDING_M:
-            found.append(f"{name}: {1e3 * ours:g} mm, not {1e3 * theirs:g} mm")
+            differences.append(f"{name}: {1e3 * ours:g} mm, not {1e3 * theirs:g} mm")
     if simulate.drive.kind != "constant" or applied.effect("speed_fluctuation"):
-        found.append("the crank's speed is not constant")
+        differences.append("the crank's speed is not constant")
     elif abs(simulate.speed / SPEED_RAD_S - 1.0) > 1e-6:
-        found.append(f"speed: {simulate.speed * 30.0 / math.pi:g} rpm, not 600 rpm")
-    return tuple(found)
+        differences.append(f"speed: {simulate.speed * 30.0 / math.pi:g} rpm, not 600 rpm")
+    return tuple(differences)
 
 
 @dataclass(frozen=True)

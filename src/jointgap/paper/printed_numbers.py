@@ -34,11 +34,11 @@ def numbers(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Iterator[
     yield from _second_surrogate(frames["fit_errors"])
     optima = frames["optimise_optima"]
     main = next(iter(scenario.optimise.boxes))
-    found = optima[(optima["source"] == "networks") & (optima["box"] == main)].set_index("method")
+    of_networks = optima[(optima["source"] == "networks") & (optima["box"] == main)].set_index("method")
     ends = frames["optimise_tolerance"]
     ends = ends[(ends["source"] == "networks") & (ends["box"] == main)]
     for printed, method in zip(OPTIMA[:2], ("genetic", "local"), strict=True):
-        yield from _optimum(printed, found.loc[method])
+        yield from _optimum(printed, of_networks.loc[method])
     yield from _another_end(OPTIMA[2], ends)
     yield from _printed_points(optima)
 

@@ -102,7 +102,7 @@ def _csv(path: Path, text: str, wanted: Sequence[str], form: Csv) -> Columns:
                 f"{path}, row {number}: a quotation mark is not closed, or the row has no end; mend the row"
             )
     header_row, header = lines[0]
-    separator = form.separator or max(SEPARATORS, key=lambda mark: _columns_found(_split(header, mark), wanted))
+    separator = form.separator or max(SEPARATORS, key=lambda mark: _matched_columns(_split(header, mark), wanted))
     headings = _split(header, separator)
     _check_headings(f"{path}, row {header_row}", headings, wanted, _hidden_headings(numbered, header_row, wanted))
     places = {column: headings.index(column) for column in wanted}
@@ -123,7 +123,7 @@ def _split(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
 
 
-def _columns_found(headings: list[str], wanted: Sequence[str]) -> tuple[int, int]:
+def _matched_columns(headings: list[str], wanted: Sequence[str]) -> tuple[int, int]:
     """How well a separator parts the headings: columns found, then columns at all."""
     return len(set(wanted) & set(headings)), len(headings)
 

@@ -9,10 +9,10 @@ def physical_candidates(context: FitContext) -> list[Candidate]:
     """Effects that could be missing in a mechanism, by what they act on; those that it has, or that cannot act in it,
     are left out.
     """
-    found = [
+    placed = [
         (GROUPS.index(effect.GROUP), effect.sites().index(candidate.site) if candidate.has_site else 0, candidate)
         for effect in EFFECTS.values()
         for candidate in effect.candidates(context)
         if context.mechanism.effect(candidate.name, candidate.site if candidate.has_site else None) is None
     ]
-    return [candidate for _, _, candidate in sorted(found, key=lambda entry: entry[:2])]
+    return [candidate for _, _, candidate in sorted(placed, key=lambda entry: entry[:2])]

@@ -31,7 +31,7 @@ class CycleStatistics:
     channels : tuple of str
     angles : (a,) array
         Crank angles of the median course, growing over somewhat more than a revolution [rad].
-    course : (channels, a) array
+    median_curves : (channels, a) array
         Median course of each channel [SI].
     compression : (channels,) array
         k [SI].
@@ -42,7 +42,7 @@ class CycleStatistics:
 
     channels: tuple[str, ...]
     angles: np.ndarray
-    course: np.ndarray
+    median_curves: np.ndarray
     compression: np.ndarray
     weights: list[tuple[np.ndarray, np.ndarray]]
     settings: CycleStatisticsSettings = DEFAULT_SETTINGS.statistics
@@ -73,12 +73,12 @@ class CycleStatistics:
         count = settings.median_angles
         fine = np.minimum((within * (count / tau)).astype(int), count - 1)
         # a bin's medians belong to its samples' angle: where these keep to a few angles, that is not its middle
-        angles, *course = (
+        angles, *median_curves = (
             np.array([np.median(value[fine == place]) for place in np.unique(fine)]) for value in (within, *values)
         )
         angles = np.concatenate([[angles[-1] - tau], angles, [angles[0] + tau]])
-        course = np.array([np.concatenate([medians[-1:], medians, medians[:1]]) for medians in course])
-        learnt = cls(tuple(channels), angles, course, np.ones(len(channels)), [], settings)
+        median_curves = np.array([np.concatenate([medians[-1:], medians, medians[:1]]) for medians in median_curves])
+        learnt = cls(tuple(channels), angles, median_curves, np.ones(len(channels)), [], settings)
         sizes = [np.abs(value - median) for value, median in zip(values, learnt._medians(angle), strict=True)]
         compression = np.array([max(settings.compression_mean_sizes * float(np.mean(size)), 1e-300) for size in sizes])
         learnt = replace(learnt, compression=compression)
@@ -86,7 +86,7 @@ class CycleStatistics:
         return replace(learnt, weights=_predictions(rows, len(channels), settings))
 
     def _medians(self, angle: np.ndarray) -> list[np.ndarray]:
-        return [np.interp(_within_revolution(angle, self.settings), self.angles, course) for course in self.course]
+        return [np.interp(_within_revolution(angle, self.settings), self.angles, curve) for curve in self.median_curves]
 
     def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
         """Statistics of every cycle, shape (cycles, m); NaN where a bin has no sample.

@@ -32,7 +32,9 @@ def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechani
         By name of the nuisance, SI; what does not belong to the mechanism (speed, first_angle) is passed over.
     """
     get = values.get
-    made = mechanism.with_lengths(get("crank_length", mechanism.crank.length), get("rod_length", mechanism.rod.length))
+    modified = mechanism.with_lengths(
+        get("crank_length", mechanism.crank.length), get("rod_length", mechanism.rod.length)
+    )
     rod = {key: values[f"rod_{key}"] for key in ("mass", "inertia") if f"rod_{key}" in values}
     slider = {"mass": values["slider_mass"]} if "slider_mass" in values else {}
     joints = {}
@@ -51,11 +53,11 @@ def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechani
         if f"{pin}_clearance" in values:
             change["bearing_radius"] = joint.journal_radius + values[f"{pin}_clearance"]
         joints[pin] = joint.model_copy(update=change)
-    return made.model_copy(
+    return modified.model_copy(
         update={
-            "rod": made.rod.model_copy(update=rod),
-            "slider": made.slider.model_copy(update=slider),
-            "joints": made.joints.model_copy(update=joints),
+            "rod": modified.rod.model_copy(update=rod),
+            "slider": modified.slider.model_copy(update=slider),
+            "joints": modified.joints.model_copy(update=joints),
         }
     )
 
@@ -94,9 +96,9 @@ def _names(candidate: Candidate) -> set[str]:
 
 
 def _effect(name: str, site: str, parameters: Mapping[str, Any]) -> Effect:
-    known = EFFECTS[name]
-    data = {"name": name, "parameters": dict(parameters)} | ({"site": site} if "site" in known.model_fields else {})
-    return validate(known, data, name)
+    effect = EFFECTS[name]
+    data = {"name": name, "parameters": dict(parameters)} | ({"site": site} if "site" in effect.model_fields else {})
+    return validate(effect, data, name)
 
 
 def _formula(name: str, terms: Sequence[tuple[Candidate, Mapping[str, float]]]) -> Effect:
@@ -143,11 +145,12 @@ def augmented_mechanism(
         Values that make the mechanism impossible.
     """
     values = values or {}
-    made = with_nuisances(mechanism, {key: v for key, v in values.items() if "@" not in key})
-    effects = [(one, _own(one, values)) for one in hypothesis]
+    modified = with_nuisances(mechanism, {key: v for key, v in values.items() if "@" not in key})
+    effects = [(candidate, _own(candidate, values)) for candidate in hypothesis]
     for _, own in effects:
-        made = with_nuisances(made, own)  # a nuisance that an effect replaced in part, such as the other pin's friction
-    return validate(Mechanism, with_effects(made, effects).model_dump(), "the mechanism with what was found")
+        # a nuisance that an effect replaced in part, such as the other pin's friction
+        modified = with_nuisances(modified, own)
+    return validate(Mechanism, with_effects(modified, effects).model_dump(), "the mechanism with what was found")
 
 
 def _own(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:

@@ -127,16 +127,16 @@ def kinematics(results: "ScenarioResults") -> None:
     from jointgap.stages.trained_surrogates import trained_surrogates
 
     scenario = results.scenario
-    found = compared(
+    result = compared(
         scenario.mechanism.applied(),
         scenario.simulate,
         scenario.surrogate.training_points,
         results.read(TRAJECTORY),
         trained_surrogates(results),
     )
-    results.write(KINEMATICS_ERRORS, found.errors)
-    results.write(KINEMATICS_CONTRADICTIONS, found.contradictions)
-    results.write(KINEMATICS, found.motion)
+    results.write(KINEMATICS_ERRORS, result.errors)
+    results.write(KINEMATICS_CONTRADICTIONS, result.contradictions)
+    results.write(KINEMATICS, result.motion)
 
 
 @SCENARIO_STAGES.stage(
@@ -150,7 +150,7 @@ def optimise(results: "ScenarioResults") -> None:
     from jointgap.stages.trained_surrogates import trained_surrogates
 
     scenario = results.scenario
-    found = optimised(
+    result = optimised(
         scenario.mechanism.applied(),
         scenario.simulate,
         scenario.optimise,
@@ -159,7 +159,7 @@ def optimise(results: "ScenarioResults") -> None:
         trained_surrogates(results),
     )
     for table in SCENARIO_STAGES["optimise"].writes:
-        results.write(table, getattr(found, table.name.removeprefix("optimise_")))
+        results.write(table, getattr(result, table.name.removeprefix("optimise_")))
 
 
 _COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
@@ -214,10 +214,10 @@ def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"
     frames = results.read_all(NEEDED)
     compared_with = {results.path.name: results, **siblings}
     variants = [variant_optimum(name, each.scenario, each.read(RESIMULATED)) for name, each in compared_with.items()]
-    found = compared(frames, results.scenario, variants)
-    tables.write_text(results.path / "comparison.html", to_html(page(found, results.scenario)))
-    tables.write_text(results.path / "comparison.md", to_markdown(page(found, results.scenario)))
-    results.write(COMPARISON, found)
+    result = compared(frames, results.scenario, variants)
+    tables.write_text(results.path / "comparison.html", to_html(page(result, results.scenario)))
+    tables.write_text(results.path / "comparison.md", to_markdown(page(result, results.scenario)))
+    results.write(COMPARISON, result)
 
 
 @SCENARIO_STAGES.stage(
@@ -242,10 +242,10 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
     needed = {
         name: (results.read_all(scenario_overview.NEEDED), results.scenario) for name, results in scenarios.items()
     }
-    found = scenario_overview.overview(needed)
-    tables.write_text(folder / "overview.html", to_html(scenario_overview.page(found)))
-    tables.write_text(folder / "overview.md", to_markdown(scenario_overview.page(found)))
-    tables.write(OVERVIEW, found, folder / OVERVIEW.path)
+    result = scenario_overview.overview(needed)
+    tables.write_text(folder / "overview.html", to_html(scenario_overview.page(result)))
+    tables.write_text(folder / "overview.md", to_markdown(scenario_overview.page(result)))
+    tables.write(OVERVIEW, result, folder / OVERVIEW.path)
 
 
 @SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))

@@ -248,9 +248,9 @@ def write_ensemble(runs: Iterable[Run], folder: Path | str, workers: int | None 
             _stream(runs, samples_path, events_path, workers, rows)
             _write_runs(rows, places[2])  # inside, so that no samples appear without their runs
 
-        tables.write_whole(places[1], save_events)
+        tables.write_atomically(places[1], save_events)
 
-    tables.write_whole(places[0], save_samples)
+    tables.write_atomically(places[0], save_samples)
     reasons = {row["run"]: row["reason"] for row in rows if row["reason"]}
     return Written(len(rows), sum(row["steps"] for row in rows), sum(row["events"] for row in rows), reasons)
 

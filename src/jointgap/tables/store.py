@@ -72,7 +72,7 @@ def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
     return pa.Table.from_arrays(arrays, schema=schema(table))
 
 
-def write_whole(path: Path | str, save: Callable[[str], object]) -> None:
+def write_atomically(path: Path | str, save: Callable[[str], object]) -> None:
     """Let `save(temporary_path)` write a file beside `path`, then rename it: nothing half-written stays behind.
 
     Raises
@@ -81,7 +81,7 @@ def write_whole(path: Path | str, save: Callable[[str], object]) -> None:
         The folder cannot be made or written, or the disk is full.
     """
     path = Path(path)
-    temporary = _beside(path)
+    temporary = _temporary_file(path)
     try:
         save(temporary)
         os.chmod(temporary, 0o666 & ~_umask())
@@ -93,8 +93,8 @@ def write_whole(path: Path | str, save: Callable[[str], object]) -> None:
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Write `text` to `path` in UTF-8, whole or not at all; errors as `write_whole`."""
-    write_whole(path, lambda temporary: Path(temporary).write_text(text, encoding="utf-8"))
+    """Write `text` to `path` in UTF-8, whole or not at all; errors as `write_atomically`."""
+    write_atomically(path, lambda temporary: Path(temporary).write_text(text, encoding="utf-8"))
 
 
 def check_writable(*paths: Path | str) -> None:
@@ -103,7 +103,7 @@ def check_writable(*paths: Path | str) -> None:
     Raises
     ------
     InputError
-        As `write_whole`; or one file is named twice, and would hold the last of two results.
+        As `write_atomically`; or one file is named twice, and would hold the last of two results.
     """
     taken = set()
     for path in map(Path, paths):
@@ -112,10 +112,10 @@ def check_writable(*paths: Path | str) -> None:
         taken.add(path.resolve())
         if path.is_dir():
             raise InputError(f"{path}: is a folder, not a file; give another name")
-        Path(_beside(path)).unlink()
+        Path(_temporary_file(path)).unlink()
 
 
-def _beside(path: Path) -> str:
+def _temporary_file(path: Path) -> str:
     """An empty temporary file in the folder of `path`, which is made if need be."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -143,7 +143,7 @@ def write(table: Table, frame: pd.DataFrame, path: Path | str) -> None:
     arrow = to_arrow(table, frame)
     floats = {column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"}
     others = [column.name for column in table.columns if column.kind != "float"]
-    write_whole(
+    write_atomically(
         path,
         lambda temporary: pq.write_table(
             arrow, temporary, compression="zstd", use_dictionary=others, column_encoding=floats or None
@@ -160,18 +160,18 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
         No such file, not Parquet, another table, other columns, or columns of another type.
     """
     arrow = _open(pq.read_table, path, f"run the stage that writes table '{table.name}'")
-    found = (arrow.schema.metadata or {}).get(b"jointgap_table", b"?").decode()
+    held = (arrow.schema.metadata or {}).get(b"jointgap_table", b"?").decode()
     wanted = table.names
-    if found != table.name:
+    if held != table.name:
         raise InputError(
-            f"{path}: holds table '{found}', not '{table.name}'; give the right file, or run its stage again"
+            f"{path}: holds table '{held}', not '{table.name}'; give the right file, or run its stage again"
         )
     if arrow.column_names != wanted:
         missing, extra = (
             sorted(set(a) - set(b)) for a, b in ((wanted, arrow.column_names), (arrow.column_names, wanted))
         )
         raise InputError(
-            f"{path}: table '{found}' lacks the columns {missing} and has the unknown columns {extra}; another version "
+            f"{path}: table '{held}' lacks the columns {missing} and has the unknown columns {extra}; another version "
             "wrote it, so run its stage again"
         )
     for field, wanted_field in zip(arrow.schema, schema(table), strict=True):

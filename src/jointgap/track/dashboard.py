@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from jointgap.errors import InputError
-from jointgap.track.mlflow_store import Store, StoredRun, address_for, artifacts_beside
+from jointgap.track.mlflow_store import Store, StoredRun, address_for, artifact_folder
 
 HOST = "127.0.0.1"
 _PORTS = 100  # that are tried, from the one asked for on
@@ -53,14 +53,14 @@ def dashboard(
         raise InputError(f"{file}: no such file; run `make run` (or `jointgap track`) first, then open the dashboard")
     base = address.rstrip("/") if remote else f"http://{HOST}:{free_port(port)}"
     say(f"dashboard: {base}")
-    found = addresses(address, base)
-    for title, link in found.items():
+    links = addresses(address, base)
+    for title, link in links.items():
         say(f"{title}: {link}")
-    if not found:
+    if not links:
         say("nothing published yet")
     if not remote:
         say("It answers in some seconds. Ctrl-C ends it.")
-        _become_server(address, artifacts_beside(address, results), base.rpartition(":")[2])
+        _become_server(address, artifact_folder(address, results), base.rpartition(":")[2])
 
 
 def _become_server(address: str, artifacts: Path, port: str) -> None:
@@ -104,7 +104,7 @@ def addresses(store_address: str, base: str) -> dict[str, str]:
     base : str
         Where its interface is served, e.g. ``http://127.0.0.1:5000``.
     """
-    store, found = Store(store_address), {}
+    store, links = Store(store_address), {}
     for stage, title in _COMPARED.items():
         if published := _published(store, stage):
             experiment, runs = published
@@ -113,11 +113,11 @@ def addresses(store_address: str, base: str) -> dict[str, str]:
             query = "&".join(
                 f"{key}={quote(json.dumps(value, separators=(',', ':')))}" for key, value in values.items()
             )
-            found[title] = f"{base}/#/compare-runs?{query}&{_TRAINING}"
+            links[title] = f"{base}/#/compare-runs?{query}&{_TRAINING}"
     if published := _published(store, "surrogate"):
         path = f"experiments/{published[0]}/runs?compareRunsMode=CHART"
-        found["MSE curves of all scenarios"] = f"{base}/#/{path}&{_TRAINING}"
-    return found
+        links["MSE curves of all scenarios"] = f"{base}/#/{path}&{_TRAINING}"
+    return links
 
 
 def _published(store: Store, stage: str) -> tuple[str, list[StoredRun]] | None:
@@ -126,5 +126,5 @@ def _published(store: Store, stage: str) -> tuple[str, list[StoredRun]] | None:
     if experiment is None:
         return None
     runs = store.runs(experiment, {"jointgap.stage": stage})
-    whole = [run for run in runs if run.complete and not run.tags["jointgap.output"]]
-    return (experiment, whole) if whole else None
+    complete_runs = [run for run in runs if run.complete and not run.tags["jointgap.output"]]
+    return (experiment, complete_runs) if complete_runs else None

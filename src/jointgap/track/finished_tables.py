@@ -114,8 +114,8 @@ def _read_cost(path: Path) -> dict[str, float]:
         measured = {name: [_measured(row[column]) for row in rows] for name, column in columns.items()}
     except (OSError, KeyError, ValueError) as error:
         raise InputError(f"{path}: is not a benchmark file of Snakemake ({error!r}); run its stage again") from error
-    known = {name: [value for value in values if value is not None] for name, values in measured.items()}
-    return {name: sum(values) / len(values) for name, values in known.items() if values}
+    present = {name: [value for value in values if value is not None] for name, values in measured.items()}
+    return {name: sum(values) / len(values) for name, values in present.items() if values}
 
 
 def _measured(text: str) -> float | None:

@@ -30,12 +30,12 @@ def default_address(results: Path) -> str:
 def address_for(results: Path, tracking_uri: str | None = None) -> str:
     """The store to use: `tracking_uri`, else ``MLFLOW_TRACKING_URI``, else the one in the folder `results`."""
     address = tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or default_address(results)
-    kind, found, file = address.partition("sqlite:///")
+    kind, scheme, file = address.partition("sqlite:///")
     # absolute, for the dashboard's server runs in another folder
-    return f"sqlite:///{Path(file).resolve()}" if found and not kind else address
+    return f"sqlite:///{Path(file).resolve()}" if scheme and not kind else address
 
 
-def artifacts_beside(address: str, results: Path) -> Path:
+def artifact_folder(address: str, results: Path) -> Path:
     """Folder of artifacts of the store at `address` without a server: beside the SQLite file, else in `results`."""
     folder = Path(address.removeprefix("sqlite:///")).parent if address.startswith("sqlite:///") else results
     return folder.resolve() / "mlflow-artifacts"
@@ -88,7 +88,7 @@ class Store:
     def __init__(self, address: str):
         self.address = address
         # a server knows where its artifacts lie; with a file we say it, or they land in the working directory
-        self._artifacts = artifacts_beside(address, Path()) if address.startswith("sqlite:///") else None
+        self._artifacts = artifact_folder(address, Path()) if address.startswith("sqlite:///") else None
         with self._explained():
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # deprecations inside MLflow and what it imports
@@ -127,8 +127,8 @@ class Store:
         """Id of the experiment of a `stage`; made (or brought back from deletion) where it is missing, if `create`."""
         name = EXPERIMENT + stage
         with self._explained():
-            found = self._client.get_experiment_by_name(name)
-            if found is None and create:
+            existing = self._client.get_experiment_by_name(name)
+            if existing is None and create:
                 from mlflow.exceptions import MlflowException
 
                 location = None if self._artifacts is None else (self._artifacts / stage).as_uri()
@@ -137,18 +137,18 @@ class Store:
                     tags = {"mlflow.experimentKind": "custom_model_development"}
                     return self._client.create_experiment(name, artifact_location=location, tags=tags)
                 except MlflowException:
-                    found = self._client.get_experiment_by_name(name)  # another process made it first
-                    if found is None:
+                    existing = self._client.get_experiment_by_name(name)  # another process made it first
+                    if existing is None:
                         raise
-            if found is None:
+            if existing is None:
                 return None
-            if found.lifecycle_stage == "deleted":
+            if existing.lifecycle_stage == "deleted":
                 if not create:
                     return None
-                self._client.restore_experiment(found.experiment_id)
+                self._client.restore_experiment(existing.experiment_id)
             if create:
-                self._still_here(found)
-            return found.experiment_id
+                self._still_here(existing)
+            return existing.experiment_id
 
     def _still_here(self, experiment) -> None:
         """Refuse a SQLite store that was moved with its folder: MLflow keeps absolute paths of artifacts."""
@@ -164,13 +164,13 @@ class Store:
     def runs(self, experiment_id: str, tags: dict[str, str]) -> list[StoredRun]:
         """Runs of the experiment `experiment_id` that carry all `tags` and are not deleted, newest first."""
         wanted = " and ".join(f"tags.`{key}` = '{value}'" for key, value in tags.items())
-        found, token = [], None
+        matching, token = [], None
         with self._explained():
             while True:
                 page = self._client.search_runs(
                     [experiment_id], wanted, max_results=500, order_by=["attributes.start_time DESC"], page_token=token
                 )
-                found += page
+                matching += page
                 token = page.token
                 if not token:
                     break
@@ -180,7 +180,7 @@ class Store:
                 dict(run.data.tags),
                 run.info.status == "FINISHED" and run.data.tags.get(COMPLETE) == "true",
             )
-            for run in found
+            for run in matching
         ]
 
     def write(self, experiment_id: str, name: str, record: Record, tags: dict[str, str]) -> str:

@@ -23,7 +23,7 @@ def optimise_records(finished: FinishedTables) -> list[Record]:
     if not finished.has(OPTIMA):
         return []
     optima = finished.read(OPTIMA)
-    searched = optima[[_found_there(row) for row in optima.to_dict("records")]]
+    searched = optima[[_is_of_its_source(row) for row in optima.to_dict("records")]]
     if searched.empty:
         return []
     configuration = finished.configuration("optimise")
@@ -31,7 +31,7 @@ def optimise_records(finished: FinishedTables) -> list[Record]:
     nested = [_point(finished, row) for row in searched.to_dict("records")]
     main = nested[_main(finished, searched)]
     names = [name for table in _TABLES for name in finished.names(table)]
-    whole = Record(
+    scenario_run = Record(
         "optimise",
         metrics=main.metrics,
         curves=main.curves,
@@ -40,13 +40,13 @@ def optimise_records(finished: FinishedTables) -> list[Record]:
         notes=main.notes,
         **shared,
     )
-    return [whole, *nested]
+    return [scenario_run, *nested]
 
 
 _TABLES = (OPTIMA, RESIMULATED, WORTH, POPULATION, PATHS, TOLERANCE, VALLEY, FLOOR)
 
 
-def _found_there(row: dict) -> bool:
+def _is_of_its_source(row: dict) -> bool:
     """Whether the row shows a point under the source that it was found with."""
     return row["point"] == f"{row['source']}_{row['box']}_{row['method']}"
 
@@ -68,7 +68,7 @@ def _point(finished: FinishedTables, row: dict) -> Record:
         **{f"frozen/{measure}_reduction_percent": 100 * row[f"{measure}_reduction"] for measure in MEASURES},
         **_sizes(row),
         **_resimulated(finished, row["point"]),
-        **_worth(finished, row["point"]),
+        **_machine_metrics(finished, row["point"]),
     }
     notes = {name: row[name] or "" for name in ("point", "source", "box", "method", "active_bounds", "status")}
     curve = _curve(finished, row)
@@ -109,7 +109,7 @@ def _resimulated(finished: FinishedTables, point: str) -> dict[str, float]:
     return metrics
 
 
-def _worth(finished: FinishedTables, point: str) -> dict[str, float]:
+def _machine_metrics(finished: FinishedTables, point: str) -> dict[str, float]:
     """What the lengths mean for the machine."""
     if not finished.has(WORTH):
         return {}

@@ -14,7 +14,7 @@ NETWORK = "network"
 CLEARANCE = "clearance"
 """The second surrogate: one network a joint, from which all outputs of the joint follow."""
 
-_WHOLE = ("weights", "iterations", "paper_mse")
+_OVERALL = ("weights", "iterations", "paper_mse")
 _BY_REGION = (
     "training_points",
     "held_out_points",
@@ -46,14 +46,14 @@ def surrogate_records(finished: FinishedTables) -> list[Record]:
         _fit(finished, model, output, rows, curves[output])
         for (model, output), rows in errors.groupby(["model", "output"], sort=False)
     ]
-    return [_whole(finished, errors, curves), *nested]
+    return [_scenario_run(finished, errors, curves), *nested]
 
 
-def _whole(finished: FinishedTables, errors: pd.DataFrame, curves: dict[str, Curve | None]) -> Record:
+def _scenario_run(finished: FinishedTables, errors: pd.DataFrame, curves: dict[str, Curve | None]) -> Record:
     """How many outputs reach the paper's errors, and all curves: the run that scenarios are compared by."""
     metrics = {}
-    whole = errors[errors["region"] == "all"]
-    for model, rows in whole.groupby("model", sort=False):
+    of_all_regions = errors[errors["region"] == "all"]
+    for model, rows in of_all_regions.groupby("model", sort=False):
         metrics |= {f"{model}_outputs": len(rows), f"{model}_outputs_of_the_paper": rows["paper_mse"].notna().sum()}
         for kind in ("training", "held_out"):
             metrics[f"{model}_outputs_{kind}_at_paper"] = (rows[f"{kind}_mse"] <= rows["paper_mse"]).sum()
@@ -74,7 +74,7 @@ def _fit(finished: FinishedTables, model: str, output: str, rows: pd.DataFrame, 
     metrics = {}
     for row in rows.to_dict("records"):
         suffix = _REGIONS[row["region"]]
-        metrics |= {f"{name}{suffix}": row[name] for name in _BY_REGION} | {name: row[name] for name in _WHOLE}
+        metrics |= {f"{name}{suffix}": row[name] for name in _BY_REGION} | {name: row[name] for name in _OVERALL}
     metrics |= {f"log10_{name}": np.log10(metrics[name]) for name in _LOGARITHMS if metrics.get(name, 0.0) > 0}
     configuration = finished.configuration("surrogate")
     results = [f"fit_errors/{output}", f"fit_errors/{model}"]

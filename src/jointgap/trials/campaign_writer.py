@@ -10,7 +10,7 @@ import yaml
 
 from jointgap.quantities import unit_factor
 from jointgap.tables import write_text
-from jointgap.tables.store import write_whole
+from jointgap.tables.store import write_atomically
 from jointgap.trials.size_calibration import Readings
 from jointgap.trials.virtual_rig import VirtualRig
 
@@ -66,7 +66,7 @@ def write_campaign(rng: np.random.Generator, rig: VirtualRig, readings: Readings
             frame[column] = values * scale[channel]
         file = folder / f"{run}.{'parquet' if parquet else 'csv'}"
         if parquet:
-            write_whole(file, lambda path, frame=frame: frame.to_parquet(path, index=False))
+            write_atomically(file, lambda path, frame=frame: frame.to_parquet(path, index=False))
         else:
             text = frame.to_csv(sep=separator, decimal=decimal, index=False, float_format="%.9g")
             write_text(file, text)

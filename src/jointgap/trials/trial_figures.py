@@ -31,8 +31,8 @@ def draw_score(trials: pd.DataFrame) -> dict[str, Drawing]:
 
 
 def _rates(trials: pd.DataFrame) -> Drawing:
-    found = rates(trials)
-    shown = found[found["what"].isin(GOALS)].reset_index(drop=True)
+    all_rates = rates(trials)
+    shown = all_rates[all_rates["what"].isin(GOALS)].reset_index(drop=True)
     goals = shown["what"].map(lambda what: GOALS[what][0]).to_numpy(float)
     least = shown["what"].map(lambda what: GOALS[what][1] == "at least").to_numpy(bool)
     met = np.where(least, shown["value"] >= goals, shown["value"] <= goals)

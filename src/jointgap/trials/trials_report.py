@@ -116,8 +116,8 @@ def _share_of_counts(what: str, group: str, hits: int, count: int) -> dict:
 
 def _share_of_values(what: str, values: pd.Series) -> dict:
     """A share of values between 0 and 1, of which a trial may have a half."""
-    known = values.dropna()
-    return _share_of_counts(what, "all", round(known.sum()), len(known))
+    defined = values.dropna()
+    return _share_of_counts(what, "all", round(defined.sum()), len(defined))
 
 
 def _share_of_sums(what: str, part: pd.Series, total: pd.Series) -> dict:
