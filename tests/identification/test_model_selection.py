@@ -1,0 +1,203 @@
+"""Which hypotheses are fitted, and what a second effect has to gain: limits met from both sides by made-up fits."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from jointgap.errors import SimulationError
+from jointgap.identification import model_selection
+from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.model_selection import (
+    best_sufficient,
+    nonlinearity,
+    refit_jacobian,
+    shortlist_singles,
+    swap_one_effect,
+    two_effect_thresholds,
+)
+from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.identification.screening import Signature, Signatures
+from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.identification.thresholds import Thresholds
+
+SAMPLES = 200
+LN = float(np.log(SAMPLES))
+DOF = SAMPLES - 1  # one nuisance
+LIMITS = Thresholds(rate=0.01, omnibus=1.5, max_gain_threshold=12.0)
+WANTED = 0.5 * 12.0  # half of the gain that is called an effect
+
+
+def effect(name, **more):
+    """An effect with one amplitude."""
+    return Candidate(name, "slider", (Parameter("size", 0.0),), ("size",), **more)
+
+
+def signatures(rest, gains, grids=()):
+    """Signatures ``e0``, ``e1`` ... that each explain so much of chi2, of which `rest` is left if all are there."""
+    residual = np.zeros(SAMPLES)
+    residual[1 : len(gains) + 1], residual[-1] = np.sqrt(gains), np.sqrt(rest)
+    unit = np.eye(SAMPLES)
+    found = []
+    for place in range(len(gains)):
+        candidate = effect(f"e{place}", grid=(1.0,) if place in grids else ())
+        found.append(Signature(candidate, {}, unit[:, [place + 1]], residual, ("slow",)))
+    return Signatures((Parameter("mass", 1.0),), np.array([1.0]), unit[:, :1], residual, found, {})
+
+
+def shortlisted(*given, **more):
+    return [screened.label for screened in shortlist_singles(signatures(*given, **more), LIMITS)]
+
+
+def fitted(chi2, *effects, status="converged"):
+    parameters = [Parameter("mass", 1.0), *(Parameter(f"{c.label}.size", 0.0) for c in effects)]
+    residual = np.zeros(SAMPLES)
+    residual[-1] = chi2**0.5
+    return Fit(
+        effects, tuple(parameters), np.ones(len(parameters)), residual, np.eye(SAMPLES)[:, : len(parameters)], 1, status
+    )
+
+
+COULOMB, SPRING = effect("coulomb"), effect("spring")
+
+
+# Single effects
+
+
+def test_where_the_base_leaves_more_than_noise_the_eight_best_are_fitted():
+    gains = [float(100 + place) for place in range(10)]
+    assert shortlisted(10.0, gains) == [f"e{place}" for place in range(9, 1, -1)]
+
+
+@pytest.mark.parametrize(("best", "grid_too"), [(1799.0, True), (1801.0, False)])
+def test_effects_on_a_grid_are_fitted_too_where_the_best_signature_leaves_a_tenth_of_the_misfit(best, grid_too):
+    others = [1.0 + 0.01 * place for place in range(9)]
+    rest = DOF + 2000.0 - best - sum(others)  # the misfit is 2000
+    labels = shortlisted(rest, [best, *others], grids=(1,))
+    assert len(labels) == 8 + grid_too
+    assert labels[0] == "e0"
+    assert ("e1" in labels) == grid_too  # the worst one
+    assert "e2" not in labels
+
+
+@pytest.mark.parametrize(("gain", "count"), [(LN + WANTED + 0.01, 3), (LN + WANTED - 0.01, 2)])
+def test_where_the_base_leaves_noise_alone_an_effect_has_to_promise_half_of_what_is_called_one(gain, count):
+    assert len(shortlisted(100.0, [gain, gain + 1.0, gain + 2.0, 0.5])) == min(count, 3)
+
+
+@pytest.mark.parametrize(("behind", "count"), [(29.9, 3), (30.1, 2)])
+def test_where_the_base_leaves_noise_alone_effects_far_behind_the_best_are_left_out(behind, count):
+    assert len(shortlisted(20.0, [80.0, 79.0, 80.0 - behind])) == count
+
+
+def test_two_are_fitted_in_any_case_and_never_more_than_eight():
+    assert len(shortlisted(100.0, [0.1, 0.2, 0.3])) == 2
+    assert len(shortlisted(10.0, [12.0 + 0.1 * place for place in range(10)])) == 8
+    assert shortlisted(100.0, []) == []
+
+
+@pytest.mark.parametrize(("chi2", "all_fitted"), [(1.5 * DOF - 0.1, False), (1.5 * DOF + 0.1, True)])
+def test_the_base_leaves_noise_alone_up_to_what_null_campaigns_do(chi2, all_fitted):
+    assert len(shortlisted(chi2 - 3.0, [1.0, 1.0, 1.0])) == (3 if all_fitted else 2)
+
+
+# A second effect
+
+
+@pytest.mark.parametrize(("share", "enough"), [(1.4999, True), (1.5001, False)])
+def test_an_effect_is_sufficient_if_it_leaves_no_more_than_null_campaigns_do(share, enough):
+    fit = fitted(share * (SAMPLES - 2), COULOMB)
+    baseline = SimpleNamespace(base=fitted(900.0))
+    assert best_sufficient(baseline, [fit], LIMITS) is (fit if enough else None)
+
+
+def test_of_sufficient_effects_the_one_with_the_least_bic_is_best_and_it_has_to_beat_the_base():
+    fits = [fitted(200.0, COULOMB), fitted(190.0, SPRING), fitted(189.0, COULOMB, SPRING)]
+    assert best_sufficient(SimpleNamespace(base=fitted(900.0)), fits, LIMITS) is fits[1]
+    assert best_sufficient(SimpleNamespace(base=fitted(190.0)), fits, LIMITS) is None
+
+
+@pytest.fixture
+def second(monkeypatch):
+    """Thresholds of two effects where other numerics change chi2 by so much beyond what nuisances take up."""
+
+    def made(changed, chi2, base=1000.0, jump=0.0, fits=None):
+        row = np.zeros(SAMPLES)
+        row[0], row[5] = 99.0, changed**0.5  # the nuisance takes up the first
+        monkeypatch.setattr(model_selection, "other_numerics", lambda *_: np.array([0.1 * row, row]))
+        monkeypatch.setattr(model_selection, "nonlinearity", lambda *_: jump)
+        problem = SimpleNamespace(settings=DEFAULT_SETTINGS)
+        baseline = SimpleNamespace(base=fitted(base), problem=problem)
+        given = [fitted(chi2 + 1.0, SPRING), fitted(chi2, COULOMB), fitted(1.0, SPRING, COULOMB)]
+        return two_effect_thresholds(baseline, given if fits is None else fits, LIMITS)
+
+    return made
+
+
+def test_what_other_numerics_change_raises_both_thresholds_of_a_second_effect(second):
+    limits = second(changed=30.0, chi2=200.0)  # 5 % of 800 is 40
+    assert limits.max_gain_threshold == pytest.approx(30.0)
+    assert limits.omnibus == pytest.approx(1.5 + 30.0 / SAMPLES)
+
+
+def test_what_other_numerics_change_counts_up_to_a_small_part_of_what_the_effect_explains(second):
+    limits = second(changed=50.0, chi2=200.0)
+    assert limits.max_gain_threshold == pytest.approx(40.0)
+    assert limits.omnibus == 1.5
+
+
+def test_less_than_the_threshold_of_single_effects_changes_nothing(second):
+    assert second(changed=11.0, chi2=200.0) == LIMITS
+
+
+def test_a_jump_of_chi2_counts_where_the_single_effect_is_sufficient_alone(second):
+    assert second(changed=0.0, chi2=200.0, jump=70.0).max_gain_threshold == 70.0
+    assert second(changed=0.0, chi2=200.0, jump=3.0).max_gain_threshold == 12.0
+    assert second(changed=0.0, chi2=400.0, jump=70.0).max_gain_threshold == 12.0
+
+
+def test_without_a_fit_of_a_single_effect_the_thresholds_stay(second):
+    assert second(30.0, 200.0, fits=[]) is LIMITS
+    assert second(30.0, 200.0, fits=[fitted(200.0, COULOMB, status=FAILED), fitted(1.0, SPRING, COULOMB)]) is LIMITS
+
+
+def jumping(jump, at=5):
+    """A problem whose residuals depend on one parameter linearly, but for a jump of one sample above the fit."""
+
+    def residual(values, hypothesis):
+        change = np.zeros(SAMPLES)
+        change[0] = values["mass"] - 1.0
+        change[at] = jump * (values["mass"] > 1.0)
+        return fitted(100.0).residual + change
+
+    return SimpleNamespace(residual=residual)
+
+
+def test_residuals_that_depend_on_parameters_linearly_have_no_jump():
+    assert nonlinearity(jumping(0.0), fitted(100.0)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_jump_is_what_chi2_has_beyond_what_the_other_side_predicts():
+    assert nonlinearity(jumping(2.0), fitted(100.0)) == pytest.approx(4.0)
+    assert nonlinearity(jumping(2.0, at=-1), fitted(100.0)) == pytest.approx(12.0**2 - 10.0**2)
+
+
+def test_values_that_cannot_be_simulated_have_no_jump():
+    def fails(*_):
+        raise SimulationError("too far")
+
+    assert nonlinearity(SimpleNamespace(residual=fails), fitted(100.0)) == 0.0
+
+
+# Fits once more
+
+
+def test_a_failed_fit_is_not_fitted_again():
+    lost = fitted(1.0, COULOMB, status=FAILED)
+    assert refit_jacobian(SimpleNamespace(), lost) is lost
+
+
+def test_nothing_is_swapped_where_no_pair_is_best():
+    assert swap_one_effect(SimpleNamespace(), None, []) == []
+    fits = [fitted(100.0, COULOMB), fitted(400.0, COULOMB, SPRING), fitted(1.0, COULOMB, SPRING, status=FAILED)]
+    assert swap_one_effect(SimpleNamespace(), None, fits) == []
