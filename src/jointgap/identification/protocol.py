@@ -217,8 +217,3 @@ class Model(Protocol):
 def runs_of(model: Model) -> tuple[str, ...]:
     """The runs of a model, in order."""
     return tuple(dict.fromkeys(series.run for series in model.series))
-
-
-def held_out_runs(model: Model) -> tuple[str, ...]:
-    """Runs of which no sample takes part in fitting."""
-    return tuple(run for run in runs_of(model) if all(s.held_out.all() for s in model.series if s.run == run))
