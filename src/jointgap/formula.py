@@ -33,9 +33,9 @@ VARIABLES = {
 }
 """What a formula may depend on; the place of a name here is its index in a program."""
 
-DEEPEST_STACK = 16
-LONGEST_FORMULA = 1000
-DEEPEST_NESTING = 50
+DEEPEST_STACK = 16  # numbers that the evaluator holds at once: its memory has a fixed size
+LONGEST_FORMULA = 1000  # [characters] far more than a law of friction or of a spring needs
+DEEPEST_NESTING = 50  # brackets in brackets: far less than Python's own limit of recursion
 
 _FUNCTIONS: dict[str, tuple[int, Callable[[float], float]]] = {
     "sin": (SIN, math.sin),

@@ -12,7 +12,7 @@ from jointgap.config.campaign_file import Campaign
 from jointgap.identification.estimates import effect_estimates
 from jointgap.slider_crank import augmented_mechanism
 
-_WIDTH = 110
+_WIDTH = 110  # [characters] of a line of YAML: short lists stay on one
 
 
 def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechanism]:

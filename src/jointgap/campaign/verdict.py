@@ -15,7 +15,7 @@ from jointgap.identification.fit import Fit
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 1  # one more when a key of verdict.json changes its meaning or goes
 
 _TERM_PREFIX = "discovered_"
 

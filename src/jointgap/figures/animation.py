@@ -20,7 +20,7 @@ from jointgap.report.plain_words import in_words
 
 OPENING, SHARE = 60.0, 0.5  # [deg] the opening, where the journals fly and hit, gets this share of the frames
 FRAME_DURATION = 0.06  # s
-WIDTH, HEIGHT, DOTS_PER_INCH = 8.6, 5.8, 100
+WIDTH, HEIGHT, DOTS_PER_INCH = 8.6, 5.8, 100  # [in], [in], [1/in]: a frame fits beside text on a page
 JOURNAL = 14.0  # [mm] drawn radius of a journal
 FLIGHT = "#BBBBBB"
 FORCE = Quantity("normal force", "N")

@@ -70,7 +70,7 @@ LOOK = {
     "svg.fonttype": "path",
 }
 WIDTH = 7.5  # inches
-DOTS_PER_INCH = 160
+DOTS_PER_INCH = 160  # [1/in] sharp on a screen; printing takes the SVG
 
 
 @dataclass(frozen=True)

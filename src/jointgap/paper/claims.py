@@ -15,7 +15,7 @@ ALIKE = 0.05  # two sizes that differ by less are alike
 TIE = 0.001  # percentage points by which an optimiser has to lead
 IN_CONTACT = 0.999  # share of the clearance from which on the journal counts as on its bearing
 ONE_POINT = 1e-6  # [m] within which two end points are one
-MM, UM = 1e3, 1e6
+MM, UM = 1e3, 1e6  # [1/m] numbers in mm and um
 
 
 def claims(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[VariantOptimum]) -> Iterator[Row]:

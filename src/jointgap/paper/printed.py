@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from jointgap.config import Mechanism, Simulate
 from jointgap.joints import PINS
 
-ROUNDING_M = 1e-9
+ROUNDING_M = 1e-9  # [m] lengths that differ by less, as by a change of units, are the same
 
 TRAINING_MSE = {
     "r2": 1.1980e-5,
@@ -26,7 +26,7 @@ def reference_mse(output: str) -> float:
     return TRAINING_MSE[output.replace("1", "2")]
 
 
-TRAINING_ITERATIONS = 20_000
+TRAINING_ITERATIONS = 20_000  # that the paper trains each network for
 
 
 LOOSE = PINS
@@ -77,9 +77,9 @@ OPTIMA = (
     PrintedOptimum("printed_local_other", "local, another start", 0.147287, 0.555001, 0.13716, None),
 )
 
-UNSTABLE_UNTIL_DEG = 30.0
-ROD_DEVIATION_M = 0.001
-PISTON_DEVIATION_M = 0.002
+UNSTABLE_UNTIL_DEG = 30.0  # [deg] crank angle up to which the paper calls the contact unstable
+ROD_DEVIATION_M = 0.001  # [m] deviation of the rod from the ideal mechanism that the paper states
+PISTON_DEVIATION_M = 0.002  # [m] the same of the piston
 
 AGREES = 0.01  # share of the paper's value within which a number agrees
 LENGTH_AGREES = 0.001  # the same for optimum lengths: any point of the box would agree within 1 %

@@ -19,8 +19,8 @@ from jointgap.paper.printed import (
     departures,
 )
 
-MM = 1e3
-PERCENT = 100
+MM = 1e3  # [1/m] numbers in mm
+PERCENT = 100  # [1] shares in percent
 
 
 def numbers(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Iterator[Row]:

@@ -40,7 +40,7 @@ SAME_FORCE_RMS = 0.1
 CLOSED_FROM_GAP = 1.5
 """Gap of the held-out run from which on the share of its excess that is closed says something."""
 
-_BIN_DEG = 10
+_BIN_DEG = 10  # [deg] width of a bin of the map of disagreement
 
 _TEXT = {
     "id": "the campaign's name",
