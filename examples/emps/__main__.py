@@ -8,7 +8,7 @@ import numpy as np
 from examples.emps.model import HELD_OUT, Emps
 from jointgap.errors import InputError
 from jointgap.identification.baseline import Baseline, recalibrate
-from jointgap.identification.decision import Decision
+from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.estimates import HALF_WIDTH_90
 from jointgap.identification.fit import Fit
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles

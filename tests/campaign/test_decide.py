@@ -8,7 +8,7 @@ from jointgap.campaign import verdict
 from jointgap.campaign.tables_of_identification import outcome_of
 from jointgap.identification import model_selection
 from jointgap.identification.baseline import recalibrate
-from jointgap.identification.decision import Decision
+from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.thresholds import screen_candidates
 from tests.campaign.conftest import TRUTH

@@ -17,7 +17,7 @@ from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.errors import SimulationError
 from jointgap.identification import force_law, model_selection
-from jointgap.identification.decision import Decision
+from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.disagreement import map_disagreement
 from jointgap.stages import campaign_stages as stages
 

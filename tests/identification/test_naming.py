@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.identification.baseline import other_numerics, recalibrate
-from jointgap.identification.decision import Decision
+from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.initial_fit import fit_screened

@@ -11,7 +11,7 @@ from jointgap import tables
 from jointgap.campaign.clockwise import nuisances_as_read
 from jointgap.errors import InputError
 from jointgap.identification.baseline import Baseline
-from jointgap.identification.decision import NO_DISAGREEMENT, Decision, Ranked
+from jointgap.identification.decide_verdict import NO_DISAGREEMENT, Decision, Ranked
 from jointgap.identification.estimates import effect_estimates
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.force_law import ForceLawResult

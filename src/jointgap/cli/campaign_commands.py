@@ -38,10 +38,10 @@ _OPTIONS = {
 _then = click.option(
     "--then",
     "further",
-    type=click.Choice([name for name in CAMPAIGN_STAGES if name != "track-campaign"]),
+    type=click.Choice([name for name in CAMPAIGN_STAGES if name not in {*_OPTIONS, "track-campaign"}]),
     metavar="STAGE",
     multiple=True,
-    help="Another stage to run afterwards in the same process; repeatable.",
+    help="Another stage, of those without options of their own, to run afterwards in the same process; repeatable.",
 )
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jointgap.identification.baseline import Baseline
-from jointgap.identification.decision import reduced_chi2
+from jointgap.identification.decide_verdict import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Hypothesis

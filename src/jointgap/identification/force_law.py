@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jointgap.identification.decision import Ranked, reduced_chi2, weigh
+from jointgap.identification.decide_verdict import Ranked, reduced_chi2, weigh
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.coarse_search import search_pairs, search_singles
-from jointgap.identification.decision import reduced_chi2
+from jointgap.identification.decide_verdict import reduced_chi2
 from jointgap.identification.fit import Fit
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import (

@@ -7,7 +7,7 @@ import numpy as np
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline, multistart_fit, other_numerics, random_nuisances
-from jointgap.identification.decision import Decision, decide, reduced_chi2
+from jointgap.identification.decide_verdict import Decision, decide, reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Problem
@@ -133,7 +133,7 @@ def refit_jacobian(baseline: Baseline, fit: Fit) -> Fit:
 
 
 def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
-    """Weigh the fits (`jointgap.identification.decision.decide`), the best of each hypothesis.
+    """Weigh the fits (`jointgap.identification.decide_verdict.decide`), the best of each hypothesis.
 
     Where the motion has numerical noise, base and rivals are first fitted again from the best one's nuisances: a
     hypothesis must not win by having found a deeper valley of parameters that all share.

@@ -439,7 +439,7 @@ class ConfirmationSettings:
 
 @dataclass(frozen=True)
 class DecisionSettings:
-    """What a name asks for (`jointgap.identification.decision`).
+    """What a name asks for (`jointgap.identification.decide_verdict`).
 
     Attributes
     ----------

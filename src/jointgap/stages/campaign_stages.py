@@ -245,7 +245,7 @@ def regress(state: "CampaignState") -> None:
     """Where no effect explains what is missing: look for a force law as a formula."""
     from jointgap.campaign.tables_of_identification import outcome_with_law
     from jointgap.identification import force_law
-    from jointgap.identification.decision import UNEXPLAINED
+    from jointgap.identification.decide_verdict import UNEXPLAINED
 
     if state.folder.read("decision", "decide")["verdict"].iloc[0] != UNEXPLAINED:
         state.folder.write_all(state.folder.read_all(OUTCOME_TABLES, "decide"), "regress")

@@ -7,6 +7,7 @@ z_i = sum_j W_ij a_j + W_i,-1. All layers behind each other, row by row, are the
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -83,7 +84,7 @@ def activations_and_outputs(
     return activations, np.matmul(np.asarray(matrices[-1]), activations[-1])[..., 0, :]
 
 
-def tansig_slope(layer):
+def tansig_slope(layer: Any) -> Any:
     """Derivative of tansig by its argument, shape (..., neurons, N), from a hidden layer's activations.
 
     Works on numpy arrays and on torch tensors.

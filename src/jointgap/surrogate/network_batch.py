@@ -21,12 +21,23 @@ class Evaluation(Protocol):
 
     outputs: torch.Tensor
 
-    def select(self, members: torch.Tensor) -> "Evaluation": ...
-    def replaced(self, other: "Evaluation", members: torch.Tensor) -> "Evaluation": ...
-    def pull_back(self, weights: torch.Tensor) -> torch.Tensor: ...
-    def jacobian(self) -> torch.Tensor: ...
-    def products_of_rows(self, member: int, out: np.ndarray, work: tuple[np.ndarray, np.ndarray]) -> None: ...
-    def along(self, step: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]: ...
+    def select(self, members: torch.Tensor) -> "Evaluation":
+        """The same of some `members` (indices or mask of B)."""
+
+    def replaced(self, other: "Evaluation", members: torch.Tensor) -> "Evaluation":
+        """The same with those of `other` in the place of `members` (indices or mask of B)."""
+
+    def pull_back(self, weights: torch.Tensor) -> torch.Tensor:
+        """Transposed Jacobian times `weights` (B, N), shape (B, P)."""
+
+    def jacobian(self) -> torch.Tensor:
+        """Derivatives of the outputs by the parameters, shape (B, N, P)."""
+
+    def products_of_rows(self, member: int, out: np.ndarray, work: tuple[np.ndarray, np.ndarray]) -> None:
+        """Inner products of the Jacobian's rows of one `member`, into `out` (N, N); `work`: two such arrays."""
+
+    def along(self, step: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """First and second derivative of the outputs along `step` (B, P), each (B, N)."""
 
 
 class Model(Protocol):

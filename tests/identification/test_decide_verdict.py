@@ -5,7 +5,7 @@ for it.
 import numpy as np
 import pytest
 
-from jointgap.identification.decision import decide, rank, reduced_chi2, weigh
+from jointgap.identification.decide_verdict import decide, rank, reduced_chi2, weigh
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.thresholds import Thresholds
