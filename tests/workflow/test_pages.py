@@ -35,7 +35,7 @@ def test_every_name_of_the_package_can_be_imported(page):
 
 
 def test_every_path_that_the_page_of_the_code_names_is_there():
-    text = (ROOT / "docs/house.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs/code_map.md").read_text(encoding="utf-8")
     for path in re.findall(r"`([\w.]+/[\w./-]*)`", text):
         if not path.startswith("results/"):
             assert (ROOT / path).exists() or (ROOT / "src/jointgap" / path).exists(), path
