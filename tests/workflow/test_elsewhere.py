@@ -60,8 +60,12 @@ def test_another_workflow_uses_the_rules_with_its_own_configuration(tmp_path):
     assert "crank_angle" in (folder / "study.txt").read_text()
 
 
-def test_snakemake_finds_the_workflow_where_the_catalogue_looks_for_it():
-    plan = run(ROOT, "snakemake", "--dry-run", "--forceall", "--quiet", "rules", "--cores", "1")
-    assert plan.returncode == 0, plan.stderr
-    counts = dict(re.findall(r"^(\w+) +(\d+)$", plan.stdout, re.MULTILINE))
-    assert counts["all"] == "1" and int(counts["simulate"]) > 1
+def test_the_snakefile_at_the_top_asks_for_the_same_jobs_as_the_workflow_where_the_catalogue_looks_for_it():
+    plans = [
+        run(ROOT, "snakemake", *chosen, "--dry-run", "--forceall", "--quiet", "rules", "--cores", "1")
+        for chosen in ((), ("--snakefile", "workflow/Snakefile"))
+    ]
+    assert all(plan.returncode == 0 for plan in plans), plans[1].stderr
+    counts = [dict(re.findall(r"^(\w+) +(\d+)$", plan.stdout, re.MULTILINE)) for plan in plans]
+    assert counts[0].pop("everything") == counts[1].pop("all") == "1"
+    assert counts[0] == counts[1] != {}

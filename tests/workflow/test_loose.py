@@ -44,6 +44,11 @@ def test_there_is_a_network_for_each_output_of_each_loose_joint(tmp_path, name):
 
 def test_a_scenario_without_loose_joints_is_simulated_and_animated_and_holds_up_no_other(tmp_path):
     alone = planned(tmp_path, "none")
-    assert alone["simulate"] == alone["animation"] == 1 and set(alone) <= {"simulate", "animation", "all", "total"}
+    assert alone["simulate"] == alone["animation"] == 1 and set(alone) <= {
+        "simulate",
+        "animation",
+        "everything",
+        "total",
+    }
     beside = planned(tmp_path, "none", "two", "one")
     assert (beside["simulate"], beside["surrogate"], beside["compare"], beside["overview"]) == (3, 12, 2, 1)
