@@ -1,0 +1,51 @@
+"""Whether an effect is there, against what its covariance says of it."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.problem import Problem
+from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.identification.significance import chance, wald_statistic
+from tests.identification.test_fit import made_fit
+from tests.identification.toy import candidate_of, stated_noise, toy
+
+TORQUE = Candidate(
+    "torque", "crank", (Parameter("cosine", 0.0, low=-5.0), Parameter("sine", 0.0, low=-5.0)), ("cosine", "sine")
+)
+PARTS = [Parameter("torque.cosine", 0.0, low=-5.0), Parameter("torque.sine", 0.0, low=-5.0)]
+
+
+def torque(values, slopes):
+    return made_fit(np.zeros(len(slopes)), PARTS, slopes, values, (TORQUE,))
+
+
+def test_both_parts_of_a_torque_count_together():
+    """Each part alone is two standard errors from 0; together their chance is that of a chi2 of 8 with 2 degrees."""
+    fitted = torque([2.0, 2.0], np.eye(2))
+    assert wald_statistic(fitted, TORQUE) == pytest.approx(8.0)
+    assert chance(fitted, TORQUE) == pytest.approx(chi2.sf(8.0, 2))
+
+
+def test_errors_that_go_together_count_as_such():
+    slopes = np.array([[1.0, 0.9], [0.0, 0.5], [0.3, -0.2]])
+    fitted = torque([1.0, -2.0], slopes)
+    expected = fitted.values @ slopes.T @ slopes @ fitted.values
+    assert wald_statistic(fitted, TORQUE) == pytest.approx(expected)
+
+
+def test_what_stands_at_a_bound_other_than_zero_is_there_and_what_stands_at_zero_is_not():
+    assert wald_statistic(torque([-5.0, 0.1], np.eye(2)), TORQUE) == np.inf
+    assert chance(torque([-5.0, 0.1], np.eye(2)), TORQUE) == 0.0
+    friction = Candidate("friction", "slider", (Parameter("size", 0.0, low=0.0),), ("size",))
+    none = made_fit(np.zeros(3), [Parameter("friction.size", 0.0, low=0.0)], np.ones((3, 1)), [0.0], (friction,))
+    assert (wald_statistic(none, friction), chance(none, friction)) == (0.0, 1.0)
+
+
+def test_the_statistic_is_what_chi2_gains_where_residuals_are_linear():
+    model = toy({"constant_force": {"force_N": 0.05}}, seed=4)
+    here, effect = Problem(model, stated_noise(model)), candidate_of("constant_force")
+    base, found = fit_hypothesis(here, refresh=True), fit_hypothesis(here, (effect,), refresh=True)
+    inflation = max(1.0, found.chi2 / (here.size - len(found.parameters)))
+    assert wald_statistic(found, effect) * inflation == pytest.approx(base.chi2 - found.chi2, rel=0.02)
