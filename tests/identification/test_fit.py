@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from jointgap.identification.baseline import probed_differences
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import CONVERGED, FAILED, STOPPED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.gauss_newton import bounded_step, compress_rows
@@ -210,8 +211,9 @@ def test_a_fit_that_runs_out_of_steps_says_so():
 def test_a_fit_that_another_beats_ends_early():
     model = knocking({"spring": {"stiffness_N_m": 2.0}}, clearance=1.05, seed=2)
     here, hypothesis = problem(model), (candidate(model, "spring"),)
-    assert fit_hypothesis(here, hypothesis).status == CONVERGED
+    patient = fit_hypothesis(here, hypothesis)
     beaten = fit_hypothesis(here, hypothesis, sufficient_chi2=1.0)
+    assert beaten.simulations < patient.simulations
     assert (beaten.status, beaten.reason) == (STOPPED, "poor, and hardly better from step to step")
 
 
@@ -227,5 +229,31 @@ def test_the_numerical_noise_is_what_next_to_no_change_of_a_parameter_changes(hi
     differences = FiniteDifferences(SimpleNamespace(parts=[], settings=DEFAULT_SETTINGS, residual=residual))
     assert (differences.target, differences.numerical_noise_chi2) == (5.0, 0.0)
     differences.probe([Parameter("a", 0.0, high=high, step=2.0)], {"a": 0.0}, np.array([0.0, 1.0]))
-    assert asked == [2e-6 if high else -2e-6]
+    assert asked == [2e-6, 4e-6] if high else [-2e-6, -4e-6]
     assert (differences.numerical_noise, differences.target, differences.numerical_noise_chi2) == (3.0, 15.0, 6.0)
+
+
+def test_a_change_that_grows_with_the_step_is_no_numerical_noise():
+    """A sensor so good that a millionth of a usual step changes its residuals by 100."""
+    stub = SimpleNamespace(
+        parts=[], settings=DEFAULT_SETTINGS, residual=lambda values: np.array([5e7 * values["a"], 1.0])
+    )
+    differences = FiniteDifferences(stub)
+    differences.probe([Parameter("a", 0.0, step=2.0)], {"a": 0.0}, np.array([0.0, 1.0]))
+    assert differences.numerical_noise < 1e-6
+
+
+@pytest.mark.parametrize("decade", range(3, 10))
+def test_however_good_the_sensors_a_fit_ends_at_the_truth(decade):
+    truth = {"slider_mass": 0.512, "crank_length": 0.1507, "speed@slow": 10.01, "speed@mid": 16.03}
+    effects = {"viscous": {"damping_N_s_m": 0.5}}
+    model = toy(effects, truth, noise=10.0**-decade, seed=1)
+    here, hypothesis = problem(model), (candidate(model, "viscous"),)
+    differences = probed_differences(here, {p.key: p.nominal for p in here.nuisances})
+    found = fit_hypothesis(here, hypothesis, differences=differences, refresh=True)
+    assert found.status == CONVERGED
+    assert found.chi2 < 1.2 * here.size
+    errors = dict(zip((p.key for p in found.parameters), np.sqrt(np.diag(found.covariance())), strict=True))
+    for key, value in (truth | {"viscous.damping_N_s_m": 0.5}).items():
+        assert abs(found.mapping[key] - value) < 4 * errors[key]
+    assert found.simulations < 50  # as many as where noise is a hundredth, and a step or two

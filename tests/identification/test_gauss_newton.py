@@ -89,6 +89,8 @@ def test_after_a_bad_step_a_worn_jacobian_is_made_anew_and_a_fresh_one_damped():
 def test_a_step_has_to_promise_more_the_poorer_the_fit():
     assert rule(50.0).min_decrease() == 0.05
     assert rule(50.0, 300.0).min_decrease() == pytest.approx(0.05 * 9.0)
+    assert rule(2000.0).min_decrease() == pytest.approx(20.0)
+    assert rule(1e14).min_decrease() == pytest.approx(1e12)  # never more than what one of 100 samples leaves
     assert rule(300.0, smoothed=True).min_decrease() == pytest.approx(3.0)
     assert rule(300.0, numerical_noise_chi2=7.0).min_decrease() == 7.0
 

@@ -53,10 +53,19 @@ class FiniteDifferences:
         changes = []
         for p in shared:
             size = self.settings.probe_step * p.step
-            step = size * (1.0 if values[p.key] + size <= p.high else -1.0)
-            changes.append(np.linalg.norm(self.problem.residual({**values, p.key: values[p.key] + step}) - residual))
+            step = size * (1.0 if values[p.key] + 2.0 * size <= p.high else -1.0)
+            changes.append(self._noise_of(p.key, step, values, residual))
         self.numerical_noise = float(max(changes, default=0.0))
         self.target = max(self.target, self.settings.target_over_numerical_noise * self.numerical_noise)
+
+    def _noise_of(self, key: str, step: float, values: Mapping[str, float], residual: np.ndarray) -> float:
+        """Length of the change over a step that does not grow with the step, as a true effect does."""
+        change = self.problem.residual({**values, key: values[key] + step}) - residual
+        length = float(np.linalg.norm(change))
+        if length <= 0.5 * self.problem.settings.stopping.min_decrease:
+            return length  # no fit ends sooner for it
+        twice = self.problem.residual({**values, key: values[key] + 2.0 * step}) - residual
+        return min(length, float(np.linalg.norm(twice - 2.0 * change)))
 
     def jacobian(
         self,

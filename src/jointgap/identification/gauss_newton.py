@@ -154,7 +154,8 @@ class StoppingRule:
     def min_decrease(self) -> float:
         """The smallest predicted decrease of chi2 that is worth a step."""
         chi2 = self.chi2[-1]
-        wanted = self.settings.min_decrease * max(1.0, chi2 / self.size) ** 2
+        per_sample = max(1.0, chi2 / self.size)
+        wanted = min(self.settings.min_decrease * per_sample**2, per_sample)
         return max(wanted, self._numerical_noise, self._share * chi2)
 
     def poor_and_slow(self) -> bool:

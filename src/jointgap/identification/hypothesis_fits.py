@@ -17,6 +17,7 @@ from jointgap.identification.model_selection import (
     shortlist_singles,
     two_effect_thresholds,
 )
+from jointgap.identification.nesting import not_above_its_parts
 from jointgap.identification.screening import LinearizedFit, Signatures
 from jointgap.identification.thresholds import Thresholds
 
@@ -42,7 +43,7 @@ def fit_singles(
         Which of how many parts, counted from 0.
     """
     shortlist = shortlist_singles(signatures, limits, baseline.problem.settings)
-    return _fit_each(baseline, signatures, [(single, None) for single in shortlist[part::parts]], limits)
+    return _fit_each(baseline, signatures, [(single, None) for single in shortlist[part::parts]], limits, ())
 
 
 def fit_pairs(
@@ -81,7 +82,7 @@ def _pairs_of_best(
     best = best_sufficient(baseline, alone, second)
     count = baseline.problem.settings.selection.partners
     pairs = shortlist_pairs(signatures, best, alone, second, count)[part::parts] if best else []
-    return _fit_each(baseline, signatures, [(pair, best) for pair in pairs], limits)
+    return _fit_each(baseline, signatures, [(pair, best) for pair in pairs], limits, alone)
 
 
 def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> TimedFits:
@@ -99,17 +100,25 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
     best: dict[str, Fit] = {}
     for fit in fits:
         best[fit.label] = min(best.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
-    share = (time.monotonic() - begin) / max(len(best), 1)
-    return list(best.values()), [share] * len(best)
+    parts = [baseline.base, *singles, *best.values()]
+    found = [not_above_its_parts(baseline.problem, baseline.differences, fit, parts) for fit in best.values()]
+    share = (time.monotonic() - begin) / max(len(found), 1)
+    return found, [share] * len(found)
 
 
 def _fit_each(
-    baseline: Baseline, signatures: Signatures, chosen: Sequence[tuple[LinearizedFit, Fit | None]], limits: Thresholds
+    baseline: Baseline,
+    signatures: Signatures,
+    chosen: Sequence[tuple[LinearizedFit, Fit | None]],
+    limits: Thresholds,
+    alone: Sequence[Fit],
 ) -> TimedFits:
+    problem, differences, parts = baseline.problem, baseline.differences, [baseline.base, *alone]
     fits, seconds = [], []
     for screened, part_fit in chosen:
         begin = time.monotonic()
         sufficient = min((fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
-        fits.append(fit_screened(baseline.problem, baseline.differences, signatures, screened, part_fit, sufficient))
+        fit = fit_screened(problem, differences, signatures, screened, part_fit, sufficient)
+        fits.append(not_above_its_parts(problem, differences, fit, parts))
         seconds.append(time.monotonic() - begin)
     return fits, seconds

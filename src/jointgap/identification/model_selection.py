@@ -10,6 +10,7 @@ from jointgap.identification.baseline import Baseline, multistart_fit, other_num
 from jointgap.identification.decide_verdict import Decision, decide, reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
+from jointgap.identification.nesting import chi2_without_effects, labels_of, moved, not_above_its_parts
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures
@@ -135,8 +136,10 @@ def refit_jacobian(baseline: Baseline, fit: Fit) -> Fit:
 def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
     """Weigh the fits (`jointgap.identification.decide_verdict.decide`), the best of each hypothesis.
 
-    Where the motion has numerical noise, base and rivals are first fitted again from the best one's nuisances: a
-    hypothesis must not win by having found a deeper valley of parameters that all share.
+    A hypothesis must not win by having found a deeper valley of parameters that all share. So no fit stays above that
+    of a part of it, the base is fitted again from the nuisances of what beats it by more than its effects account for
+    (`jointgap.identification.nesting`), and where the motion has numerical noise, base and rivals are fitted again from
+    the best one's nuisances in any case.
 
     Arguments as in `select_hypothesis`.
     """
@@ -145,14 +148,16 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
     limits = replace(second, max_gain_threshold=limits.max_gain_threshold)
     best: dict[frozenset[str], Fit] = {}
     for fit in sorted(fits, key=lambda fit: fit.chi2):
-        best.setdefault(_labels(fit), fit)
-    base, ranked = baseline.base, sorted(best.values(), key=lambda fit: fit.bic)
+        best.setdefault(labels_of(fit.hypothesis), fit)
+    needed = max(settings.min_delta_bic, limits.max_gain_threshold)
+    base = _where_effects_are(baseline, sorted(best.values(), key=lambda fit: fit.bic), needed)
+    best = none_above_its_parts(baseline, [base, *best.values()])
+    ranked = sorted(best.values(), key=lambda fit: fit.bic)
     if ranked and limits.numerical_noise > selection.smooth_numerical_noise and ranked[0].bic < base.bic:
-        base = _moved(baseline, base, ranked[0])
-        rivals = [fit for fit in ranked[1 : 1 + selection.partners] if fit.status != FAILED]
-        for labels, fit in list(best.items()):
-            if any(fit is rival for rival in rivals):
-                best[labels] = _moved(baseline, fit, ranked[0])
+        base = moved(baseline.problem, baseline.differences, base, ranked[0])
+        for fit in ranked[1 : 1 + selection.partners]:
+            if fit.status != FAILED:
+                best[labels_of(fit.hypothesis)] = moved(baseline.problem, baseline.differences, fit, ranked[0])
         hardly_visible = reduced_chi2(base) <= max(limits.omnibus, settings.tolerated_reduced_chi2)
         if hardly_visible and base.bic - ranked[0].bic > settings.min_delta_bic:
             deeper = _deepest(baseline, base)
@@ -160,7 +165,9 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
                 base = deeper
                 for fit in ranked[: 1 + selection.partners]:
                     if fit.status != FAILED:
-                        best[_labels(fit)] = _moved(baseline, best[_labels(fit)], deeper)
+                        labels = labels_of(fit.hypothesis)
+                        best[labels] = moved(baseline.problem, baseline.differences, best[labels], deeper)
+        best = none_above_its_parts(baseline, [base, *best.values()])
     subspaces = SignatureSubspaces(signatures, baseline.problem.settings.screening)
     similarity = {
         fit.label: subspaces.nearest(fit.hypothesis)[1]
@@ -191,7 +198,7 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     if best is None or len(best.hypothesis) < 2:
         return []
     problem, differences = baseline.problem, baseline.differences
-    done, swapped = {_labels(fit) for fit in fits}, []
+    done, swapped = {labels_of(fit.hypothesis) for fit in fits}, []
     for kept in best.hypothesis:
         alone = min((fit for fit in fits if fit.label == kept.label), key=lambda fit: fit.chi2, default=None)
         if alone is None or alone.status == FAILED:
@@ -200,15 +207,40 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
             continue
         partners = SignatureRegression(signatures.about(alone), alone.hypothesis).singles()
         for pair in partners[: problem.settings.selection.partners]:
-            labels = frozenset(candidate.label for candidate in pair.hypothesis)
+            labels = labels_of(pair.hypothesis)
             if labels not in done:
                 done.add(labels)
                 swapped.append(fit_screened(problem, differences, signatures, pair, alone))
     return swapped
 
 
-def _labels(fit: Fit) -> frozenset[str]:
-    return frozenset(candidate.label for candidate in fit.hypothesis)
+def none_above_its_parts(baseline: Baseline, fits: Sequence[Fit]) -> dict[frozenset[str], Fit]:
+    """Those of the `fits` that have effects, by their labels; each fitted on to the problem of the `baseline` where a part
+    of it ended lower.
+    """
+    done: list[Fit] = []
+    for fit in sorted(fits, key=lambda fit: len(fit.hypothesis)):
+        done.append(not_above_its_parts(baseline.problem, baseline.differences, fit, done))
+    return {labels_of(fit.hypothesis): fit for fit in done if fit.hypothesis}
+
+
+def _where_effects_are(baseline: Baseline, ranked: Sequence[Fit], needed: float) -> Fit:
+    """The base, fitted from the nuisances of the best `ranked` fits as long as their effects account for too little.
+
+    That is less than is `needed` for a name [BIC], or than a good share of what they gain over the base: they owe the
+    rest to their nuisances, which the base has too.
+    """
+    problem, base = baseline.problem, baseline.base
+    share = problem.settings.selection.min_accounted_share
+    for fit in ranked[: 1 + problem.settings.selection.partners]:
+        if base.bic - fit.bic <= needed:
+            break
+        parameters = (fit.bic - fit.chi2) - (base.bic - base.chi2)
+        accounted = chi2_without_effects(problem, fit) - fit.chi2
+        if accounted >= max(needed + parameters, share * (base.chi2 - fit.chi2)):
+            break
+        base = moved(problem, baseline.differences, base, fit)
+    return base
 
 
 def _values_without_others(fit: Fit, kept: Candidate) -> dict[str, float]:
@@ -230,13 +262,6 @@ def _deepest(baseline: Baseline, base: Fit) -> Fit:
     return base
 
 
-def _moved(baseline: Baseline, fit: Fit, to: Fit) -> Fit:
-    """A fit or, if it is better, one that starts from the nuisances of another."""
-    start = {key: to.mapping.get(key, value) if "." not in key else value for key, value in fit.mapping.items()}
-    again = fit_hypothesis(baseline.problem, fit.hypothesis, start, differences=baseline.differences)
-    return again if again.chi2 < fit.chi2 else fit
-
-
 def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
     """Choose among the fits; what is chosen is fitted once more to its end, for its intervals.
 
@@ -253,12 +278,13 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         Of single effects and pairs.
     limits : Thresholds
     """
-    fits, done = [*fits, *swap_one_effect(baseline, signatures, fits)], set()
+    fits, done, given = [*fits, *swap_one_effect(baseline, signatures, fits)], set(), baseline.base
     decision = refit_and_decide(baseline, signatures, fits, limits)
     while members := _members_alone(baseline, [decision.chosen, *decision.equivalent], done):
-        fits += members
+        baseline = replace(baseline, base=decision.base)
+        fits = [*(ranked.fit for ranked in decision.ranking), *members]
         decision = refit_and_decide(baseline, signatures, fits, limits)
-    base = decision.base if decision.base is baseline.base else refit_jacobian(baseline, decision.base)
+    base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
     chosen = base if decision.chosen is decision.base else decision.chosen
     if chosen.hypothesis:
         chosen = refit_jacobian(baseline, chosen)

@@ -99,8 +99,9 @@ class StoppingSettings:
     ----------
     min_decrease : float
         [chi2] A predicted decrease below this is not worth a step where the fit is good: a two-hundredth of the 10
-        that tell two hypotheses apart in BIC. It grows with the square of chi2 per sample, because poor fits need
-        less care.
+        that tell two hypotheses apart in BIC; no parameter is then farther than 0.22 standard errors from the end. It
+        grows with the square of chi2 per sample, because poor fits need less care, up to what one sample leaves: so far
+        no parameter is farther from the end than its standard error, which grows with the misfit.
     max_steps : int
         Valleys of loose joints may be long; this is a guard, not the usual end (experience).
     stalled_window : int
@@ -278,6 +279,9 @@ class ModelSelectionSettings:
         and swaps of each effect of a pair.
     smooth_numerical_noise : float
         [chi2] With less numerical noise chi2 has no valleys between which fits could differ.
+    min_accounted_share : float
+        [1, of what a hypothesis gains] What its effects have to account for in its own valley of the nuisances for the
+        base to be in the same one: half, since residuals are not linear.
     baseline_starts : int
         Values of the nuisances from which the baseline is fitted again before an effect is named that hardly shows. A
         clearance some percent off has impacts at other instants and a valley of its own.
@@ -290,6 +294,7 @@ class ModelSelectionSettings:
     min_singles: int = 2
     partners: int = 3
     smooth_numerical_noise: float = 0.01
+    min_accounted_share: float = 0.5
     baseline_starts: int = 4
 
 

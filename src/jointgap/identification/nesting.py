@@ -1,0 +1,124 @@
+"""Hypotheses that hold one another: a larger one can do all that a smaller one does, so that its fit never ends above.
+
+With every further effect absent a hypothesis is the smaller one. Where residuals have several valleys, fits of the two
+may end in different ones, and the difference of their chi2 then says nothing of the effect. So a larger hypothesis is
+fitted again from the smaller one where it ended above it, and a smaller one from the nuisances of a larger one that won
+by more than its effect accounts for.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jointgap.identification.finite_differences import FiniteDifferences
+from jointgap.identification.fit import FAILED, Fit, bounds_of, fit_hypothesis
+from jointgap.identification.gauss_newton import bounded_step
+from jointgap.identification.problem import Hypothesis, Problem
+
+
+def labels_of(hypothesis: Hypothesis) -> frozenset[str]:
+    """The labels of its effects, in no order."""
+    return frozenset(candidate.label for candidate in hypothesis)
+
+
+def with_effects_absent(problem: Problem, hypothesis: Hypothesis, part: Fit) -> dict[str, float]:
+    """Values by key [SI] at which a hypothesis predicts what the fit of a part of it does: further effects are absent.
+
+    The amplitude of an effect that replaces a nuisance is then what the fit has of the nuisance beyond nominal.
+
+    Parameters
+    ----------
+    problem : Problem
+    hypothesis : tuple of Candidate
+    part : Fit
+        Of some of these effects, or none.
+    """
+    parameters = problem.parameters(hypothesis)
+    values, fitted = {p.key: p.nominal for p in parameters}, part.mapping
+    nominal = {p.name: p.nominal for p in problem.nuisances}
+    for candidate in hypothesis:
+        if candidate.label in labels_of(part.hypothesis):
+            continue
+        shapes = candidate.initial_guesses[0]
+        for p in candidate.coordinates_in(problem.runs):
+            absent = 0.0 if p.key in candidate.amplitudes else shapes.get(p.key, p.nominal)
+            values[f"{candidate.label}.{p.key}"] = fitted.get(p.key, absent) if p.name in nominal else absent
+        for name, amplitude in reversed(candidate.replaces.items()):  # the first one is the nearest to the effect
+            if name in fitted:
+                values[f"{candidate.label}.{amplitude}"] = fitted[name] - nominal[name]
+    values |= {key: value for key, value in fitted.items() if key in values}
+    low, high = bounds_of(parameters)
+    return {p.key: float(np.clip(values[p.key], a, b)) for p, a, b in zip(parameters, low, high, strict=True)}
+
+
+def not_above_its_parts(problem: Problem, differences: FiniteDifferences, fit: Fit, parts: Sequence[Fit]) -> Fit:
+    """The `fit`; where the fit of a part of its hypothesis is lower, one that starts from there and is not above it.
+
+    Parameters
+    ----------
+    problem : Problem
+    differences : FiniteDifferences
+    fit : Fit
+    parts : sequence of Fit
+        Of the model as it stands and of other hypotheses; those that are no part of this one are passed over.
+    """
+    own = labels_of(fit.hypothesis)
+    lower = [part for part in parts if labels_of(part.hypothesis) < own and part.chi2 < fit.chi2]
+    if fit.status == FAILED or not lower:
+        return fit
+    lowest = min(lower, key=lambda part: part.chi2)
+    start = with_effects_absent(problem, fit.hypothesis, lowest)
+    again = fit_hypothesis(problem, fit.hypothesis, start, _derivatives(fit) | _derivatives(lowest), differences)
+    return again if again.chi2 < fit.chi2 else fit
+
+
+def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit) -> Fit:
+    """The `fit` or, if it is lower, one of the same hypothesis that starts from the nuisances of the fit `to`.
+
+    Parameters
+    ----------
+    problem : Problem
+    differences : FiniteDifferences
+    fit, to : Fit
+    """
+    nominal = {p.name: p.nominal for p in problem.nuisances}
+    nuisances = {key: value for key, value in to.mapping.items() if "." not in key}
+    for candidate in to.hypothesis:
+        for name, amplitude in candidate.replaces.items():
+            nuisances[name] = nominal[name] + to.mapping[f"{candidate.label}.{amplitude}"]
+    start = fit.mapping | {key: value for key, value in nuisances.items() if key in fit.mapping}
+    again = fit_hypothesis(problem, fit.hypothesis, start, differences=differences)
+    return again if again.chi2 < fit.chi2 else fit
+
+
+def chi2_without_effects(problem: Problem, fit: Fit) -> float:
+    """chi2 that the model as it stands would leave in the valley of a fit, if residuals were linear there.
+
+    Its effects are absent, and the nuisances take up what they can within their bounds.
+
+    Parameters
+    ----------
+    problem : Problem
+    fit : Fit
+    """
+    keys = [p.key for p in fit.parameters]
+    low, high = bounds_of(fit.parameters)
+    low, high = low - fit.values, high - fit.values
+    ranges = {p.name: (p.low - p.nominal, p.high - p.nominal) for p in problem.nuisances}
+    for candidate in fit.hypothesis:
+        replaced = {amplitude: name for name, amplitude in candidate.replaces.items()}
+        for p in candidate.coordinates_in(problem.runs):
+            place = keys.index(f"{candidate.label}.{p.key}")
+            if p.key in candidate.amplitudes:
+                absent = ranges[replaced[p.key]] if p.key in replaced else (0.0, 0.0)
+                low[place], high[place] = np.subtract(absent, fit.values[place])
+            elif p.name not in ranges:  # the shape of what is absent
+                low[place], high[place] = 0.0, 0.0
+    # the nearest place that is free of effects, and from there what the nuisances take up
+    first = np.clip(0.0, low, high)
+    _, chi2 = bounded_step(fit.jacobian, fit.residual + fit.jacobian @ first, low - first, high - first)
+    return chi2
+
+
+def _derivatives(fit: Fit) -> dict[str, np.ndarray]:
+    return dict(zip((p.key for p in fit.parameters), fit.jacobian.T, strict=True))

@@ -1,0 +1,110 @@
+"""No hypothesis ends above what it holds, and none wins by a valley that the base could lie in too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.identification.baseline import recalibrate
+from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.hypothesis_fits import fit_singles
+from jointgap.identification.model_selection import refit_and_decide
+from jointgap.identification.nesting import chi2_without_effects, not_above_its_parts, with_effects_absent
+from jointgap.identification.problem import Problem
+from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.thresholds import Thresholds
+from tests.identification.knocks import knocking
+from tests.identification.toy import RINGING, candidate_of, stated_noise, toy
+
+LIMITS = Thresholds(rate=0.01, omnibus=1.1, max_gain_threshold=12.0)
+
+
+def recalibrated(model):
+    base = recalibrate(model, stated_noise(model))
+    return base, simulate_signatures(base.problem, base.base, base.differences)
+
+
+@pytest.mark.parametrize(
+    ("label", "amplitude"), [("viscous", "damping_N_s_m"), ("added_mass", "mass_kg"), ("harmonic_force", "sine_N")]
+)
+def test_with_its_effects_absent_a_hypothesis_predicts_what_the_base_does(label, amplitude):
+    model = toy({"viscous": {"damping_N_s_m": 0.2}}, {"slider_mass": 0.52}, seed=5)
+    problem, hypothesis = Problem(model, stated_noise(model)), (candidate_of(label),)
+    base = fit_hypothesis(problem)
+    values = with_effects_absent(problem, hypothesis, base)
+    np.testing.assert_allclose(problem.residual(values, hypothesis), base.residual, rtol=0, atol=1e-9)
+    replaced = base.mapping["slider_mass"] - 0.5 if label == "added_mass" else 0.0
+    assert values[f"{label}.{amplitude}"] == pytest.approx(replaced)
+
+
+def test_a_pair_keeps_the_effect_that_was_fitted_and_lacks_the_other():
+    model = toy({"viscous": {"damping_N_s_m": 0.2}}, seed=5)
+    problem, viscous, spring = Problem(model, stated_noise(model)), candidate_of("viscous"), candidate_of("spring")
+    part = fit_hypothesis(problem, (viscous,))
+    values = with_effects_absent(problem, (spring, viscous), part)
+    assert values["viscous.damping_N_s_m"] == part.mapping["viscous.damping_N_s_m"]
+    assert values["spring.stiffness_N_m"] == 0.0
+    np.testing.assert_allclose(problem.residual(values, (spring, viscous)), part.residual, rtol=0, atol=1e-9)
+
+
+def test_no_fit_of_a_single_effect_ends_above_the_base():
+    """A ringing that is not there, whose fits start at a finite size and find no way back to none."""
+    model = toy({"viscous": {"damping_N_s_m": 0.2}}, seed=3)
+    loose = replace(RINGING, grid=(), initial_guesses=({"size": 0.3},))
+    base, signatures = recalibrated(replace(model, candidates=(loose, candidate_of("viscous"))))
+    fits, _ = fit_singles(base, signatures, LIMITS)
+    assert {fit.label for fit in fits} == {"ringing", "viscous"}
+    for fit in fits:
+        assert fit.chi2 <= base.base.chi2 + 1e-6
+
+
+def test_a_fit_above_a_part_of_it_goes_on_from_there():
+    model = toy({"viscous": {"damping_N_s_m": 0.2}}, seed=3)
+    base, _ = recalibrated(model)
+    hypothesis = (candidate_of("viscous"), candidate_of("constant_force"))
+    part = fit_hypothesis(base.problem, hypothesis[:1], differences=base.differences)
+    far = dict.fromkeys(["viscous.damping_N_s_m", "constant_force.force_N"], 40.0)
+    high = fit_hypothesis(base.problem, hypothesis, far, differences=base.differences, vary=())
+    high = replace(
+        high,
+        parameters=base.problem.parameters(hypothesis),
+        values=np.zeros(6),
+        jacobian=np.zeros((high.residual.size, 6)),
+    )
+    mended = not_above_its_parts(base.problem, base.differences, high, [base.base, part])
+    assert high.chi2 > base.base.chi2 > part.chi2 >= mended.chi2
+    assert not_above_its_parts(base.problem, base.differences, mended, [base.base, part]) is mended
+
+
+def test_what_the_base_would_leave_in_a_fits_valley_is_what_it_leaves_where_residuals_are_linear():
+    model = toy({"viscous": {"damping_N_s_m": 0.05}}, seed=3)
+    base, _ = recalibrated(model)
+    for label in ("viscous", "constant_force", "added_mass"):
+        found = fit_hypothesis(base.problem, (candidate_of(label),), refresh=True)
+        assert chi2_without_effects(base.problem, found) == pytest.approx(base.base.chi2, rel=1e-3)
+
+
+@pytest.mark.parametrize("label", ["viscous", "harmonic_force", "sensor_bias:torque"])
+def test_an_effect_that_won_by_its_nuisances_better_valley_is_not_named(label):
+    """The blows of a clearance off by a twentieth: the base missed its valley, and an effect of no size found it."""
+    model = knocking(clearance=1.05, seed=2)
+    base, signatures = recalibrated(model)
+    astray = fit_hypothesis(base.problem, start={"clearance": 0.95}, differences=base.differences)
+    baseline = replace(base, base=astray)
+    start = {"clearance": 1.05, "harmonic_force.frequency_Hz": 7.0}
+    hypothesis = (candidate_of(label),)
+    winner = fit_hypothesis(base.problem, hypothesis, start, differences=base.differences)
+    assert astray.chi2 > 10.0 * winner.chi2
+    assert LIMITS.numerical_noise == 0.0
+    decision = refit_and_decide(baseline, signatures, [winner], LIMITS)
+    assert decision.verdict == "parameters_only"
+    assert decision.base.chi2 < 1.1 * winner.chi2
+
+
+def test_an_effect_that_is_there_keeps_the_base_where_it_is():
+    model = toy({"viscous": {"damping_N_s_m": 0.15}}, seed=11)
+    base, signatures = recalibrated(model)
+    found = fit_hypothesis(base.problem, (candidate_of("viscous"),), differences=base.differences)
+    decision = refit_and_decide(base, signatures, [found], LIMITS)
+    assert decision.verdict == "named"
+    assert decision.base is base.base
