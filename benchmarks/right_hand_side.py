@@ -15,6 +15,7 @@ from jointgap.dynamics.simulation import VELOCITY_TIME
 from jointgap.dynamics.solver.runge_kutta import instant
 
 _NO_FURTHER = (0.0,) * 11
+_NO_MEMORY = (math.inf,) * 3  # the published form: a contact's damping does not depend on when it began
 
 
 def right_hand_side(p: Parameters):
@@ -32,7 +33,7 @@ def right_hand_side(p: Parameters):
             z[0], z[1], z[2], z[3],
             z[4] / VELOCITY_TIME, z[5] / VELOCITY_TIME, z[6] / VELOCITY_TIME, z[7] / VELOCITY_TIME,
         )  # fmt: skip
-        rates = instant(small, t, state, _NO_FURTHER, modes, approaches).slope
+        rates = instant(small, t, state, _NO_FURTHER, modes, approaches, _NO_MEMORY).clearance_rates
         for i in range(4):
             out[i], out[4 + i] = rates[i], VELOCITY_TIME * rates[4 + i]
 

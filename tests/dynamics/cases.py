@@ -6,6 +6,7 @@ import numpy as np
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.equations import AUXILIARY_STATES
 from jointgap.dynamics.model.parameters import Parameters
 from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
@@ -81,6 +82,20 @@ def integrated(
     p = parameters(made, options(start_angle=start_angle, **changed))
     angles = start_angle + np.radians(np.asarray(degrees, dtype=float))
     return p, integrate_to_angles(p, start_state(p), angles, tolerance)
+
+
+def free_impact(made: Mechanism, mass: float, speed: float) -> tuple[Parameters, np.ndarray]:
+    """Impact and separation (2, 9) of a rod of `mass` [kg] that hits a standing crank head-on at `speed` [m/s], its
+    mass centre in the pin.
+    """
+    p = with_numbers(
+        parameters(made, options(speed=1.0)),
+        bodies={"crank_length": 0.0, "rod_centre": 0.0, "rod_mass": mass, "rod_inverse_mass": 1 / mass},
+        piston_pin={"clearance": 10.0},
+    )
+    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, speed, 0.0, speed]), np.zeros(AUXILIARY_STATES)
+    until = p.crank_pin.clearance / speed + 0.02
+    return p, integrate_to_angles(p, start, np.array([0.0, until]), 1e-14).events[:2]
 
 
 def with_numbers(p: Parameters, **groups: dict) -> Parameters:

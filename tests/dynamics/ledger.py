@@ -142,7 +142,7 @@ def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
     film = moved.made.effect("lubricated_joint", name)
     if film:
         least, gap, data = film.least_film_m, moved.made.clearance(name), moved.made.joint(name)
-        dry = np.maximum(elastic * (1 + joint.damping * parting / moved.approach(name)), 0.0)
+        dry = np.maximum(elastic * (1 + moved.damping_factor(name) * parting), 0.0)
         rubbed = -dry * joint.friction * np.tanh(sliding / joint.friction_speed)
         loss = loss + dry * parting - rubbed * sliding
         push, drag = push - dry, drag - rubbed

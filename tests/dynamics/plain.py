@@ -6,6 +6,7 @@ Friction in a joint acts halfway through the overlap of the surfaces.
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.special import betainc
 
 CRANK, ROD, CENTRE = 0.15, 0.564, 0.282
 ROD_MASS, ROD_INERTIA, SLIDER_MASS = 0.773, 2.482e-2, 0.4482
@@ -42,7 +43,15 @@ def approach_rate(joint):
     return gap @ (joint[3] - joint[2]) / np.linalg.norm(gap)
 
 
-def force_on_ring(joint, approach, chi, friction, friction_speed):
+def damping_factor(chi, approach, since, memory):
+    """chi / d'_0, and what it fades to as a contact lasts: `memory` is how long it stays and fades [s], and v_ref."""
+    if memory is None:
+        return chi / approach
+    kept, fading, reference = memory
+    return chi / approach + betainc(5, 5, np.clip((since - kept) / fading, 0, 1)) * (chi / reference - chi / approach)
+
+
+def force_on_ring(joint, contact, now, chi, friction, friction_speed, memory):
     """Force on the body with the ring (the rod), and the point where it acts."""
     pin, ring, pin_velocity, ring_velocity, pin_rate, ring_rate = joint
     depth = max(penetration(joint), 0.0)
@@ -50,28 +59,30 @@ def force_on_ring(joint, approach, chi, friction, friction_speed):
     point = ring + (BEARING + depth / 2) * outward
     slip = (ring_velocity + turn(ring_rate, point - ring)) - (pin_velocity + turn(pin_rate, point - pin))
     tangent = np.array([-outward[1], outward[0]])
-    push = max(STIFFNESS * depth**1.5 * (1 + chi * approach_rate(joint) / approach), 0.0)
+    approach, begin = contact
+    push = STIFFNESS * depth**1.5 * (1 + damping_factor(chi, approach, now - begin, memory) * approach_rate(joint))
+    push = max(push, 0.0)
     return push * outward - friction * np.tanh(slip @ tangent / friction_speed) * push * tangent, point
 
 
-def slope(t, z, speed, approaches, law):
+def slope(t, z, speed, contacts, law):
     joints, centre = ends(t, z, speed)
     total, moment, on_slider = np.zeros(2), 0.0, 0.0
-    for joint, approach in zip(joints, approaches, strict=True):
-        if approach is not None:
-            force, point = force_on_ring(joint, approach, *law)
+    for joint, contact in zip(joints, contacts, strict=True):
+        if contact is not None:
+            force, point = force_on_ring(joint, contact, t, *law)
             total, moment, on_slider = total + force, moment + cross(point - centre, force), -force[0]
-    if approaches[1] is None:
+    if contacts[1] is None:
         on_slider = 0.0
     return np.concatenate((z[4:], total / ROD_MASS, [moment / ROD_INERTIA, on_slider / SLIDER_MASS]))
 
 
-def simulate(angles, speed, chi, friction, friction_speed, tolerance):
+def simulate(angles, speed, chi, friction, friction_speed, tolerance, memory=None):
     """States (n, 8) at crank angles `angles` [rad] from dead centre, and impacts (time, joint, approach speed)."""
     times = np.asarray(angles) / speed
     rate = -CRANK * speed / ROD
     z = np.array([CRANK + CENTRE, 0, 0, CRANK + ROD, 0, CRANK * speed + CENTRE * rate, rate, 0.0])
-    t, approaches, states, impacts = 0.0, [None, None], [], []
+    t, contacts, states, impacts = 0.0, [None, None], [], []
     events = []
     for joint in range(2):
 
@@ -82,11 +93,11 @@ def simulate(angles, speed, chi, friction, friction_speed, tolerance):
         events.append(touches)
     scale = np.array([1, 1, 1 / ROD, 1, 1e4, 1e4, 1e4 / ROD, 1e4])
     while t < times[-1]:
-        for joint, approach in enumerate(approaches):
-            events[joint].direction = 1 if approach is None else -1
-        law = (chi, friction, friction_speed)
+        for joint, contact in enumerate(contacts):
+            events[joint].direction = 1 if contact is None else -1
+        law = (chi, friction, friction_speed, memory)
         part = solve_ivp(
-            slope, (t, times[-1]), z, "DOP853", events=events, args=(speed, approaches, law),
+            slope, (t, times[-1]), z, "DOP853", events=events, args=(speed, contacts, law),
             rtol=1e-13, atol=tolerance * scale, first_step=1e-7, max_step=1e-3, dense_output=True,
         )  # fmt: skip
         inside = times[(times > t if states else times >= t) & (times <= part.t[-1])]
@@ -94,9 +105,9 @@ def simulate(angles, speed, chi, friction, friction_speed, tolerance):
         t, z = part.t[-1], part.y[:, -1]
         if part.status == 1:
             joint = 0 if part.t_events[0].size else 1
-            if approaches[joint] is None:
-                approaches[joint] = approach_rate(ends(t, z, speed)[0][joint])
-                impacts.append((t, joint, approaches[joint]))
+            if contacts[joint] is None:
+                contacts[joint] = approach_rate(ends(t, z, speed)[0][joint]), t
+                impacts.append((t, joint, contacts[joint][0]))
             else:
-                approaches[joint] = None
+                contacts[joint] = None
     return np.array(states), np.array(impacts)

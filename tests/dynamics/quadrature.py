@@ -13,6 +13,7 @@ from jointgap.dynamics.solver.contact_episodes import EVENT
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.joints import JOINTS
 from tests.dynamics.cases import options
+from tests.dynamics.laws import faded_damping
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 LAST = np.polynomial.legendre.legvander(NODES, 15)[:, 12:].T * (np.arange(12, 16) + 0.5)[:, None]
@@ -55,8 +56,10 @@ class Motion:
     def mode(self, joint: str) -> np.ndarray:
         return self.sampled(self.run.modes[:, JOINTS.index(joint)])
 
-    def approach(self, joint: str) -> np.ndarray:
-        return self.sampled(self.run.approaches[:, JOINTS.index(joint)])
+    def damping_factor(self, joint: str) -> np.ndarray:
+        numbers, number = getattr(self.p, joint), JOINTS.index(joint)
+        since = self.run.times - self.run.begins[:, number]
+        return self.sampled(faded_damping(numbers, self.run.approaches[:, number], since))
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.sampled(self.seen[name])

@@ -7,6 +7,7 @@ from jointgap.dynamics.model.joint_forces import CLAMPED
 from jointgap.dynamics.model.normal_contact import LAWS
 from tests.dynamics import plain
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, SPEED, effect, integrated, mechanism
+from tests.dynamics.laws import impact_duration
 
 DEGREES = np.arange(0.0, 45.5, 0.5)
 BODIES = ("rod_position_x", "rod_position_y", "rod_angle", "slider_position")
@@ -19,17 +20,24 @@ def placed(p, run) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("law", "restitution", "friction", "friction_speed"),
+    ("law", "restitution", "friction", "friction_speed", "reference"),
     [
-        ("lankarani_nikravesh", 0.46, 0.0, 1e-3),
-        ("exact_restitution", 0.46, 0.1, 0.1),
+        ("lankarani_nikravesh", 0.46, 0.0, 1e-3, None),
+        ("exact_restitution", 0.46, 0.1, 0.1, None),
+        ("lankarani_nikravesh", 0.46, 0.2, 0.1, 0.02),
     ],
 )
-def test_independent_code_gives_the_same_motion(worst, law, restitution, friction, friction_speed):
-    made = mechanism(law=law, restitution=restitution, friction=friction, friction_speed=friction_speed)
+def test_independent_code_gives_the_same_motion(worst, law, restitution, friction, friction_speed, reference):
+    memory = {"memory": "published"} if reference is None else {"reference_approach_speed": reference}
+    made = mechanism(law=law, restitution=restitution, friction=friction, friction_speed=friction_speed, **memory)
     p, run = integrated(made, DEGREES, tolerance=1e-14)
+    kept = None
+    if reference is not None:
+        duration = impact_duration(plain.STIFFNESS, 1.5, plain.ROD_MASS + plain.SLIDER_MASS, 1e-3)
+        kept = 2.5 * duration, 2.5 * duration, reference
+        assert (run.times[-1] - run.begins[-1, :2] > 5 * duration).any()  # a contact whose memory has faded
     states, impacts = plain.simulate(
-        np.radians(DEGREES), SPEED, LAWS[law](restitution), friction, friction_speed, tolerance=1e-15
+        np.radians(DEGREES), SPEED, LAWS[law](restitution), friction, friction_speed, tolerance=1e-15, memory=kept
     )
     worst("plain scipy code, 45 deg [m]", np.abs(placed(p, run) - states[:, :4]).max(), 1e-10)
     ours = run.events[run.events[:, 2] == 1]

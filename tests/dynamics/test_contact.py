@@ -189,7 +189,7 @@ def test_the_margin_is_positive_where_the_penalty_force_pushes_and_negative_wher
     for penetration in np.geomspace(1e-8, 1e-3, 41):
         for rate in (-9.7, -0.31, -1.3e-3, 0.0, 0.2):
             force = normal_force(law, penetration, rate, math.nan)
-            margin, _ = pushing_margin(law, penetration, rate, 0.0, math.nan)
+            margin, _ = pushing_margin(law, penetration, rate, 0.0, math.nan, 0.0)
             assert margin == PULL_FAR_OFF or np.sign(margin) == np.sign(force)
             assert force > 0 or margin < PULL_FAR_OFF
 
@@ -203,7 +203,7 @@ def test_the_penalty_margins_rate_is_its_derivative_over_time(exponent, damping,
 
         def margin(time, penetration=penetration):
             motion = penetration + rate * time + curvature * time**2 / 2, rate + curvature * time, curvature
-            return pushing_margin(law, *motion, math.nan)
+            return pushing_margin(law, *motion, math.nan, 0.0)
 
         before, here, after = (margin(time) for time in (-step / abs(rate), 0.0, step / abs(rate)))
         assert here[1] == pytest.approx((after[0] - before[0]) / (2 * step / abs(rate)), rel=1e-5)
@@ -211,13 +211,13 @@ def test_the_penalty_margins_rate_is_its_derivative_over_time(exponent, damping,
 
 def test_the_margin_of_a_restitution_law_is_what_is_missing_until_its_force_vanishes():
     law = joint(damping=0.8)
-    margin, its_rate = pushing_margin(law, 1e-5, -0.1, 42.0, 0.4)
+    margin, its_rate = pushing_margin(law, 1e-5, -0.1, 42.0, 0.8 / 0.4, 0.0)
     assert normal_force(law, 1e-5, -0.1 - margin, 0.8 / 0.4) == pytest.approx(0.0, abs=1e-9)
     assert margin > 0 and its_rate == 42.0
 
 
 def test_a_contact_that_cannot_pull_has_a_constant_margin():
-    assert pushing_margin(joint(), 1e-5, -3.0, 42.0, 0.4) == (1.0, 0.0)
+    assert pushing_margin(joint(), 1e-5, -3.0, 42.0, 0.0, 0.0) == (1.0, 0.0)
     penalty = joint(penalty_damping=1e3, penalty_depth=1e-4)
     for penetration in (-1e-5, 0.0, 1e-300, 1e-12):  # apart, or so little in contact that hardly anything damps
-        assert pushing_margin(penalty, penetration, -3.0, 42.0, 0.4) == (PULL_FAR_OFF, 0.0)
+        assert pushing_margin(penalty, penetration, -3.0, 42.0, 0.0, 0.0) == (PULL_FAR_OFF, 0.0)

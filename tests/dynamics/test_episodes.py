@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics import simulate
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.equations import AUXILIARY_STATES
-from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.contact_episodes import EVENT
 from jointgap.joints import JOINTS
-from tests.dynamics.cases import ALL, LUGRE, PINS, mechanism, options, with_numbers
+from tests.dynamics.cases import ALL, LUGRE, PINS, free_impact, mechanism, options
 from tests.dynamics.quadrature import motion
 
 COLUMN = {name: i for i, name in enumerate(EVENT)}
@@ -17,14 +14,8 @@ MASS, HIT = 0.773, 0.3
 
 
 def head_on(**keys):
-    """Separation of a rod that hits a standing crank head-on, its mass centre in the pin: a free impact of `MASS`."""
-    p = with_numbers(
-        parameters(mechanism(**keys), options(speed=1.0)),
-        bodies={"crank_length": 0.0, "rod_centre": 0.0},
-        piston_pin={"clearance": 10.0},
-    )
-    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, HIT, 0.0, HIT]), np.zeros(AUXILIARY_STATES)
-    impact, separation = integrate_to_angles(p, start, np.array([0.0, 0.005]), 1e-14).events[:2]
+    """Separation from a free impact of `MASS` at `HIT`, and its joint."""
+    p, (impact, separation) = free_impact(mechanism(**keys), MASS, HIT)
     assert impact[COLUMN["approach_speed"]] == pytest.approx(HIT, rel=1e-12)
     return p.crank_pin, separation
 

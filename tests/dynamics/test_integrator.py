@@ -18,7 +18,9 @@ def order(p, here, time_map, begin, end, counts):
         there, s = here, begin
         for s1 in np.linspace(begin, end, count + 1)[1:]:
             y, x, _ = step(p, there, time_map, s, s1 - s, 1e-5, np.zeros((COUNT, COLUMNS)))
-            there = instant(p, there.time + elapsed_time(time_map, s, s1 - s), y, x, here.modes, here.approaches)
+            there = instant(
+                p, there.time + elapsed_time(time_map, s, s1 - s), y, x, here.modes, here.approaches, here.begins
+            )
             s = s1
         return np.array(there.clearance_state)
 
@@ -48,7 +50,7 @@ def impact():
     (begin, _, _, approach), (end, *_) = run.events[:2, :4]
     times = np.array([0.0, begin, 0.75 * begin + 0.25 * end, 0.5 * (begin + end), end])
     at = integrate_to_angles(p, start_state(p), SPEED * times, 1e-15)
-    contact = (CONTACT, FLIGHT, FLIGHT), (approach, np.inf, np.inf)
+    contact = (CONTACT, FLIGHT, FLIGHT), (approach, np.inf, np.inf), (begin, np.inf, np.inf)
     instants = [instant(p, times[i], tuple(at.states[i]), tuple(at.auxiliary_states[i]), *contact) for i in (1, 2, 3)]
     return p, *instants, end
 

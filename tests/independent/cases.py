@@ -17,7 +17,7 @@ def mechanism(
     loose=("crank_pin", "piston_pin"), offset=0.0, restitution=0.46, journals=JOURNALS, **contact
 ) -> Mechanism:
     """The paper's slider-crank with some of its joints loose; `contact` holds further keys of their contact."""
-    steel = {"law": "lankarani_nikravesh", "restitution": restitution, **contact}
+    steel = {"law": "lankarani_nikravesh", "restitution": restitution, "memory": "published", **contact}
     joint = {"journal_radius": 0.007, "bearing_radius": 0.008, "contact": steel}
     return Mechanism.model_validate(
         {

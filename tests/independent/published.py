@@ -21,6 +21,7 @@ def mechanism(clearance=CLEARANCE, friction=0.0) -> Mechanism:
         "youngs_modulus": 207e9,
         "poisson_ratio": 0.3,
         "restitution": 0.9,
+        "memory": "published",
         "friction": friction,
     }
     pin = {

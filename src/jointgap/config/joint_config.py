@@ -38,6 +38,10 @@ FIRM_FORCE, FIRM_PENETRATION = 1e3, 1e-9
 Atoms are a fifth of it apart: a contact that yields less is rigid for all that continuum mechanics can say."""
 
 
+REFERENCE_APPROACH_SPEED = 0.1
+"""Default of `reference_approach_speed` [m/s]."""
+
+
 class Contact(Section):
     """Material, restitution and friction of one pair of journal and bearing."""
 
@@ -55,6 +59,17 @@ class Contact(Section):
         0.001,
         description="a slower impact is damped as one at this speed, for the laws' damping has no bound as the speed "
         "goes to zero",
+    )
+    memory: Literal["fading", "published"] | None = Field(
+        None,
+        description="what damps a contact that lasts; fading: once every free impact would be over, its damping goes "
+        "over from that of its own impact to that of one at reference_approach_speed; published: it keeps the approach "
+        "speed of its last impact for good, as the laws are printed. null: fading; law penalty has no memory",
+    )
+    reference_approach_speed: PositiveSpeed | None = Field(
+        None,
+        description="memory fading: approach speed as whose impact a lasting contact is damped; null: "
+        f"{REFERENCE_APPROACH_SPEED:g} m/s",
     )
     penalty_damping: quantity("N*s/m", ge=0, le=1e9) | None = Field(
         None,
@@ -102,6 +117,29 @@ class Contact(Section):
                 f"law {self.law} does not read {' and '.join(given)}; leave out or set to null, or choose another law"
             )
         return self
+
+    @model_validator(mode="after")
+    def _only_what_fades_has_a_reference(self):
+        if self.law == "penalty":
+            for key in ("memory", "reference_approach_speed"):
+                if getattr(self, key) is not None:
+                    raise ValueError(
+                        f"law penalty does not read {key}, for its damping knows no approach speed; leave it out or "
+                        "set it to null, or choose another law"
+                    )
+        elif self.memory == "published" and self.reference_approach_speed is not None:
+            raise ValueError(
+                "memory published does not read reference_approach_speed, for a contact keeps that of its last impact; "
+                "leave it out or set it to null, or choose memory fading"
+            )
+        return self
+
+    @property
+    def reference_speed(self) -> float | None:
+        """Approach speed [m/s] as whose impact a lasting contact is damped; None where nothing fades."""
+        if self.law == "penalty" or self.memory == "published":
+            return None
+        return self.reference_approach_speed or REFERENCE_APPROACH_SPEED
 
     @model_validator(mode="after")
     def _friction_law_reads_what_is_given(self):

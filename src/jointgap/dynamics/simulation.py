@@ -66,6 +66,7 @@ class IntegrationResult:
     auxiliary_states: np.ndarray
     modes: np.ndarray
     approaches: np.ndarray
+    begins: np.ndarray
     directions: np.ndarray
     events: np.ndarray
     steps: int
@@ -74,8 +75,9 @@ class IntegrationResult:
         """Every number at the samples, by column of `jointgap.dynamics.solver.sampling.SAMPLE`, (n,) each."""
         samples = np.empty(self.times.size, SAMPLE)
         fill_samples(
-            p, self.times, self.states, self.auxiliary_states, self.modes, self.approaches, self.directions, samples
-        )
+            p, self.times, self.states, self.auxiliary_states, self.modes, self.approaches, self.begins,
+            self.directions, samples,
+        )  # fmt: skip
         return {name: samples[name] for name in SAMPLE.names}
 
 
@@ -155,6 +157,7 @@ def integrate_to_angles(
         auxiliary_states=np.empty((n, AUXILIARY_STATES)),
         modes=np.empty((n, 3), np.int64),
         approaches=np.empty((n, 3)),
+        begins=np.empty((n, 3)),
         directions=np.empty((n, 3)),
         events=np.empty((0, len(EVENT))),
         steps=0,
@@ -162,7 +165,7 @@ def integrate_to_angles(
     limit = math.ceil(STEPS_PER_REVOLUTION * max((angles[-1] - angles[0]) / (2 * math.pi), 1.0))
     status, end, events, steps = integrate(
         p, *start, times, angles, tolerance, VELOCITY_TIME, limit, samples.states, samples.auxiliary_states,
-        samples.modes, samples.approaches, samples.directions,
+        samples.modes, samples.approaches, samples.begins, samples.directions,
     )  # fmt: skip
     if status != DONE:
         advice = (

@@ -149,6 +149,7 @@ def _kinematic_motion(p: Parameters, angles: np.ndarray) -> IntegrationResult:
         auxiliary_states=np.zeros((count, AUXILIARY_STATES)),
         modes=np.zeros((count, 3), np.int64),
         approaches=np.full((count, 3), math.inf),
+        begins=np.full((count, 3), math.inf),
         directions=np.full((count, 3), math.nan),
         events=np.empty((0, 0)),
         steps=0,

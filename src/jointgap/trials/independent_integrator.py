@@ -42,10 +42,10 @@ DONE, TOO_MANY, TOO_SHORT = range(3)
 
 
 @compiled
-def _rates(p, time, z, modes, approaches, out):
+def _rates(p, time, z, modes, approaches, begins, out):
     y = (z[0], z[1], z[2], z[3], z[4], z[5], z[6], z[7])
     x = (z[8], z[9], z[10], z[11], z[12], z[13], z[14], z[15], z[16], z[17], z[18])
-    here = instant(p, time, y, x, modes, approaches)
+    here = instant(p, time, y, x, modes, approaches, begins)
     for i in range(STATES):
         out[i] = here.clearance_rates[i]
     for i in range(AUXILIARY_STATES):
@@ -54,7 +54,7 @@ def _rates(p, time, z, modes, approaches, out):
 
 
 @compiled
-def _step(p, time, z, modes, approaches, h, k, work, end):
+def _step(p, time, z, modes, approaches, begins, h, k, work, end):
     """One step of `h` [s] from `z`, whose rates are in `k[0]`, to `end`: estimated local error [m]."""
     for stage in range(1, 7):
         for i in range(_SIZE):
@@ -65,7 +65,7 @@ def _step(p, time, z, modes, approaches, h, k, work, end):
         if stage == 6:
             for i in range(_SIZE):
                 end[i] = work[i]
-        _rates(p, time + _NODES[stage] * h, work, modes, approaches, k[stage])
+        _rates(p, time + _NODES[stage] * h, work, modes, approaches, begins, k[stage])
     square = 0.0
     for i in range(_SIZE):
         error = 0.0
@@ -77,9 +77,9 @@ def _step(p, time, z, modes, approaches, h, k, work, end):
 
 
 @compiled
-def _ended(p, time, z, modes, approaches, work):
+def _ended(p, time, z, modes, approaches, begins, work):
     """First joint whose mode has ended at a state, and which of its conditions; joint -1 where none has."""
-    here = _rates(p, time, z, modes, approaches, work)
+    here = _rates(p, time, z, modes, approaches, begins, work)
     holding = all_conditions(p, here, relative_motion(here))
     worst, joint, kind, speed = 0.0, -1, DISTANCE, 0.0
     for number in range(3):
@@ -92,30 +92,31 @@ def _ended(p, time, z, modes, approaches, work):
 
 
 @compiled
-def _integrate(p, z, times, tolerance, states, auxiliary_states, modes_at, approaches_at):
+def _integrate(p, z, times, tolerance, states, auxiliary_states, modes_at, approaches_at, begins_at):
     k, work, end, trial = np.zeros((7, _SIZE)), np.zeros(_SIZE), np.zeros(_SIZE), np.zeros(_SIZE)
     rates = np.zeros(_SIZE)
-    modes, approaches = (FLIGHT, FLIGHT, FLIGHT), (math.inf, math.inf, math.inf)
+    modes = (FLIGHT, FLIGHT, FLIGHT)
+    approaches = begins = (math.inf, math.inf, math.inf)
     longest = _LONGEST_TURN / p.drive.speed
     time, h, sample = 0.0, 1e-3 * longest, 0
     for _ in range(_MOST_STEPS):
-        _rates(p, time, z, modes, approaches, k[0])
+        _rates(p, time, z, modes, approaches, begins, k[0])
         h = min(h, longest)
-        error = _step(p, time, z, modes, approaches, h, k, work, end)
+        error = _step(p, time, z, modes, approaches, begins, h, k, work, end)
         if not error <= tolerance:
             h *= max(0.2, 0.9 * (tolerance / error) ** 0.2) if error < math.inf else 0.1
             if h < 1e-16:
                 return TOO_SHORT, time
             continue
         growth = 5.0 if error == 0.0 else min(5.0, 0.9 * (tolerance / error) ** 0.2)
-        joint, kind, speed = _ended(p, time + h, end, modes, approaches, rates)
+        joint, kind, speed = _ended(p, time + h, end, modes, approaches, begins, rates)
         taken = h
         if joint >= 0:  # shorten the step until it ends just past the first event in it
             low, high = 0.0, h
             for _ in range(_BISECTIONS):
                 middle = 0.5 * (low + high)
-                _step(p, time, z, modes, approaches, middle, k, work, trial)
-                ended, ended_kind, ended_speed = _ended(p, time + middle, trial, modes, approaches, rates)
+                _step(p, time, z, modes, approaches, begins, middle, k, work, trial)
+                ended, ended_kind, ended_speed = _ended(p, time + middle, trial, modes, approaches, begins, rates)
                 if ended >= 0:
                     high, joint, kind, speed = middle, ended, ended_kind, ended_speed
                 else:
@@ -124,13 +125,14 @@ def _integrate(p, z, times, tolerance, states, auxiliary_states, modes_at, appro
                     break
             taken = high
         while sample < times.size and times[sample] <= time + taken:
-            _step(p, time, z, modes, approaches, times[sample] - time, k, work, trial)
+            _step(p, time, z, modes, approaches, begins, times[sample] - time, k, work, trial)
             for i in range(STATES):
                 states[sample, i] = trial[i]
             for i in range(AUXILIARY_STATES):
                 auxiliary_states[sample, i] = trial[STATES + i]
             for i in range(3):
                 modes_at[sample, i], approaches_at[sample, i] = modes[i], approaches[i]
+                begins_at[sample, i] = begins[i]
             sample += 1
         if sample == times.size:
             return DONE, time
@@ -140,14 +142,17 @@ def _integrate(p, z, times, tolerance, states, auxiliary_states, modes_at, appro
                 z[i] = end[i]
             h *= growth
             continue
-        _step(p, time, z, modes, approaches, taken, k, work, end)
+        _step(p, time, z, modes, approaches, begins, taken, k, work, end)
         time += taken
         for i in range(_SIZE):
             z[i] = end[i]
+        in_flight = modes[joint] == FLIGHT
         mode, approach = switched(modes[joint], approaches[joint], kind, speed, least_approach(p, joint))
         if mode == FLIGHT and joint < 3:
             z[STATES + 8 + joint] = 0.0  # bristles that touch nothing are straight
         modes, approaches = replaced(modes, joint, mode), replaced(approaches, joint, approach)
+        if in_flight or mode == FLIGHT:
+            begins = replaced(begins, joint, time if in_flight else math.inf)
         h = min(h, 1e-6)
     return TOO_MANY, time
 
@@ -179,10 +184,12 @@ def integrate(p: Parameters, times: np.ndarray, tolerance: float, perturbation=N
     y, x = start_state(p, perturbation)
     n = times.size
     states, auxiliary_states = np.empty((n, STATES)), np.empty((n, AUXILIARY_STATES))
-    modes, approaches = np.empty((n, 3), np.int64), np.empty((n, 3))
-    status, time = _integrate(p, np.concatenate((y, x)), times, tolerance, states, auxiliary_states, modes, approaches)
+    modes, approaches, begins = np.empty((n, 3), np.int64), np.empty((n, 3)), np.empty((n, 3))
+    status, time = _integrate(
+        p, np.concatenate((y, x)), times, tolerance, states, auxiliary_states, modes, approaches, begins
+    )
     if status != DONE:
         raise SimulationError(f"the orders 5 and 4 cannot go on at time {time:.9g} s; give a larger tolerance")
     samples = np.empty(n, SAMPLE)
-    fill_samples(p, times, states, auxiliary_states, modes, approaches, np.zeros((n, 3)), samples)
+    fill_samples(p, times, states, auxiliary_states, modes, approaches, begins, np.zeros((n, 3)), samples)
     return {name: samples[name] for name in SAMPLE.names}

@@ -8,7 +8,7 @@ from jointgap.config import Mechanism, Simulate, check_drive, check_tolerance, h
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.scenario import MeasuredDrive, MotorDrive
 from jointgap.dynamics.model.measured_drive import angle_pieces
-from jointgap.dynamics.model.normal_contact import LAWS
+from jointgap.dynamics.model.normal_contact import FADING_DURATIONS, LAWS, MEMORY_DURATIONS, elastic_duration
 from jointgap.dynamics.model.parameters import (
     DRIVE_KINDS,
     NO_KNOTS,
@@ -39,16 +39,32 @@ def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
     radii = (joint.journal_radius, joint.bearing_radius)
     body_radius, partner_radius = radii if body_has_journal else radii[::-1]
     penalty = contact.law == "penalty"
+    stiffness = hertz_stiffness(joint) if contact.stiffness is None else contact.stiffness
+    damping = 0.0 if penalty else LAWS[contact.law](contact.restitution)
+    fading = {}
+    if contact.reference_speed is not None:
+        moving = (mechanism.crank, mechanism.rod, mechanism.slider) if name == "crank_pivot" else (
+            mechanism.rod, mechanism.slider,
+        )  # fmt: skip
+        # All that moves beyond the joint: the most that can rebound there.
+        mass = sum(body.mass for body in moving)
+        duration = elastic_duration(stiffness, contact.exponent, mass, contact.least_approach_speed)
+        fading = {
+            "memory_time": MEMORY_DURATIONS * duration,
+            "fading_time": FADING_DURATIONS * duration,
+            "lasting_damping": damping / contact.reference_speed,
+        }
     return JointParameters(
         loose=True,
         clearance=joint.clearance,
         body_radius=body_radius,
         partner_radius=partner_radius,
         side=1.0 if body_has_journal else -1.0,
-        stiffness=hertz_stiffness(joint) if contact.stiffness is None else contact.stiffness,
+        stiffness=stiffness,
         exponent=contact.exponent,
-        damping=0.0 if penalty else LAWS[contact.law](contact.restitution),
+        damping=damping,
         least_approach=contact.least_approach_speed,
+        **fading,
         penalty_damping=contact.penalty_damping if penalty else 0.0,
         penalty_depth=contact.penalty_depth if penalty else 0.0,
         friction_law=FRICTION_LAWS[contact.friction_law].code,

@@ -37,6 +37,11 @@ class JointParameters(NamedTuple):
         K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form.
     least_approach : float
         Approach speed [m/s] as which a slower one is damped.
+    memory_time, fading_time : float
+        How long [s] after it begins a contact is damped by its approach speed, infinite for the published form, and in
+        which time [s] after that its damping goes over to that of a lasting contact.
+    lasting_damping : float
+        chi / v_ref [s/m] of a lasting contact.
     penalty_damping, penalty_depth : float
         c_max [N s/m], 0 unless the penalty form, and d_max [m].
     friction_law : int
@@ -56,6 +61,9 @@ class JointParameters(NamedTuple):
     exponent: float = 1.5
     damping: float = 0.0
     least_approach: float = 1e-3
+    memory_time: float = math.inf
+    fading_time: float = 1.0
+    lasting_damping: float = 0.0
     penalty_damping: float = 0.0
     penalty_depth: float = 0.0
     friction_law: int = 0

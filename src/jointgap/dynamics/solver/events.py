@@ -5,7 +5,7 @@ Each mode has two conditions, numbers that stay positive while the mode lasts:
 
     FLIGHT     c^2 - r^2 over 2c                 (impact; smooth where r passes zero, other than c - r)
     CONTACT    d                                 (separation)
-               d' + d'_0 / chi                   (the force falls to zero: clamped)
+               d' + d'_0 / chi                   (the force falls to zero: clamped; chi / v_ref once memory has faded)
     CLAMPED    d                                 (separation)
                -(d' + d'_0 / chi)                (the force comes back)
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.joint_forces import CLAMPED, CONTACT, FLIGHT
-from jointgap.dynamics.model.normal_contact import pushing_margin
+from jointgap.dynamics.model.normal_contact import damping_factor_at, damping_factor_rate, pushing_margin
 from jointgap.dynamics.model.relative_motion import relative_motion
 from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, ds_for, elapsed_time, instant, instant_in_place, step
 from jointgap.joints import JOINTS
@@ -33,7 +33,7 @@ _PIECES = 16
 
 
 @inlined
-def conditions(joint, mode, approach, relative) -> tuple:
+def conditions(joint, mode, approach, begin, time, relative) -> tuple:
     """Both conditions of a joint's mode with their time derivatives.
 
     `relative` is clearance vector, rate and second rate (ex, ey, vx, vy, ax, ay).
@@ -42,8 +42,10 @@ def conditions(joint, mode, approach, relative) -> tuple:
     ----------
     joint : JointParameters
     mode : int
-    approach : float
-        Approach speed [m/s] at the start of the contact.
+    approach, begin : float
+        Approach speed [m/s] at the start of the contact, and its time [s].
+    time : float
+        [s].
     relative : tuple of 6 floats
         Clearance vector [m], its rate [m/s] and second rate [m/s^2].
 
@@ -64,7 +66,9 @@ def conditions(joint, mode, approach, relative) -> tuple:
     rate = vx * nx + vy * ny
     curvature = ax * nx + ay * ny + (vy * nx - vx * ny) ** 2 / r
     depth = r - joint.clearance
-    margin, margin_rate = pushing_margin(joint, depth, rate, curvature, approach)
+    damping_factor = damping_factor_at(joint, approach, begin, time)
+    damping_rate = damping_factor_rate(joint, approach, begin, time)
+    margin, margin_rate = pushing_margin(joint, depth, rate, curvature, damping_factor, damping_rate)
     if mode == CONTACT:
         return depth, rate, curvature, margin, margin_rate
     return depth, rate, curvature, -margin, -margin_rate
@@ -146,9 +150,9 @@ def all_conditions(p, here, motion) -> tuple:
         `relative_motion` there.
     """
     return (
-        conditions(p.crank_pin, here.modes[0], here.approaches[0], motion[0]),
-        conditions(p.piston_pin, here.modes[1], here.approaches[1], motion[1]),
-        conditions(p.crank_pivot, here.modes[2], here.approaches[2], motion[2]),
+        conditions(p.crank_pin, here.modes[0], here.approaches[0], here.begins[0], here.time, motion[0]),
+        conditions(p.piston_pin, here.modes[1], here.approaches[1], here.begins[1], here.time, motion[1]),
+        conditions(p.crank_pivot, here.modes[2], here.approaches[2], here.begins[2], here.time, motion[2]),
     )
 
 
@@ -238,7 +242,7 @@ def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tole
         y, x, error = step(p, here, step_map, step_start, ds, velocity_time, k)
         if not error <= tolerance:
             return False, here, step_map, step_start, ds, error, count
-        there = instant(p, here.time + guess, y, x, here.modes, here.approaches)
+        there = instant(p, here.time + guess, y, x, here.modes, here.approaches, here.begins)
         g, v, _, h, w = all_conditions(p, there, relative_motion(there))[joint]
         if kind == FORCE:
             g, v = h, w
@@ -336,7 +340,7 @@ def advance(p, here, motion, holding, time_map, s, duration, tolerance, velocity
     steps += 1
     if not error <= _HOPELESS * tolerance:
         return False, 0, DISTANCE, here, motion, holding, time_map, s, ds, error, steps
-    there = instant_in_place(p, here.time + duration, y, x, here.modes, here.approaches)
+    there = instant_in_place(p, here.time + duration, y, x, here.modes, here.approaches, here.begins)
     there_motion = relative_motion(there)
     there_holding = all_conditions(p, there, there_motion)
     fraction, joint, kind = next_event(holding, there_holding, duration, _MARGIN * tolerance)

@@ -24,6 +24,7 @@ from jointgap.dynamics.solver.runge_kutta import (
     ds_for,
     elapsed_time,
     instant,
+    next_knot,
     step,
 )
 
@@ -77,6 +78,25 @@ def least_approach(p, joint):
     if joint == 0:
         return p.crank_pin.least_approach
     return p.piston_pin.least_approach if joint == 1 else p.crank_pivot.least_approach
+
+
+@compiled
+def time_to_knot(p, here, resolution):
+    """Time [s] from `here` until the memory of a contact begins or ends to fade, where a step has to end.
+
+    Parameters
+    ----------
+    p : Parameters
+    here : Instant
+    resolution : float
+        A knot as near as this is passed [s].
+    """
+    knot = min(
+        next_knot(p.crank_pin, here.begins[0], here.time, resolution),
+        next_knot(p.piston_pin, here.begins[1], here.time, resolution),
+        next_knot(p.crank_pivot, here.begins[2], here.time, resolution),
+    )
+    return knot - here.time
 
 
 @compiled
@@ -145,6 +165,7 @@ def integrate(
     auxiliary_states,
     modes_at,
     approaches_at,
+    begins_at,
     directions_at,
 ):
     """Integrate from `times[0]`, all joints in flight, and take samples.
@@ -163,9 +184,11 @@ def integrate(
         Time [s] that turns an error in a velocity into one in a position.
     step_limit : int
         Most steps, rejected ones included.
-    states, auxiliary_states, modes_at, approaches_at, directions_at : (n, 8), (n, 11), (n, 3), (n, 3), (n, 3) arrays
-        Overwritten with the samples: states, auxiliary states, modes, approach speeds [m/s] of the contacts, unwrapped
-        directions [rad] of the clearance vectors (NaN where the centres coincide).
+    states, auxiliary_states : (n, 8), (n, 11) arrays
+        Overwritten with the samples.
+    modes_at, approaches_at, begins_at, directions_at : (n, 3) arrays
+        Overwritten with the samples: modes, approach speeds [m/s] and begins [s] of the contacts, unwrapped directions
+        [rad] of the clearance vectors (NaN where the centres coincide).
 
     Returns
     -------
@@ -182,8 +205,9 @@ def integrate(
 
     y_start = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
     x_start = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
-    modes, approaches = (FLIGHT, FLIGHT, FLIGHT), (math.inf, math.inf, math.inf)
-    here = instant(p, times[0], y_start, x_start, modes, approaches)
+    modes = (FLIGHT, FLIGHT, FLIGHT)
+    approaches = begins = (math.inf, math.inf, math.inf)
+    here = instant(p, times[0], y_start, x_start, modes, approaches, begins)
     motion = relative_motion(here)
     holding = all_conditions(p, here, motion)
     seen, seen_time = motion, here.time  # where the directions were last followed to
@@ -192,7 +216,8 @@ def integrate(
     while True:
         if steps >= step_limit:
             return TOO_MANY_STEPS, here, events[:event_count], steps
-        proposal = min(proposal, longest)
+        proposal = unhindered = min(proposal, longest)
+        proposal = min(proposal, time_to_knot(p, here, 1e-15 * (abs(here.time) + longest)))
         if time_map == AFTER and s * s > _FAR * proposal:
             time_map, s = LINEAR, 0.0
         allowed = tolerance * (_AFTER_IMPACT if time_map == AFTER else 1.0)
@@ -233,7 +258,7 @@ def integrate(
                 y_now, x_now, _ = step(
                     p, here, step_map, step_start, ds_for(step_map, step_start, time - here.time), velocity_time, k
                 )
-            now = relative_motion(instant(p, time, y_now, x_now, here.modes, here.approaches))
+            now = relative_motion(instant(p, time, y_now, x_now, here.modes, here.approaches, here.begins))
             turns = all_turns(turns, seen, now, time - seen_time)
             seen, seen_time = now, time
             for i in range(STATES):
@@ -241,8 +266,8 @@ def integrate(
             for i in range(AUXILIARY_STATES):
                 auxiliary_states[sample, i] = x_now[i]
             for i in range(3):
-                modes_at[sample, i], approaches_at[sample, i] = here.modes[i], here.approaches[i]
-                directions_at[sample, i] = direction(turns[i], now[i])
+                modes_at[sample, i], directions_at[sample, i] = here.modes[i], direction(turns[i], now[i])
+                approaches_at[sample, i], begins_at[sample, i] = here.approaches[i], here.begins[i]
             sample += 1
         if sample == times.size:
             return DONE, there, events[:event_count], steps
@@ -251,12 +276,14 @@ def integrate(
         if time_map == AFTER:
             s = math.sqrt(s * s + there.time - here.time)
         if not happens:
-            proposal = elapsed_time(step_map, step_start + ds, ds * factor)
+            following = elapsed_time(step_map, step_start + ds, ds * factor)
+            proposal = max(following, unhindered) if proposal < unhindered else following
             here, motion, holding = there, there_motion, there_holding
             continue
 
         # The event: the joint's mode changes.
-        before, modes, approaches, x_after = here.modes[joint], here.modes, here.approaches, there.auxiliary_state
+        before, modes, x_after = here.modes[joint], here.modes, there.auxiliary_state
+        approaches, begins = here.approaches, here.begins
         closing = max(-there_holding[joint][1], 0.0)
         mode, approach = switched(before, approaches[joint], kind, closing, least_approach(p, joint))
         modes, approaches = replaced(modes, joint, mode), replaced(approaches, joint, approach)
@@ -267,13 +294,15 @@ def integrate(
             event_count += 1
         if before == FLIGHT:
             begin_episode(episodes, joint, there.time)
+            begins = replaced(begins, joint, there.time)
             time_map, s = AFTER, 0.0
             proposal = min(proposal, 0.1 * contact_begins(p, joint, approach))
         elif mode == FLIGHT:
+            begins = replaced(begins, joint, math.inf)
             # Bristles that touch nothing are straight.
             x_after = x_after[:8] + replaced((x_after[8], x_after[9], x_after[10]), joint, 0.0)
             if modes[0] == FLIGHT and modes[1] == FLIGHT and modes[2] == FLIGHT:
                 time_map, s, proposal = LINEAR, 0.0, max(proposal, 0.2 * longest)
-        here = instant(p, there.time, there.clearance_state, x_after, modes, approaches)
+        here = instant(p, there.time, there.clearance_state, x_after, modes, approaches, begins)
         motion = relative_motion(here)
         holding = all_conditions(p, here, motion)

@@ -15,6 +15,7 @@ import numpy as np
 
 from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES, Crank, accelerations
+from jointgap.dynamics.model.normal_contact import damping_factor_at
 from jointgap.dynamics.model.parameters import CONSTANT, MOTOR
 from jointgap.dynamics.model.prescribed_drive import crank_motion
 from jointgap.dynamics.solver.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
@@ -46,8 +47,9 @@ class Instant(NamedTuple):
     crank_angle : float
         [rad].
     crank : Crank
-    modes, approaches, normals : tuples of 3
-        Modes of crank pin, piston pin and crank pivot, approach speeds [m/s] of their contacts, normal forces [N].
+    modes, approaches, begins, normals : tuples of 3
+        Modes of crank pin, piston pin and crank pivot, approach speeds [m/s] and begins [s] of their contacts (no
+        contact: infinite), normal forces [N].
     """
 
     time: float
@@ -59,6 +61,7 @@ class Instant(NamedTuple):
     crank: Crank
     modes: tuple[int, int, int]
     approaches: tuple[float, float, float]
+    begins: tuple[float, float, float]
     normals: tuple[float, float, float]
 
 
@@ -117,20 +120,53 @@ def ds_for(time_map, s, duration) -> float:
 
 
 @inlined
-def damping_factors(p, approaches) -> tuple:
-    """chi / d'_0 [s/m] of all contacts.
+def damping_factors(p, approaches, begins, time) -> tuple:
+    """`damping_factor_at` of all contacts.
 
     Parameters
     ----------
     p : Parameters
-    approaches : tuple of 3 floats
-        Approach speeds [m/s].
+    approaches, begins : tuples of 3 floats
+        Approach speeds [m/s] and begins [s].
+    time : float
+        [s].
     """
     return (
-        p.crank_pin.damping / approaches[0],
-        p.piston_pin.damping / approaches[1],
-        p.crank_pivot.damping / approaches[2],
+        damping_factor_at(p.crank_pin, approaches[0], begins[0], time),
+        damping_factor_at(p.piston_pin, approaches[1], begins[1], time),
+        damping_factor_at(p.crank_pivot, approaches[2], begins[2], time),
     )
+
+
+@inlined
+def _fades(joint, begin, time, later) -> bool:
+    """Whether the memory of a contact fades between two times.
+
+    Parameters
+    ----------
+    joint : JointParameters
+    begin, time, later : float
+        [s].
+    """
+    faded_from = begin + joint.memory_time
+    return faded_from < later and time < faded_from + joint.fading_time
+
+
+@inlined
+def next_knot(joint, begin, time, resolution) -> float:
+    """Next time [s] at which the memory of a contact begins or ends to fade, infinite if there is none.
+
+    Parameters
+    ----------
+    joint : JointParameters
+    begin, time, resolution : float
+        Begin of the contact, time from which on, and how near to it a knot counts as passed [s].
+    """
+    knot = begin + joint.memory_time
+    if knot > time + resolution:
+        return knot
+    knot += joint.fading_time
+    return knot if knot > time + resolution else math.inf
 
 
 @inlined
@@ -166,7 +202,7 @@ def rates_of_auxiliary(x, found, bristles) -> tuple:
 
 
 @compiled
-def instant(p, time, y, x, modes, approaches):
+def instant(p, time, y, x, modes, approaches, begins):
     """The instant of a state.
 
     Parameters
@@ -176,15 +212,16 @@ def instant(p, time, y, x, modes, approaches):
         [s].
     y, x : tuples of 8 and 11 floats
         Clearance state and auxiliary state.
-    modes, approaches : tuples of 3
-        Modes of the joints and approach speeds [m/s] of their contacts.
+    modes, approaches, begins : tuples of 3
+        Modes of the joints, approach speeds [m/s] and begins [s] of their contacts.
     """
     angle, crank = crank_at(p, time, x)
-    damping = damping_factors(p, approaches)
+    damping = damping_factors(p, approaches, begins, time)
     a, pin, piston, pivot, _, _, bristles = accelerations(p, time, angle, crank, y, x, modes, damping)
     slope = (y[4], y[5], y[6], y[7], a[0], a[1], a[2], a[3])
     normals = (pin[0], piston[0], pivot[0])
-    return Instant(time, y, x, slope, rates_of_auxiliary(x, a, bristles), angle, crank, modes, approaches, normals)
+    rates = rates_of_auxiliary(x, a, bristles)
+    return Instant(time, y, x, slope, rates, angle, crank, modes, approaches, begins, normals)
 
 
 instant_in_place = inlined(getattr(instant, "py_func", instant))
@@ -237,7 +274,13 @@ def step(p, here, time_map, s, ds, velocity_time, k):
     tuple
         State and auxiliary states at the end, estimated local error [m].
     """
-    y, x, damping = here.clearance_state, here.auxiliary_state, damping_factors(p, here.approaches)
+    y, x, begins = here.clearance_state, here.auxiliary_state, here.begins
+    damping, later = damping_factors(p, here.approaches, begins, here.time), here.time + elapsed_time(time_map, s, ds)
+    fades = (
+        _fades(p.crank_pin, begins[0], here.time, later)
+        or _fades(p.piston_pin, begins[1], here.time, later)
+        or _fades(p.crank_pivot, begins[2], here.time, later)
+    )
     factor = dt_ds(time_map, s)
     for i in range(STATES):
         k[0, i] = factor * here.clearance_rates[i]
@@ -277,6 +320,8 @@ def step(p, here, time_map, s, ds, velocity_time, k):
             angle, crank = here.crank_angle + turn, Crank(cosine, sine, p.drive.speed, 0.0)
         else:
             angle, crank = crank_at(p, here.time + passed, z_auxiliary)
+        if fades:
+            damping = damping_factors(p, here.approaches, begins, here.time + passed)
         a4, pin, piston, pivot, _, _, bristles = accelerations(
             p, here.time + passed, angle, crank, z, z_auxiliary, here.modes, damping
         )

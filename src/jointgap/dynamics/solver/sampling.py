@@ -126,13 +126,13 @@ def _never_pulling(joint, force):
 
 
 @compiled
-def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, directions_at, samples):
+def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, begins_at, directions_at, samples):
     """Compute every number that follows from the sampled states of an integration.
 
     Parameters
     ----------
     p : Parameters
-    times, states, auxiliary_states, modes_at, approaches_at, directions_at
+    times, states, auxiliary_states, modes_at, approaches_at, begins_at, directions_at
         Samples as `jointgap.dynamics.solver.integrate.integrate` leaves them.
     samples : (n,) array of `SAMPLE`
         Overwritten.
@@ -142,9 +142,10 @@ def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, di
         y, x, row = states[n], auxiliary_states[n], samples[n]
         modes = (modes_at[n, 0], modes_at[n, 1], modes_at[n, 2])
         approaches = (approaches_at[n, 0], approaches_at[n, 1], approaches_at[n, 2])
+        begins = (begins_at[n, 0], begins_at[n, 1], begins_at[n, 2])
         y = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
         x = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
-        here = instant(p, times[n], y, x, modes, approaches)
+        here = instant(p, times[n], y, x, modes, approaches, begins)
         motion, crank = relative_motion(here), here.crank
         at = directions_at[n]
         row.r2, row.r2_dot, row.r2_ddot, row.gamma2, row.gamma2_dot, row.gamma2_ddot = polar_rates(motion[0], at[0])
@@ -152,7 +153,7 @@ def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, di
         row.r1, row.r1_dot, row.r1_ddot, row.gamma1, row.gamma1_dot, row.gamma1_ddot = polar_rates(motion[2], at[2])
 
         place = pose(b, crank, y, x)
-        damping = damping_factors(p, approaches)
+        damping = damping_factors(p, approaches, begins, times[n])
         a, pin, piston, pivot, _, force, _ = accelerations(p, times[n], here.crank_angle, crank, y, x, modes, damping)
         pin, piston = _never_pulling(p.crank_pin, pin), _never_pulling(p.piston_pin, piston)
         pivot, alpha = _never_pulling(p.crank_pivot, pivot), a[6]
