@@ -215,8 +215,9 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
 
 
 def none_above_its_parts(baseline: Baseline, fits: Sequence[Fit]) -> dict[frozenset[str], Fit]:
-    """Those of the `fits` that have effects, by their labels; each fitted on to the problem of the `baseline` where a part
-    of it ended lower.
+    """Those of the `fits` that have effects, by their labels.
+
+    Where a part of a hypothesis ended lower, it is fitted on to the problem of the `baseline` from there.
     """
     done: list[Fit] = []
     for fit in sorted(fits, key=lambda fit: len(fit.hypothesis)):
