@@ -7,6 +7,7 @@ import pytest
 
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.gauss_newton import compress_rows
 from jointgap.identification.hypothesis_fits import fit_singles
 from jointgap.identification.model_selection import refit_and_decide
 from jointgap.identification.nesting import chi2_without_effects, not_above_its_parts, with_effects_absent
@@ -99,6 +100,18 @@ def test_an_effect_that_won_by_its_nuisances_better_valley_is_not_named(label):
     decision = refit_and_decide(baseline, signatures, [winner], LIMITS)
     assert decision.verdict == "parameters_only"
     assert decision.base.chi2 < 1.1 * winner.chi2
+
+
+def test_fits_from_a_file_hold_their_derivatives_in_fewer_rows_and_that_is_enough():
+    model = toy({"viscous": {"damping_N_s_m": 0.2}}, seed=3)
+    base, _ = recalibrated(model)
+    hypothesis = (candidate_of("viscous"),)
+    found = fit_hypothesis(base.problem, hypothesis, differences=base.differences)
+    stored = replace(found, jacobian=compress_rows(found.jacobian)[0])
+    without = chi2_without_effects(base.problem, found)
+    assert chi2_without_effects(base.problem, stored) == pytest.approx(without)
+    poor = replace(stored, values=0.9 * stored.values, residual=2.0 * base.base.residual)
+    assert not_above_its_parts(base.problem, base.differences, poor, [base.base]).chi2 < base.base.chi2
 
 
 def test_an_effect_that_is_there_keeps_the_base_where_it_is():
