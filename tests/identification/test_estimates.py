@@ -1,20 +1,24 @@
 """Estimates as a verdict states them: value, standard error, 90 % interval, and a remark where there is none."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from jointgap.identification.estimates import (
     AT_BOUND,
+    CHANGES_NOTHING,
     HALF_WIDTH_90,
     NOT_ESTIMATED,
     effect_estimates,
     estimate_with_interval,
     nuisance_estimates,
 )
-from jointgap.identification.fit import Fit
+from jointgap.identification.fit import Fit, fit_hypothesis
+from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
+from tests.identification.toy import stated_noise, toy
 
 
 def fit_of(candidate, *values, nuisances=()):
@@ -91,8 +95,16 @@ def test_what_follows_from_a_coordinate_at_its_bound_is_at_its_bound_too(value, 
 def test_nuisances_are_those_parameters_that_belong_to_no_effect():
     force = Candidate("coulomb", "slider", (Parameter("force_N", 0.0, 0.0, step=0.1),), ("force_N",))
     mass, own = Parameter("mass", 1.0, 0.5, 1.2), Parameter("own", 0.0, run="slow")
-    fit = fit_of(force, 1.1, -2.0, 4.0, nuisances=(mass, own))
+    fit = replace(fit_of(force, 1.1, -2.0, 4.0, nuisances=(mass, own)), jacobian=np.ones((9, 3)))
     found = nuisance_estimates(fit, np.diag([0.01, 0.25, 9.0]))
     assert [p for p, _ in found] == [mass, own]
     assert found[0][1]["interval_90"] == pytest.approx([1.1 - 0.1645, 1.2])
     assert found[1][1]["interval_90"] == pytest.approx([-2.0 - 0.8225, -2.0 + 0.8225])
+
+
+def test_a_nuisance_that_changes_nothing_is_told_as_that_and_not_as_fitted():
+    model = toy(seed=0, channels=("acceleration",))  # no force is read: the mass changes nothing
+    fit = fit_hypothesis(Problem(model, stated_noise(model)), refresh=True)
+    told = {p.name: estimate for p, estimate in nuisance_estimates(fit, fit.covariance())}
+    assert told["slider_mass"] == {"value": 0.5, "sd": None, "interval_90": [None, None], "remark": CHANGES_NOTHING}
+    assert told["crank_length"]["sd"] > 0.0

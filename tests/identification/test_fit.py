@@ -166,9 +166,17 @@ def test_a_nuisance_that_an_effect_replaces_costs_as_much_as_a_parameter(replace
     effects = tuple(
         Candidate(f"effect{i}", "slider", (size,), ("a",), replaces=names) for i, names in enumerate(replaced)
     )
-    fitted = made_fit(np.full(50, 2.0), [Parameter(key, 0.0) for key in "abc"], hypothesis=effects)
+    fitted = made_fit(np.full(50, 2.0), [Parameter(key, 0.0) for key in "abc"], np.eye(50)[:, :3], hypothesis=effects)
     assert fitted.chi2 == 200.0
     assert fitted.bic == pytest.approx(200.0 + counted * np.log(50), rel=1e-14)
+
+
+def test_a_parameter_that_changes_nothing_does_not_count():
+    """Of a, b and c: 1 over a step, 0, and as little over the whole range as rounding leaves."""
+    parameters = [Parameter("a", 0.0), Parameter("b", 0.0), Parameter("c", 0.0, -1.0, 1.0)]
+    fitted = made_fit(np.full(50, 2.0), parameters, np.eye(50)[:, :3] * [1.0, 0.0, 1e-9])
+    assert fitted.active.tolist() == [True, False, False]
+    assert fitted.bic == pytest.approx(200.0 + np.log(50), rel=1e-14)
 
 
 def test_a_failed_fit_is_worse_than_any_other():

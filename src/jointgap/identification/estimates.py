@@ -18,9 +18,12 @@ nothing."""
 NOT_ESTIMATED = "not estimated"
 """A number that goes with an effect and that no fit varies, such as the length of a film or a whole order."""
 
+CHANGES_NOTHING = "changes nothing in what was measured"
+"""A parameter on which no measured value depends, such as a mass where no force is read: its value was not fitted."""
+
 
 def nuisance_estimates(fit: Fit, covariance: np.ndarray) -> list[tuple[Parameter, dict[str, Any]]]:
-    """Nuisances of a fit, each with its estimate as `estimate_with_interval` gives it.
+    """Nuisances of a fit, each with its estimate as `estimate_with_interval` gives it; what changes nothing has none.
 
     Parameters
     ----------
@@ -29,8 +32,11 @@ def nuisance_estimates(fit: Fit, covariance: np.ndarray) -> list[tuple[Parameter
         Of all parameters of the fit [SI], in their order.
     """
     of_effects = {f"{c.label}.{p.key}" for c in fit.hypothesis for p in c.coordinates}
+    active = fit.active
     return [
         (p, estimate_with_interval(fit.values[i], np.sqrt(covariance[i, i]), p.low, p.high))
+        if active[i]
+        else (p, _no_estimate(fit.values[i], CHANGES_NOTHING))
         for i, p in enumerate(fit.parameters)
         if p.key not in of_effects
     ]
@@ -92,7 +98,10 @@ def estimate_with_interval(value: float, sd: float, low: float, high: float) -> 
         Bounds of the parameter [unit of the parameter].
     """
     if not sd > 0.0:
-        remark = NOT_ESTIMATED if low < value < high else AT_BOUND
-        return {"value": float(value), "sd": None, "interval_90": [None, None], "remark": remark}
+        return _no_estimate(value, NOT_ESTIMATED if low < value < high else AT_BOUND)
     ends = np.clip([value - HALF_WIDTH_90 * sd, value + HALF_WIDTH_90 * sd], low, high)
     return {"value": float(value), "sd": float(sd), "interval_90": [float(end) for end in ends]}
+
+
+def _no_estimate(value: float, remark: str) -> dict[str, Any]:
+    return {"value": float(value), "sd": None, "interval_90": [None, None], "remark": remark}

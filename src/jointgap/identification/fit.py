@@ -10,7 +10,7 @@ from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.gauss_newton import StoppingRule, bounded_step, broyden_update, next_damping
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Parameter
-from jointgap.identification.settings import DampingSettings
+from jointgap.identification.settings import DEFAULT_SETTINGS, DampingSettings
 
 CONVERGED, STOPPED, FAILED = "converged", "stopped", "failed"
 
@@ -63,11 +63,23 @@ class Fit:
     def bic(self) -> float:
         """Bayesian information criterion: chi2 + k ln n (Schwarz 1978).
 
-        A nuisance that an effect replaces still counts, since the effect says that it is out of its range; otherwise
-        replacing would be cheaper than adding.
+        Parameters that change nothing (`active`) do not count. A nuisance that an effect replaces still counts, since
+        the effect says that it is out of its range; otherwise replacing would be cheaper than adding.
         """
         replaced = sum(len(candidate.replaces) for candidate in self.hypothesis)
-        return self.chi2 + (len(self.parameters) + replaced) * np.log(self.residual.size)
+        return self.chi2 + (int(self.active.sum()) + replaced) * np.log(self.residual.size)
+
+    @property
+    def active(self) -> np.ndarray:
+        """Which parameters change what was measured, over their range or a typical step where it has no end: (k,) bool.
+
+        The first angle of a run whose drive is the measured angle changes nothing, nor does a mass where no force is
+        read.
+        """
+        low, high = bounds_of(self.parameters)
+        steps = np.array([p.step for p in self.parameters])
+        reach = np.where(np.isfinite(high - low), high - low, steps)
+        return np.linalg.norm(self.jacobian, axis=0) * reach > DEFAULT_SETTINGS.differences.negligible_change
 
     @property
     def mapping(self) -> dict[str, float]:

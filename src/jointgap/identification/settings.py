@@ -42,6 +42,9 @@ class FiniteDifferenceSettings:
         [1] A step is shortened or lengthened by at most this factor at once: beyond, the extrapolation says nothing.
     min_step_change : float
         [1] A new step has to differ from the old one by this factor to be worth a simulation.
+    negligible_change : float
+        [1] A parameter that changes all residuals over its whole range by this length changes nothing: noise changes
+        each of them by 1.
     max_share_of_range : float
         [1] A step is at most this share of a bounded parameter's range, so that one of the two directions always fits.
     """
@@ -56,6 +59,7 @@ class FiniteDifferenceSettings:
     min_step_ratio: float = 1e-4
     max_step_ratio: float = 1e4
     min_step_change: float = 1.5
+    negligible_change: float = 0.01
     max_share_of_range: float = 0.5
 
 
