@@ -72,6 +72,7 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
             {"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350.0, 10.0], "p_adjusted": 1e-9},
             {"run": "fast", "channel": "guide_force", "crank_angle_deg": [20.0, 40.0], "p_adjusted": 0.004},
         ],
+        "orders": [],
         "gap": {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": 8.0, "after": None}},
         "held_out": [{"run": "fast", "part": "whole"}],
         "preflight": {"undetectable": ["gravity"], "merged": [["a", "b"]]},

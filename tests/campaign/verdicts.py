@@ -21,6 +21,7 @@ NAMED = {
     "equivalent": [],
     "nuisances": {"slider_mass": {"value": 0.447, "sd": 0.002}},
     "where": [{"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350, 10], "p_adjusted": 1e-9}],
+    "orders": [],
     "gap": {"identify": {"before": 9.1, "after": 1.02}, "confirm": {"before": 8.7, "after": 1.05}},
     "preflight": {
         "undetectable": ["crank_unbalance"],

@@ -112,6 +112,8 @@ def crank_losses(moved: Motion) -> np.ndarray:
         moment = moment - e.torque_N_m * np.tanh(w / CRANK_SIGN_SPEED)
     if e := moved.made.effect("crank_viscous_friction"):
         moment = moment - e.damping_N_m_s * w
+    if e := moved.made.effect("crank_periodic_torque"):
+        moment = moment + e.torque_N_m * np.cos(e.order * moved.angles - e.phase_rad)
     if moved.made.effect("discovered_crank_torque"):
         moment = moment - 0.3 * np.cos(moved.angles) ** 2
     return moment

@@ -40,6 +40,7 @@ SLIDER = [
 CRANK = [
     effect("crank_coulomb_friction", torque_N_m=0.3),
     effect("crank_viscous_friction", damping_N_m_s=0.01),
+    effect("crank_periodic_torque", torque_N_m=0.2, order=5, phase_rad=-1.1),
     effect("discovered_crank_torque", formula="-0.3*cos(theta)^2"),
 ]
 MOTORED = {"drive": MOTOR}

@@ -124,9 +124,11 @@ def test_friction_of_the_cranks_bearings_is_asked_of_the_drive_alone(loose, wors
         effect("crank_coulomb_friction", torque_N_m=0.3),
         effect("crank_viscous_friction", damping_N_m_s=0.01),
         effect("discovered_crank_torque", formula="-c*w^2*cos(theta)", coefficients={"c": 1e-4}),
+        effect("crank_periodic_torque", torque_N_m=0.4, order=12, phase_rad=0.7),
     ]
     plain, rubbed = (simulate(mechanism(*effects, loose=loose), options()).samples for effects in ([], frictions))
     added = 0.3 + 0.01 * SPEED + 1e-4 * SPEED**2 * np.cos(plain.crank_angle)
+    added = added - 0.4 * np.cos(12 * plain.crank_angle - 0.7)
     difference = np.abs(rubbed.crank_torque - plain.crank_torque - added).max()
     worst("friction of the crank's bearings: torque", difference / np.abs(plain.crank_torque).max(), 1e-14)
     np.testing.assert_array_equal(rubbed.slider_position, plain.slider_position)

@@ -67,6 +67,7 @@ def test_every_effect_has_a_law_a_reference_and_explained_parameters(name):
         ("crank_coulomb_friction", "torque_N_m", (0,), (-1,)),
         ("crank_viscous_friction", "damping_N_m_s", (0,), (-1,)),
         ("crank_unbalance", "unbalance_kg_m", (0,), (-1,)),
+        ("crank_periodic_torque", "order", (1, 100), (0, 101, 1.5)),
         ("speed_fluctuation", "ratio", (0, 0.3), (-0.1, 0.31)),
         ("speed_fluctuation", "order", (1, 12), (0, 13, 1.5)),
         ("piston_pin_clearance", "clearance_m", (0, 1e-9, 1e-4), (-1e-4, 1e-20, 0.9e-9)),

@@ -25,6 +25,10 @@ FILE_EFFECTS = {
         {"cosine": 0.01 * math.cos(0.7), "sine": 0.01 * math.sin(0.7)},
         {"unbalance_kg_m": 0.01, "angle_rad": 0.7},
     ),
+    "crank_periodic_torque": (
+        {"cosine": 0.3 * math.cos(0.7), "sine": 0.3 * math.sin(0.7), "order": 12.0},
+        {"torque_N_m": 0.3, "order": 12, "phase_rad": 0.7},
+    ),
     "gravity": ({"acceleration_m_s2": 9.81}, {"acceleration_m_s2": 9.81}),
     "added_slider_mass": ({"mass_kg": 0.05}, {"mass_kg": 0.05}),
     "slider_offset": ({"offset_m": 0.01}, {"offset_m": 0.01}),

@@ -35,6 +35,12 @@ NOISE = 0.02  # of a channel's own standard deviation
 def measured(folder: Path, formula: str) -> SliderCrankModel:
     """The ideal slider-crank without effects, and data of one on whose slider the force `formula` acts."""
     hidden = {"name": "discovered_slider_force", "parameters": {"formula": formula}}
+    loaded = load_campaign(written_campaign(folder, hidden))
+    return build_model(loaded, read_measurements(loaded))
+
+
+def written_campaign(folder: Path, hidden: dict) -> Path:
+    """The campaign file of the ideal slider-crank without effects, beside data of one with the effect `hidden`."""
     (folder / "base.yaml").write_text(yaml.safe_dump(MECHANISM))
     (folder / "true.yaml").write_text(yaml.safe_dump({**MECHANISM, "effects": [hidden]}))
     truth, rng, runs = load_mechanism(folder / "true.yaml"), np.random.default_rng(5), []
@@ -60,8 +66,7 @@ def measured(folder: Path, formula: str) -> SliderCrankModel:
         "nuisance": {"slider_mass": "5%"},
     }
     (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign))
-    loaded = load_campaign(folder / "campaign.yaml")
-    return build_model(loaded, read_measurements(loaded))
+    return folder / "campaign.yaml"
 
 
 def regressed(model: SliderCrankModel) -> ForceLawResult:

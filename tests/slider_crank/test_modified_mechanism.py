@@ -287,6 +287,18 @@ def test_of_an_effect_with_a_side_one_parameter_is_the_opposite_behind(name, tur
     assert mirrored(made(effects=[example(EFFECTS[name])])).effects == (own.mirrored(),)
 
 
+def test_the_phase_of_a_periodic_torque_is_mirrored_about_a_quarter_turn():
+    (own,) = made(effects=[example(EFFECTS["crank_periodic_torque"])]).effects
+    behind = own.mirrored().parameters
+    assert behind.phase_rad == math.pi - own.parameters.phase_rad
+    assert (behind.torque_N_m, behind.order) == (own.parameters.torque_N_m, own.parameters.order)
+    theta = 0.3  # M' = -M at theta' = -theta
+    moment, moment_behind = (
+        p.torque_N_m * math.cos(p.order * t - p.phase_rad) for p, t in ((own.parameters, theta), (behind, -theta))
+    )
+    assert moment_behind == pytest.approx(-moment)
+
+
 @pytest.mark.parametrize(
     ("name", "behind"),
     [
@@ -305,6 +317,7 @@ def test_a_formula_has_the_angle_and_the_speed_of_the_crank_turned_and_a_torque_
 SIDELESS = set(EFFECTS) - {
     "speed_fluctuation",
     "crank_unbalance",
+    "crank_periodic_torque",
     "slider_offset",
     "discovered_slider_force",
     "discovered_crank_torque",

@@ -34,6 +34,7 @@ def conclude(state: CampaignState) -> dict[str, Any]:
         state.false_alarm_rate,
         separated,
         state.clockwise,
+        folder.read("map_standout"),
     )
     write_text(folder.path / VERDICT, verdict.text(content))
     return content

@@ -30,6 +30,7 @@ def document(
     false_alarm_rate: float,
     separated_by: str = "",
     clockwise: Collection[str] = (),
+    standout: pd.DataFrame | None = None,
 ) -> dict[str, Any]:
     """The content of ``verdict.json``.
 
@@ -50,6 +51,8 @@ def document(
         Which experiment would separate equivalent explanations, in a sentence.
     clockwise : collection of str
         Runs whose crank turns clockwise.
+    standout : DataFrame, optional
+        Table `jointgap.tables.MAP_STANDOUT`.
     """
     gains = _gains(outcome)
     return {
@@ -70,6 +73,7 @@ def document(
             }
             for row in windows.to_dict("records")
         ],
+        "orders": [] if standout is None else standout.to_dict("records"),
         "gap": {role: dict(gaps) for role, gaps in gap.items()},
         "held_out": [dict(run) for run in held_out],
         "preflight": {key: list(value) for key, value in preflight.items()},

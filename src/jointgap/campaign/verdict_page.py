@@ -18,7 +18,7 @@ from jointgap.campaign.tables_of_identification import assumed, failures
 from jointgap.campaign.verdict_sentences import ENOUGH, answer, held_out_in_words
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.report.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
-from jointgap.report.plain_words import joined, number, percent, rounded_gap, with_error
+from jointgap.report.plain_words import joined, number, percent, rounded_gap, with_error, with_unit
 
 _MOST_WINDOWS = 5  # the largest disagreements; the map shows all
 
@@ -130,6 +130,7 @@ def _where(verdict: Mapping[str, Any], windows: pd.DataFrame | None) -> list[Blo
         return [
             Heading("Where it shows"),
             Paragraph(f"At no crank angle does the recalibrated model{without} stand out of the noise by itself."),
+            *_orders(verdict),
             _figure("disagreement"),
         ]
     more = len(places) - _MOST_WINDOWS
@@ -138,7 +139,24 @@ def _where(verdict: Mapping[str, Any], windows: pd.DataFrame | None) -> list[Blo
         Heading("Where it shows"),
         Paragraph(f"The measurement differs from the model{without}, its parameters re-fitted, at:"),
         Bullets((*places[:_MOST_WINDOWS], *others)),
+        *_orders(verdict),
         _figure("disagreement"),
+    ]
+
+
+def _orders(verdict: Mapping[str, Any]) -> list[Block]:
+    """Says which single orders of the crank hold most of what a channel misses."""
+    if not verdict["orders"]:
+        return []
+    lines = tuple(
+        f"run {line['run']}, {line['channel'].replace('_', ' ')}: order {line['order']} ({line['order']} cycles per "
+        f"revolution), amplitude {with_unit(number(line['amplitude']), line['unit'])}, {percent(line['share'])} of "
+        "what exceeds the noise"
+        for line in verdict["orders"]
+    )
+    return [
+        Paragraph("Most of the difference is one order of the crank, as a drive, teeth or poles make it:"),
+        Bullets(lines),
     ]
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 from scipy.special import chdtrc
 from scipy.stats import false_discovery_control
 
-from jointgap.identification.order_spectrum import order_spectrum, speed_scaling
+from jointgap.identification.order_spectrum import order_spectrum, speed_scaling, standout_orders
 from jointgap.identification.problem import Part, Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.whitening import Noise, unwhiten, whiten
@@ -32,6 +32,9 @@ class DisagreementMap:
         between), mean, rms, p_adjusted; the surest first.
     orders : DataFrame
         Spectrum of the whitened residual over orders of the crank: run, channel, order, amplitude, p.
+    standout : DataFrame
+        Whole orders of the crank that hold most of what a channel of a run misses: run, channel, unit, order,
+        amplitude [unit], share, p.
     scaling : DataFrame
         Per channel, how the disagreement grows with speed: exponent, low, high (90 % interval), runs.
     """
@@ -43,6 +46,7 @@ class DisagreementMap:
     bins: pd.DataFrame
     windows: pd.DataFrame
     orders: pd.DataFrame
+    standout: pd.DataFrame
     scaling: pd.DataFrame
 
 
@@ -80,6 +84,7 @@ def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: fl
         bins.drop(columns="size"),
         windows,
         order_spectrum(problem, residual),
+        standout_orders(problem, residual, false_discovery),
         speed_scaling(problem, residual),
     )
 

@@ -1,4 +1,4 @@
-"""Frequencies at which a swinging effect may be hidden in a residual."""
+"""Frequencies, in time or over the crank angle, at which a swinging effect may be hidden in a residual."""
 
 from collections.abc import Sequence
 
@@ -49,20 +49,67 @@ def likely_frequencies(
     step = 1.0 / (settings.frequencies_per_line * span)
     densest = min(np.median(np.diff(part.series.time[part.used])) for part in parts if timed[part.place].all())
     tried = np.arange(max(frequency.low, 0.5 / span), min(frequency.high, 0.5 / densest), step)
-    basis = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))[0]
-    left = residual - basis @ (basis.T @ residual)
+    basis, left = _beyond_nuisances(residual, jacobian)
     carriers = [np.where(timed & (run == name), carrier, 0.0) for name in dict.fromkeys(run)]
-    power = np.array([_power(hertz, np.where(timed, time, 0.0), carriers, basis, left) for hertz in tried])
+    time = np.where(timed, time, 0.0)
+    power = np.array([_power(2 * np.pi * hertz * time, carriers, basis, left) for hertz in tried])
     inner = np.arange(1, power.size - 1)
     peaks = inner[(power[inner] >= power[inner - 1]) & (power[inner] > power[inner + 1])]
     return [float(tried[i]) for i in sorted(peaks, key=lambda i: -power[i])[: settings.max_frequencies]]
 
 
-def _power(
-    hertz: float, time: np.ndarray, carriers: Sequence[np.ndarray], basis: np.ndarray, left: np.ndarray
-) -> float:
-    """How much of the squared residual a cosine and a sine explain, in each run by themselves."""
-    phase = 2 * np.pi * hertz * time
+def likely_orders(
+    parts: Sequence[Part],
+    residual: np.ndarray,
+    jacobian: np.ndarray,
+    carrier: np.ndarray,
+    order: Parameter,
+    settings: ScreeningSettings,
+) -> list[float]:
+    """The most likely orders [cycles per revolution] of an effect that is `carrier` times a cosine of the crank angle.
+
+    As `likely_frequencies`, over whole numbers; an effect in step with the crank has one phase in all runs. Orders that
+    the samples of a series do not resolve are not looked for.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        Series with crank angles; others take no part.
+    residual : (n,) array
+        [1] Whitened.
+    jacobian : (n, k) array
+        [1/unit] Derivatives with respect to the nuisances.
+    carrier : (n,) array
+        [1/unit] Derivative with respect to the steady effect's amplitude.
+    order : Parameter
+        Its bounds [cycles per revolution] are the range that is searched.
+    settings : ScreeningSettings
+    """
+    angle = np.full(residual.size, np.nan)
+    finest = np.inf
+    for part in parts:
+        own = part.series.angle[part.used]
+        angle[part.place] = own
+        if np.isfinite(own).sum() > 1:
+            finest = min(finest, float(np.nanmedian(np.abs(np.diff(own)))))
+    known = np.isfinite(angle)
+    if not known.any() or not residual.any():  # a preflight has nothing to search
+        return []
+    tried = np.arange(np.ceil(order.low), np.floor(min(order.high, np.pi / max(finest, 1e-9))) + 1.0)
+    basis, left = _beyond_nuisances(residual, jacobian)
+    carriers, angle = [np.where(known, carrier, 0.0)], np.where(known, angle, 0.0)
+    power = [_power(k * angle, carriers, basis, left) for k in tried]
+    return [float(tried[i]) for i in sorted(range(tried.size), key=lambda i: -power[i])[: settings.max_frequencies]]
+
+
+def _beyond_nuisances(residual: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal columns of what nuisances change, and what they leave of the residual."""
+    basis = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))[0]
+    return basis, residual - basis @ (basis.T @ residual)
+
+
+def _power(phase: np.ndarray, carriers: Sequence[np.ndarray], basis: np.ndarray, left: np.ndarray) -> float:
+    """How much of the squared residual the cosine and the sine of `phase` explain, with each carrier by themselves."""
     columns = np.column_stack([carrier * wave for carrier in carriers for wave in (np.cos(phase), np.sin(phase))])
     columns -= basis @ (basis.T @ columns)
     weight = np.linalg.lstsq(columns, left, rcond=None)[0]

@@ -51,6 +51,66 @@ def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else empty
 
 
+def standout_orders(problem: Problem, residual: np.ndarray, rate: float) -> pd.DataFrame:
+    """Whole orders of the crank that hold most of what a channel of a run misses, such as a motor's cogging.
+
+    Parameters
+    ----------
+    problem : Problem
+    residual : (size,) array
+        [1] Whitened.
+    rate : float
+        [1] Probability that noise alone makes any such order in a channel of a run.
+
+    Returns
+    -------
+    DataFrame
+        run, channel, unit, order [cycles per turn], amplitude [unit], share [1, of the squared excess over the noise],
+        p: probability that noise alone has a larger one at that order.
+    """
+    settings, rows = problem.settings.disagreement, []
+    spectrum = order_spectrum(problem, residual)
+    lowest = settings.lowest_standout_order
+    whole = spectrum[np.isclose(spectrum["order"] % 1.0, 0.0) & (spectrum["order"] > lowest - 0.5)]
+    for part in problem.parts:
+        own = whole[(whole["run"] == part.series.run) & (whole["channel"] == part.series.channel)]
+        white = residual[part.place]
+        excess = float(white @ white) - white.size
+        if own.empty or excess <= 0.0:
+            continue
+        line = own.loc[own["amplitude"].idxmax()]
+        share = 0.5 * white.size * line["amplitude"] ** 2 / excess
+        if line["p"] * len(own) < rate and share > settings.standout_share:
+            amplitude = _amplitude(part, white, float(line["order"]))
+            rows.append(
+                {
+                    "run": part.series.run,
+                    "channel": part.series.channel,
+                    "unit": part.series.unit,
+                    "order": round(line["order"]),
+                    "amplitude": amplitude,
+                    "share": min(share, 1.0),
+                    "p": line["p"],
+                }
+            )
+    return pd.DataFrame(rows, columns=["run", "channel", "unit", "order", "amplitude", "share", "p"])
+
+
+def _amplitude(part: Part, white: np.ndarray, order: float) -> float:
+    """Amplitude [unit] of one order in what a series misses, fitted beside a constant."""
+    angle = part.series.angle[part.used]
+    columns = np.column_stack([np.ones(angle.size), np.cos(order * angle), np.sin(order * angle)])
+    _, cosine, sine = np.linalg.lstsq(columns, _missed(part, white), rcond=None)[0]
+    return float(np.hypot(cosine, sine))
+
+
+def _missed(part: Part, white: np.ndarray) -> np.ndarray:
+    """Residual [unit] of the samples that count, from the whitened one."""
+    whole = np.full(part.used.size, np.nan)
+    whole[part.used] = white
+    return (unwhiten(whole, part.noise) * part.noise.spread)[part.used]
+
+
 def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
     """The power of the speed with which the disagreement of each channel grows: 0 for a constant force, 2 for inertia.
 
@@ -105,9 +165,7 @@ def _excess(part: Part, residual: np.ndarray, sigmas: float) -> tuple[float, flo
     if angle.size < 2 or not (np.isfinite(angle).all() and np.isfinite(time).all()):
         return None
     speed = (angle[-1] - angle[0]) / (time[-1] - time[0])
-    white = np.full(part.used.size, np.nan)
-    white[part.used] = residual
-    square = (unwhiten(white, part.noise) * part.noise.spread)[part.used] ** 2
+    square = _missed(part, residual) ** 2
     noise = float(np.mean(part.noise.spread[part.used] ** 2))
     excess = float(square.mean()) - noise
     sd = noise * np.sqrt(2.0 / square.size) + 2.0 * np.sqrt(noise * max(excess, 0.0) / square.size)

@@ -77,9 +77,9 @@ class Candidate:
     has_site : bool
         Whether the effect could be at another site too, so that its label needs the site.
     steady_counterpart : str
-        Label of a steady effect that this one is, but for swinging at its shape parameter ``frequency_Hz``: its
-        amplitudes are the parts with the cosine and with the sine. Frequencies to start from are then searched in the
-        residual.
+        Label of a steady effect that this one is, but for swinging: in time at its shape parameter ``frequency_Hz``, or
+        in step with the crank at ``order``, cycles per revolution. Its amplitudes are the parts with the cosine and
+        with the sine. Frequencies or orders to start from are then searched in the residual.
     is_perturbation : bool
         Whether its amplitude is the change of a known quantity, such as a clearance, down to the lower bound where
         nothing is left of that: small changes then say little of large ones. Both bounds are finite.

@@ -8,7 +8,7 @@ import numpy as np
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import Fit, bounds_of
-from jointgap.identification.frequency_search import likely_frequencies
+from jointgap.identification.frequency_search import likely_frequencies, likely_orders
 from jointgap.identification.gauss_newton import bounded_step, compress_rows
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate, Parameter
@@ -188,13 +188,14 @@ def simulate_signatures(
 def _initial_shapes(
     problem: Problem, base: Fit, candidate: Candidate, steady: Sequence[Signature]
 ) -> Sequence[Mapping[str, float]]:
-    """Shape parameters to start from; of an effect that is a steady one swinging, at the likely frequencies."""
+    """Shape parameters to start from; of an effect that is a steady one swinging, at likely frequencies or orders."""
     if not steady:
         return candidate.initial_guesses
-    frequency, carrier = next(p for p in candidate.coordinates if p.name == "frequency_Hz"), steady[0].columns[:, 0]
-    settings = problem.settings.screening
-    tried = likely_frequencies(problem.parts, base.residual, base.jacobian, carrier, frequency, settings)
-    return [{**candidate.initial_guesses[0], "frequency_Hz": value} for value in tried] or candidate.initial_guesses
+    searches = {"frequency_Hz": likely_frequencies, "order": likely_orders}
+    swing = next(p for p in candidate.coordinates if p.name in searches)
+    carrier, settings = steady[0].columns[:, 0], problem.settings.screening
+    tried = searches[swing.name](problem.parts, base.residual, base.jacobian, carrier, swing, settings)
+    return [{**candidate.initial_guesses[0], swing.name: value} for value in tried] or candidate.initial_guesses
 
 
 def _absent(candidate: Candidate, shapes: Mapping[str, float], base: Fit) -> dict[str, float]:

@@ -487,6 +487,12 @@ class DisagreementSettings:
         Lags over which whitened residuals are tested for correlation; the usual ten (Ljung and Box 1978).
     highest_order : float
         [cycles per turn] The highest order of the crank in the spectrum; above it motions of a linkage hold little.
+    lowest_standout_order : int
+        [cycles per turn] The lowest order that is told by itself: masses, weight and steady forces on the slider make
+        orders one and two.
+    standout_share : float
+        [1] An order is told by itself where it holds more than this share of the squared excess over the noise: most
+        of what a channel misses.
     scaling_sigmas : float
         [standard deviations] By how much a disagreement has to exceed noise to count in the growth with speed: a
         logarithm is taken of it.
@@ -495,7 +501,9 @@ class DisagreementSettings:
     bins: int = 36
     min_size: float = 0.1
     ljung_box_lags: int = 10
-    highest_order: float = 20.0
+    highest_order: float = 24.0
+    lowest_standout_order: int = 3
+    standout_share: float = 0.5
     scaling_sigmas: float = 3.0
 
 

@@ -22,6 +22,7 @@ from jointgap.tables import (
     MAP_BINS,
     MAP_ORDERS,
     MAP_SCALING,
+    MAP_STANDOUT,
     MAP_TESTS,
     MAP_WINDOWS,
     MEASURED,
@@ -225,7 +226,7 @@ def decide(state: "CampaignState", parts: int = 1) -> None:
 _DECIDED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("decide"))
 
 
-@CAMPAIGN_STAGES.stage(reads=_DECIDED, writes=(MAP_BINS, MAP_WINDOWS, MAP_TESTS, MAP_ORDERS, MAP_SCALING))
+@CAMPAIGN_STAGES.stage(reads=_DECIDED, writes=(MAP_BINS, MAP_WINDOWS, MAP_TESTS, MAP_ORDERS, MAP_STANDOUT, MAP_SCALING))
 def locate(state: "CampaignState") -> None:
     """Map where the recalibrated model disagrees with the measurement: run, channel, crank angle."""
     from jointgap.campaign.clockwise import map_as_read
@@ -237,6 +238,7 @@ def locate(state: "CampaignState") -> None:
     state.folder.write(MAP_WINDOWS, map_as_read(disagreement.windows, state.clockwise))
     state.folder.write(MAP_TESTS, disagreement.tests)
     state.folder.write(MAP_ORDERS, disagreement.orders)
+    state.folder.write(MAP_STANDOUT, disagreement.standout)
     state.folder.write(MAP_SCALING, disagreement.scaling)
 
 

@@ -155,6 +155,20 @@ MAP_ORDERS = Table(
     path="locate/orders.parquet",
 )
 
+MAP_STANDOUT = Table(
+    "map_standout",
+    "Whole orders of the crank that hold most of what a channel of a run misses",
+    (
+        *(_RUN, _CHANNEL),
+        Column("unit", "", "SI unit of the channel", "text"),
+        Column("order", "1", "cycles per revolution", "int"),
+        Column("amplitude", "SI", "amplitude, in the channel's unit"),
+        Column("share", "1", "of the squared excess over the noise"),
+        Column("p", "1", "probability by noise alone"),
+    ),
+    path="locate/standout.parquet",
+)
+
 MAP_SCALING = Table(
     "map_scaling",
     "How the disagreement of each channel grows with speed",

@@ -160,11 +160,6 @@ _UNLISTED_LAWS: dict[str, tuple[str, Callable[[RigScales, np.random.Generator], 
         lambda rig, rng: f"-s*(x-{rig.stroke[0]:.6g})^3",
         lambda rig: 0.1 * rig.force / rig.stroke[1] ** 3,
     ),
-    "torque_ripple": (
-        _TORQUE,
-        lambda rig, rng: f"s*cos({int(rng.integers(3, 7))}*theta+{rng.uniform(0, 6):.4g})",
-        lambda rig: 0.1 * rig.force * rig.stroke[1],
-    ),
     "crank_friction_by_angle": (
         _TORQUE,
         lambda rig, rng: f"-s*(1+sin(theta-{rng.uniform(0, 6):.4g}))^2/4",
@@ -205,8 +200,21 @@ def _unlisted_fault(name: str) -> DrawEffect:
     return make
 
 
+def _torque_ripple(rig: RigScales, rng: np.random.Generator) -> InjectedEffect:
+    """A periodic torque: drawn among the effects off the list since sets were made when it was one of them."""
+    order, phase = int(rng.integers(3, 7)), -float(rng.uniform(0, 6))
+    page = EFFECTS["crank_periodic_torque"]
+    size = TrialSize.of("torque_N_m", 0.1 * rig.force * rig.stroke[1], order=order, phase_rad=phase)
+    return InjectedEffect(page.NAME, page.SITE, *size)
+
+
+_FORCES, _TORQUES = ([name for name, law in _UNLISTED_LAWS.items() if law[0] == kind] for kind in (_FORCE, _TORQUE))
+
+# The order decides what a seed draws.
 OFF_LIST: dict[str, DrawEffect] = {
-    **{name: _unlisted_law(name) for name in _UNLISTED_LAWS},
+    **{name: _unlisted_law(name) for name in _FORCES},
+    "torque_ripple": _torque_ripple,
+    **{name: _unlisted_law(name) for name in _TORQUES},
     **{name: _unlisted_fault(name) for name in _UNLISTED_FAULTS},
 }
 """Effects that are not on the list, likewise: force laws, torques, and sensors that err in other ways."""

@@ -177,7 +177,12 @@ def _baseline_outcome(truth: Mapping, hidden: frozenset[str], named: Sequence[st
         return "not asked"
     if not named:
         return "missed" if hidden else "right"
-    return "wrong" if truth["kind"] == "off_list" else _outcome_of_names(hidden, frozenset(named))
+    return "wrong" if _is_off_list(truth) else _outcome_of_names(hidden, frozenset(named))
+
+
+def _is_off_list(truth: Mapping) -> bool:
+    """Whether an effect is hidden that no candidate is; some that were drawn as such have become candidates."""
+    return not all(effect["listed"] for effect in truth["effects"])
 
 
 def _outcome_of_names(hidden: frozenset[str], named: frozenset[str]) -> str:
@@ -199,7 +204,7 @@ def _outcome(truth: Mapping, verdict: Mapping, hidden: frozenset[str]) -> str:
             _inseparable(explanation, hidden, merged) for explanation in explanations
         )
         return "right" if foreseen else "ambiguous"
-    if truth["kind"] == "off_list":
+    if _is_off_list(truth):
         return "right" if _is_the_force(truth, verdict) else "wrong"
     return _outcome_of_names(hidden, frozenset(effect_label(effect) for effect in verdict["effects"]))
 
@@ -241,7 +246,7 @@ def _size_errors(truth: Mapping, verdict: Mapping) -> dict[str, float]:
     The size of an effect is its first parameter in the seal. One whose estimate has no interval, since it came to a
     bound, is not covered.
     """
-    if verdict["verdict"] not in NAMED or truth["kind"] == "off_list":
+    if verdict["verdict"] not in NAMED or _is_off_list(truth):
         return {}
     named = {effect_label(effect): effect["parameters"] for effect in verdict["effects"]}
     errors, covered = [], []

@@ -52,9 +52,11 @@ def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
 
 @compiled
 def crank_losses(p, x, v, crank_speed, crank_angle, time):
-    """Torque [N m] on the crank by friction in its pivot and by a formula; arguments as in `slider_force`."""
+    """Torque [N m] on the crank by friction, in step with its angle, by a formula; arguments as in `slider_force`."""
     e = p.effects
     torque = -e.crank_coulomb * math.tanh(crank_speed / e.crank_sign_speed) - e.crank_viscous * crank_speed
+    if e.crank_periodic != 0.0:
+        torque += e.crank_periodic * math.cos(e.crank_periodic_order * crank_angle - e.crank_periodic_phase)
     if p.crank_formula.length > 0:
         torque += formula_value(p.crank_formula, v, x, crank_speed, crank_angle, time)
     return torque

@@ -167,6 +167,9 @@ class EffectParameters(NamedTuple):
     slider_sign_speed: float = 1.0
     crank_coulomb: float = 0.0
     crank_viscous: float = 0.0
+    crank_periodic: float = 0.0
+    crank_periodic_order: float = 0.0
+    crank_periodic_phase: float = 0.0
     crank_sign_speed: float = 1.0
 
 
