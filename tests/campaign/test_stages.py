@@ -143,6 +143,15 @@ def test_fits_come_back_from_files_with_the_same_intervals(chain, tmp_path):
     np.testing.assert_allclose(np.diag(named.covariance()), np.diag(same.covariance()), rtol=1e-6)
 
 
+def test_what_a_verdict_states_comes_back_from_files_with_the_slope_and_the_shifts_that_intervals_need(chain, tmp_path):
+    folder, chosen = ResultsFolder(tmp_path), chain.outcome.chosen
+    shifts = np.arange(2.0 * chosen.values.size).reshape(2, -1)
+    folder.write_all(fits_to_frames([replace(chosen, shifts=shifts)]), "decide")
+    (again,) = fits_from_frames(folder.read_all(FIT_TABLES, "decide"), chain.recalibrated.problem)
+    np.testing.assert_allclose(again.half_derivative, chosen.half_derivative, rtol=1e-12)
+    np.testing.assert_array_equal(again.shifts, shifts)
+
+
 def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
     model = toy({"coulomb": {"force_N": TRUTH}}, {"slider_mass": 0.53})  # beyond its range
     problem = Problem(model, stated_noise(model))
@@ -154,7 +163,10 @@ def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
         folder.write("fit_parameters", parameter_frame([one]), "decide")
         shown = folder.read("fit_parameters", "decide").set_index("key")
         drawn = ["slider_mass", *(f"coulomb.{name}" for name in names if name != "length_m")]
-        assert shown.loc[drawn, ["sd", "low_90", "high_90"]].isna().all(axis=None)
+        assert shown.loc[drawn, "sd"].isna().all()
+        assert (shown.loc[drawn, "low_90"] < shown.loc[drawn, "high_90"]).all()
+        ends = shown.loc["slider_mass", ["value", "high_90"]]  # the data ask for more: to one side
+        assert ends["value"] == ends["high_90"]
         assert (shown.loc[drawn, "remark"] == "at its bound").all()
         assert (shown.loc[shown["remark"].isna(), "sd"] > 0).all()
         assert shown["remark"].isna().any()

@@ -1,11 +1,13 @@
 """verdict.json: what people script against, number for number, of fits made up for it."""
 
 import json
+import math
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import truncnorm
 
 from jointgap.campaign import verdict
 from jointgap.campaign.tables_of_identification import Outcome
@@ -134,17 +136,23 @@ def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects()
 
 def test_the_interval_of_a_coefficient_ends_at_its_bound():
     law = verdict.effects(fitted([CUBE], [1.5, -49.9]), {})[0]
-    assert law["parameters"]["c1"]["interval_90"] == pytest.approx([-50.0, -49.9 + 0.329])
+    assert law["parameters"]["c1"]["interval_90"] == pytest.approx(
+        truncnorm(-0.5, math.inf, -49.9, 0.2).ppf([0.05, 0.95]), abs=0.02
+    )
 
 
 def test_nuisances_stand_with_value_and_standard_error_or_the_reason_why_there_is_none():
     chosen = fitted([FRICTION], [9.0, 20.0])
-    assert document(outcome_of(chosen))["nuisances"] == {"mass": {"value": 9.0, "sd": None, "remark": "at its bound"}}
+    stated = document(outcome_of(chosen))["nuisances"]
+    low, high = stated["mass"].pop("interval_90")
+    assert stated == {"mass": {"value": 9.0, "sd": None, "remark": "at its bound"}}
+    assert low < high == 9.0
     chosen = fitted([], [0.3, 1.5], nuisances=(START, MASS))
-    angle = {"value": 0.3, "sd": pytest.approx(0.1)}
+    angle = {"value": 0.3, "sd": pytest.approx(0.1), "interval_90": pytest.approx([0.1355, 0.4645], abs=0.01)}
     assert document(outcome_of(chosen))["nuisances"]["first_angle@back"] == angle
     turned = document(outcome_of(chosen), clockwise=("back",))["nuisances"]
-    assert turned["first_angle@back"] == angle | {"value": -0.3}
+    mirrored = {"value": -0.3, "interval_90": pytest.approx([-0.4645, -0.1355], abs=0.01)}
+    assert turned["first_angle@back"] == angle | mirrored
     assert turned["mass"]["value"] == 1.5
 
 

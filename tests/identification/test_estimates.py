@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import truncnorm
 
 from jointgap.identification.estimates import (
     AT_BOUND,
@@ -21,13 +22,15 @@ from jointgap.identification.protocol import Candidate, Parameter
 from tests.identification.toy import stated_noise, toy
 
 
-def fit_of(candidate, *values, nuisances=()):
+def fit_of(candidate, *values, nuisances=(), covariance=None):
     parameters = (
         *nuisances,
         *(Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high) for p in candidate.coordinates),
     )
-    empty = np.zeros((9, len(parameters)))
-    return Fit((candidate,), parameters, np.array(values, float), np.zeros(9), empty, 1, "converged")
+    jacobian = np.zeros((9, len(parameters)))
+    if covariance is not None:
+        jacobian[: len(parameters)] = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    return Fit((candidate,), parameters, np.array(values, float), np.zeros(9), jacobian, 1, "converged")
 
 
 def test_the_half_width_is_the_normal_quantile_of_95_percent():
@@ -52,9 +55,10 @@ def test_without_an_error_there_is_no_interval_but_a_remark(value, remark):
 def test_a_coordinate_that_is_stated_as_it_is_keeps_its_error_and_its_bounds():
     force = Candidate("coulomb", "slider", (Parameter("force_N", 0.0, 0.0, step=0.1),), ("force_N",))
     mass = Parameter("mass", 1.0)
-    found = effect_estimates(fit_of(force, 1.0, 0.1, nuisances=(mass,)), force, np.diag([9.0, 0.04]))
-    assert found["force_N"]["sd"] == pytest.approx(0.2)
-    assert found["force_N"]["interval_90"] == pytest.approx([0.0, 0.1 + 0.329])
+    found = effect_estimates(fit_of(force, 1.0, 0.1, nuisances=(mass,), covariance=np.diag([9.0, 0.04])), force)
+    exact = truncnorm(-0.5, math.inf, 0.1, 0.2)
+    assert found["force_N"]["sd"] == pytest.approx(exact.std(), rel=0.03)
+    assert found["force_N"]["interval_90"] == pytest.approx(exact.ppf([0.05, 0.95]), abs=0.01)
 
 
 def test_amplitude_and_phase_take_their_errors_from_cosine_and_sine_linearly():
@@ -63,7 +67,7 @@ def test_amplitude_and_phase_take_their_errors_from_cosine_and_sine_linearly():
 
     wave = Candidate("wave", "slider", (Parameter("c", 0.0), Parameter("s", 0.0)), ("c", "s"), parameters=polar)
     covariance = np.array([[0.04, 0.01], [0.01, 0.09]])
-    found = effect_estimates(fit_of(wave, 3.0, 4.0), wave, covariance)
+    found = effect_estimates(fit_of(wave, 3.0, 4.0, covariance=covariance), wave)
     along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6]) / 5.0
     assert found["amplitude"]["value"] == pytest.approx(5.0)
     assert found["amplitude"]["sd"] == pytest.approx(np.sqrt(along @ covariance @ along), rel=1e-6)
@@ -76,7 +80,7 @@ def test_what_no_fit_varies_is_not_estimated():
         "film", "pin", (Parameter("viscosity", 0.0, 0.0, step=0.1),), ("viscosity",),
         parameters=lambda values: {"viscosity": values["viscosity"], "length": 0.01},
     )  # fmt: skip
-    found = effect_estimates(fit_of(film, 0.2), film, np.array([[0.01]]))
+    found = effect_estimates(fit_of(film, 0.2, covariance=np.array([[0.01]])), film)
     assert found["length"] == {"value": 0.01, "sd": None, "interval_90": [None, None], "remark": NOT_ESTIMATED}
     assert "remark" not in found["viscosity"]
 
@@ -87,7 +91,7 @@ def test_what_follows_from_a_coordinate_at_its_bound_is_at_its_bound_too(value, 
         "stretch", "rod", (Parameter("x", 0.0, low, high, step=0.5),), ("x",),
         parameters=lambda values: {"double": 2.0 * values["x"], "constant": 7.0},
     )  # fmt: skip
-    found = effect_estimates(fit_of(stretch, value), stretch, np.zeros((1, 1)))
+    found = effect_estimates(fit_of(stretch, value), stretch)
     assert found["double"]["remark"] == AT_BOUND
     assert found["constant"]["remark"] == NOT_ESTIMATED
 
@@ -95,16 +99,26 @@ def test_what_follows_from_a_coordinate_at_its_bound_is_at_its_bound_too(value, 
 def test_nuisances_are_those_parameters_that_belong_to_no_effect():
     force = Candidate("coulomb", "slider", (Parameter("force_N", 0.0, 0.0, step=0.1),), ("force_N",))
     mass, own = Parameter("mass", 1.0, 0.5, 1.2), Parameter("own", 0.0, run="slow")
-    fit = replace(fit_of(force, 1.1, -2.0, 4.0, nuisances=(mass, own)), jacobian=np.ones((9, 3)))
-    found = nuisance_estimates(fit, np.diag([0.01, 0.25, 9.0]))
+    found = nuisance_estimates(
+        fit_of(force, 1.1, -2.0, 4.0, nuisances=(mass, own), covariance=np.diag([0.01, 0.25, 0.09]))
+    )
     assert [p for p, _ in found] == [mass, own]
-    assert found[0][1]["interval_90"] == pytest.approx([1.1 - 0.1645, 1.2])
-    assert found[1][1]["interval_90"] == pytest.approx([-2.0 - 0.8225, -2.0 + 0.8225])
-
+    assert found[0][1]["interval_90"] == pytest.approx(truncnorm(-6.0, 1.0, 1.1, 0.1).ppf([0.05, 0.95]), abs=0.003)
+    assert found[1][1]["interval_90"] == pytest.approx([-2.0 - 0.8225, -2.0 + 0.8225], abs=0.04)
 
 def test_a_nuisance_that_changes_nothing_is_told_as_that_and_not_as_fitted():
     model = toy(seed=0, channels=("acceleration",))  # no force is read: the mass changes nothing
     fit = fit_hypothesis(Problem(model, stated_noise(model)), refresh=True)
-    told = {p.name: estimate for p, estimate in nuisance_estimates(fit, fit.covariance())}
+    told = {p.name: estimate for p, estimate in nuisance_estimates(fit)}
     assert told["slider_mass"] == {"value": 0.5, "sd": None, "interval_90": [None, None], "remark": CHANGES_NOTHING}
     assert told["crank_length"]["sd"] > 0.0
+
+
+def test_what_follows_from_a_coordinate_at_its_bound_has_an_interval_to_one_side():
+    stretch = Candidate(
+        "stretch", "rod", (Parameter("x", 0.0, 0.0, step=0.5),), ("x",),
+        parameters=lambda values: {"double": 2.0 * values["x"]},
+    )  # fmt: skip
+    found = effect_estimates(fit_of(stretch, 0.0, covariance=np.array([[0.04]])), stretch)["double"]
+    assert found["sd"] is None and found["remark"] == AT_BOUND
+    assert found["interval_90"] == pytest.approx([0.0, 2.0 * truncnorm(0.0, math.inf, 0.0, 0.2).ppf(0.9)], abs=0.03)

@@ -1,6 +1,7 @@
 """What is hidden is what the truth says, and as large as was asked for."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +14,10 @@ from jointgap.recordings import read_measurements
 from jointgap.trials.batches import cached_record, folder_digest
 from jointgap.trials.injected_effects import LISTED, OFF_LIST, InjectedEffect
 from jointgap.trials.make_trial import ar1_noise, draw_trial, make_trial, parameters_beyond_nominal
-from jointgap.trials.sensor_readings import CrankRun, faulty_reading, noise_free_readings
+from jointgap.trials.sensor_readings import CrankRun, faulty_reading, noise_free_readings, simulate_signals
 from jointgap.trials.size_calibration import GAP_TOLERANCE, SIZING_NUMERICS, SizeCalibrator, calibrate_size
 from jointgap.trials.trial_plan import EXUDYN_EFFECTS, TARGET_GAPS, TrialPlan, TrialSet, batch_count, plan_trials
-from jointgap.trials.virtual_rig import draw_rig
+from jointgap.trials.virtual_rig import draw_rig, with_drawn_starts
 
 SET = TrialSet(seed=3, single=60, nothing=50, pairs=10, off_list=11, exudyn=4, batch=9)
 
@@ -25,6 +26,11 @@ SET = TrialSet(seed=3, single=60, nothing=50, pairs=10, off_list=11, exudyn=4, b
 def rig():
     made = draw_rig(np.random.default_rng(4), "ideal")
     return made, SizeCalibrator(made, made.identify_runs)
+
+
+@pytest.fixture(scope="module")
+def loose_rig():
+    return draw_rig(np.random.default_rng(4), "loose")
 
 
 def test_every_effect_of_the_catalogue_but_formulas_and_the_faults_of_sensors_can_be_hidden():
@@ -167,7 +173,7 @@ def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(tmp_
     plan = TrialPlan("0123456789ab", 2, "single", "ideal", 5.0, ("added_slider_mass",))
     truth = make_trial(plan, 11, tmp_path)
     file = yaml.safe_load((tmp_path / "mechanism.yaml").read_text())
-    draw = draw_trial(plan, np.random.default_rng([11, 1, plan.number]))
+    draw = draw_trial(plan, np.random.default_rng([11, 1, plan.number]), np.random.default_rng([11, 2, plan.number]))
     made, ((hidden, size),) = draw.rig, draw.effects
     (stated,) = truth["effects"]
     off = truth["nuisances"]["slider_mass"] - file["slider"]["mass"]
@@ -197,7 +203,7 @@ def test_a_trial_is_done_again_where_it_failed_or_its_files_or_code_are_others(t
 def test_readings_are_the_truth_with_its_effect_and_noise(tmp_path):
     plan = TrialPlan("0123456789ab", 3, "single", "ideal", 5.0, ("slider_spring",))
     rng = np.random.default_rng([5, 1, plan.number])
-    draw = draw_trial(plan, rng)
+    draw = draw_trial(plan, rng, np.random.default_rng(0))
     made, hidden = draw.rig, draw.effects
     make_trial(plan, 5, tmp_path)
     measured = read_measurements(load_campaign(tmp_path / "campaign.yaml"))
@@ -206,3 +212,28 @@ def test_readings_are_the_truth_with_its_effect_and_noise(tmp_path):
         for channel, sensor in made.sensors.items():
             off = recording.channels[channel] - clean[channel]
             assert np.nanstd(off) == pytest.approx(sensor.noise_share * clean[channel].std(), rel=0.3), (run, channel)
+
+
+def test_runs_with_loose_joints_begin_at_angles_of_their_own_and_nothing_else_of_the_rig_depends_on_it(loose_rig):
+    one, other = (with_drawn_starts(loose_rig, np.random.default_rng(seed)) for seed in (1, 2))
+    starts = {(crank.start_angle, crank.settling) for rig in (one, other) for crank in rig.runs.values()}
+    assert len(starts) == 6
+    assert all(0.0 <= angle < 2 * math.pi and 4 <= turns <= 8 for angle, turns in starts)
+    for drawn in (one, other):
+        assert replace(drawn, runs=loose_rig.runs) == loose_rig
+        for run, crank in drawn.runs.items():
+            own = loose_rig.runs[run]
+            assert (crank.speed, crank.phase) == (own.speed, own.phase)
+            assert crank.times is own.times
+
+
+def test_where_no_joint_is_loose_the_start_is_not_drawn(rig):
+    assert with_drawn_starts(rig[0], np.random.default_rng(1)) is rig[0]
+
+
+def test_a_run_passes_its_phase_at_time_zero_wherever_it_began(loose_rig):
+    times = np.linspace(0.0, 0.1, 20)
+    for angle, settling in ((0.0, 4), (5.0, 4), (2.0, 6)):
+        run = CrankRun(30.0, 1.0, times, start_angle=angle, settling=settling)
+        signals = simulate_signals(loose_rig.true, run, SIZING_NUMERICS)
+        assert signals["crank_angle"] == pytest.approx(1.0 + 30.0 * times, abs=1e-9)

@@ -29,7 +29,7 @@ def test_both_integrators_give_the_same_motion(loose):
         Simulate(speed=SPEED, revolutions=2, samples_per_revolution=60, tolerance=1e-13),
     ).samples.iloc[60:]
     times = ours["time"].to_numpy() - 2 * math.pi / SPEED
-    other = simulate_signals(content(loose), CrankRun(SPEED, 0.0, times), Numerics(1e-12), settling=1)
+    other = simulate_signals(content(loose), CrankRun(SPEED, 0.0, times, settling=1), Numerics(1e-12))
     for name in SEEN:
         spread = float(ours[name].std())
         assert np.abs(other[name] - ours[name]).max() < 2e-3 * spread, name
@@ -40,8 +40,8 @@ def test_a_smaller_tolerance_changes_the_motion_less():
     times = np.linspace(0.0, 2 * math.pi / SPEED, 60)
 
     def slider_velocity(tolerance: float) -> np.ndarray:
-        run = CrankRun(SPEED, 0.0, times)
-        return simulate_signals(content(("piston_pin",)), run, Numerics(tolerance), settling=0)["slider_velocity"]
+        run = CrankRun(SPEED, 0.0, times, settling=0)
+        return simulate_signals(content(("piston_pin",)), run, Numerics(tolerance))["slider_velocity"]
 
     exact = slider_velocity(1e-13)
     off = [np.abs(slider_velocity(tolerance) - exact).max() for tolerance in (1e-8, 1e-10, 1e-12)]
@@ -69,6 +69,6 @@ def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for()
     }
     assert {effect["name"] for effect in made["effects"]} == set(EXUDYN_EFFECTS)
     times = np.linspace(0.0, 2 * math.pi / SPEED, 61)
-    ours = simulate_signals(made, CrankRun(SPEED, 1.0, times), Numerics(), settling=1)
+    ours = simulate_signals(made, CrankRun(SPEED, 1.0, times, settling=1), Numerics())
     for name, values in by_exudyn(made, SPEED, 1.0, times, settling=1).items():
         assert np.abs(values - ours[name]).max() < 1e-4 * ours[name].std(), name

@@ -66,13 +66,12 @@ def augment(campaign: Campaign, outcome: Outcome) -> tuple[str, pd.DataFrame]:
 def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
     chosen = outcome.chosen
     lines = [f"The mechanism of campaign {campaign.name} with what was found: {outcome.verdict}."]
-    covariance = chosen.covariance()
-    for p, estimate in nuisances_as_read(chosen, covariance, clockwise(campaign)):
+    for p, estimate in nuisances_as_read(chosen, clockwise(campaign)):
         error = "" if estimate["sd"] is None else f" +- {estimate['sd']:.2g}"
         line = f"{p.key}: {estimate['value']:.6g}{error} {p.unit}".removesuffix(" 1")
         lines.append(line + (f" ({estimate['remark']})" if estimate["sd"] is None else ""))
     for candidate in chosen.hypothesis:
-        for name, estimate in effect_estimates(chosen, candidate, covariance).items():
+        for name, estimate in effect_estimates(chosen, candidate).items():
             sensor = " (a fault of the sensor, no part of the mechanism)" if candidate.sensor else ""
             lines.append(f"{candidate.label}, {name}: {estimate['value']:.6g}{_error(estimate)}{sensor}")
     return [*lines, "Values that belong to one run, and standard errors, are for reading only. All numbers are SI."]

@@ -76,18 +76,14 @@ def parameter_as_read(parameter: Parameter, estimate: dict[str, Any], runs: Coll
     return estimate | {"value": -estimate["value"], "interval_90": mirrored}
 
 
-def nuisances_as_read(
-    fit: Fit, covariance: np.ndarray, runs: Collection[str] = ()
-) -> list[tuple[Parameter, dict[str, Any]]]:
+def nuisances_as_read(fit: Fit, runs: Collection[str] = ()) -> list[tuple[Parameter, dict[str, Any]]]:
     """`jointgap.identification.estimates.nuisance_estimates`, of which the first angles of clockwise `runs` are
     mirrored back.
 
     Parameters
     ----------
     fit : Fit
-    covariance : (k, k) array
-        Of all parameters of the fit [SI].
     runs : collection of str
         Runs whose crank turns clockwise.
     """
-    return [(p, parameter_as_read(p, estimate, runs)) for p, estimate in nuisance_estimates(fit, covariance)]
+    return [(p, parameter_as_read(p, estimate, runs)) for p, estimate in nuisance_estimates(fit)]

@@ -192,7 +192,7 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
     """
     fits = list(fits)
     durations = [np.nan] * len(fits) if seconds is None else list(seconds)
-    rows, values, curvature, residuals = [], [], [], []
+    rows, values, curvature, residuals, shifts = [], [], [], [], []
     for fit, duration in zip(fits, durations, strict=True):
         failed = fit.status == FAILED
         rows.append(
@@ -210,7 +210,8 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
             }
         )
         keys = [p.key for p in fit.parameters]
-        values.append(_labelled(fit, {"key": keys, "value": fit.values}))
+        slope = np.nan if failed else fit.half_derivative
+        values.append(_labelled(fit, {"key": keys, "value": fit.values, "slope": slope}))
         if not failed:
             jacobian = fit.jacobian if whole_jacobian else compress_rows(fit.jacobian)[0]
             samples = np.arange(len(jacobian))
@@ -219,11 +220,16 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
                 for i, key in enumerate(keys)
             ]
             residuals.append(_labelled(fit, {"sample": np.arange(fit.residual.size), "residual": fit.residual}))
+            shifts += [
+                _labelled(fit, {"numerics": number, "key": keys, "shift": shift})
+                for number, shift in enumerate(() if fit.shifts is None else fit.shifts, 1)
+            ]
     return {
         "fits": _frame(tables.FITS, [pd.DataFrame(rows)] if rows else []),
         "fit_values": _frame(tables.FIT_VALUES, values),
         "fit_curvature": _frame(tables.FIT_CURVATURE, curvature),
         "fit_residuals": _frame(tables.FIT_RESIDUALS, residuals),
+        "fit_shifts": _frame(tables.FIT_SHIFTS, shifts),
     }
 
 
@@ -243,15 +249,16 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
         Candidates beside the model's own, such as those of a library.
     """
     candidates = (*problem.model.candidates, *more)
-    values, jacobians, residuals = (
+    values, jacobians, residuals, all_shifts = (
         {label: rows for label, rows in frames[name].groupby("explanation", sort=False)}
-        for name in ("fit_values", "fit_curvature", "fit_residuals")
+        for name in ("fit_values", "fit_curvature", "fit_residuals", "fit_shifts")
     )
     fits = []
     for row in frames["fits"].to_dict("records"):
         label = row["explanation"]
         hypothesis = hypothesis_of(label, candidates)
-        stored = dict(zip(values[label]["key"], values[label]["value"], strict=True)) if label in values else {}
+        own = values[label].set_index("key") if label in values else pd.DataFrame({"value": [], "slope": []})
+        stored = own["value"].to_dict()
         parameters = tuple(p for p in problem.parameters(hypothesis) if p.key in stored)
         keys = [p.key for p in parameters]
         fitted = np.array([stored[key] for key in keys], dtype=float)
@@ -260,8 +267,12 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
             residual = residuals[label]["residual"].to_numpy()
             if keys:
                 jacobian = jacobians[label].pivot(index="sample", columns="key", values="derivative")[keys].to_numpy()
+        shifts = None
+        if label in all_shifts:
+            shifts = all_shifts[label].pivot(index="numerics", columns="key", values="shift")[keys].to_numpy()
         status = row["simulations"], row["status"], row["reason"] or ""
-        fits.append(Fit(hypothesis, parameters, fitted, residual, jacobian, *status))
+        slope = own.loc[keys, "slope"].to_numpy(dtype=float)
+        fits.append(Fit(hypothesis, parameters, fitted, residual, jacobian, *status, slope, shifts))
     return fits
 
 
@@ -278,11 +289,10 @@ def parameter_frame(fits: Iterable[Fit], clockwise: Collection[str] = ()) -> pd.
     for fit in fits:
         if fit.status == FAILED:
             continue
-        covariance = fit.covariance()
-        for p, estimate in nuisances_as_read(fit, covariance, clockwise):
+        for p, estimate in nuisances_as_read(fit, clockwise):
             rows.append(_parameter_row(fit, p.key, p.name, estimate, run=p.run, unit=p.unit))
         for candidate in fit.hypothesis:
-            for name, estimate in effect_estimates(fit, candidate, covariance).items():
+            for name, estimate in effect_estimates(fit, candidate).items():
                 rows.append(_parameter_row(fit, f"{candidate.label}.{name}", name, estimate, effect=candidate.label))
     return _frame(tables.FIT_PARAMETERS, [pd.DataFrame(rows)] if rows else [])
 

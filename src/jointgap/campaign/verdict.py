@@ -10,7 +10,7 @@ import pandas as pd
 from jointgap.campaign.clockwise import nuisances_as_read
 from jointgap.campaign.tables_of_identification import Outcome
 from jointgap.errors import InputError
-from jointgap.identification.estimates import effect_estimates, estimate_with_interval
+from jointgap.identification.estimates import coordinate_estimate, effect_estimates
 from jointgap.identification.fit import Fit
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of
@@ -112,10 +112,9 @@ def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
     gains : mapping of label to float
         BIC by label of an explanation.
     """
-    covariance = fit.covariance()
     laws = [candidate for candidate in fit.hypothesis if candidate.name.startswith(_TERM_PREFIX)]
     entries = [
-        _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_estimates(fit, candidate, covariance))
+        _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_estimates(fit, candidate))
         for candidate in fit.hypothesis
         if candidate not in laws
     ]
@@ -124,10 +123,7 @@ def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
         keys = [p.key for p in fit.parameters]
         parameters: dict[str, Any] = {"formula": {"value": law.formula}}
         for name, key in law.keys.items():
-            place = keys.index(key)
-            p = fit.parameters[place]
-            sd = float(np.sqrt(covariance[place, place]))
-            parameters[name] = estimate_with_interval(law.coefficients[name], sd, p.low, p.high)
+            parameters[name] = coordinate_estimate(fit, keys.index(key))
         entries.append(_effect(effect_of(laws[0]), law.site, fit, laws, gains, parameters))
     return entries
 
@@ -145,9 +141,10 @@ def _gains(outcome: Outcome) -> dict[str, float]:
 
 
 def _nuisances(fit: Fit, clockwise: Collection[str]) -> dict[str, dict[str, Any]]:
-    nuisances = nuisances_as_read(fit, fit.covariance(), clockwise)
+    nuisances = nuisances_as_read(fit, clockwise)
     return {
-        p.key: {key: estimate[key] for key in ("value", "sd", "remark") if key in estimate} for p, estimate in nuisances
+        p.key: {key: estimate[key] for key in ("value", "sd", "interval_90", "remark") if key in estimate}
+        for p, estimate in nuisances
     }
 
 

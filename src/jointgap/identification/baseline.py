@@ -1,13 +1,13 @@
 """The model as it stands, at its best: nuisances fitted within their ranges, and what other numerics would say."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
+from jointgap.identification.fit import FAILED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.noise_model import numerics_noise
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Model
@@ -66,7 +66,7 @@ def recalibrate(
         differences=differences,
         vary=[p for p in problem.nuisances if p.run is not None],
     )
-    base = fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True)
+    base = with_shifts(problem, fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True))
     # differences probed anew, as they are when a later stage reads the fits from files
     return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 
@@ -142,6 +142,24 @@ def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteD
     except (InputError, SimulationError):
         pass  # the fit that starts there says why
     return differences
+
+
+def with_shifts(problem: Problem, fit: Fit) -> Fit:
+    """A fit to the `problem` that knows what other numerics, another start among them, change in its values.
+
+    They are projected onto the parameters as the data and the widths of the bounds determine them. A fit that cannot be
+    simulated by other numerics is left as it is.
+    """
+    try:
+        changes = other_numerics(problem, fit)
+    except (InputError, SimulationError):
+        return fit
+    low, high = bounds_of(fit.parameters)
+    widths = np.diag(np.where(np.isfinite(high - low), np.sqrt(12.0) / (high - low), 0.0))
+    rows = np.vstack([fit.jacobian, widths])
+    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    changes = np.hstack([changes, np.zeros((len(changes), scale.size))])
+    return replace(fit, shifts=np.linalg.lstsq(rows / scale, changes.T, rcond=1e-8)[0].T / scale)
 
 
 def other_numerics(problem: Problem, base: Fit) -> np.ndarray:

@@ -1,10 +1,12 @@
 """Fitted parameters with standard errors and intervals, as a verdict states them."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from jointgap.identification.fit import Fit, bounds_of
+from jointgap.identification.bounded_normal import BoundedNormal
+from jointgap.identification.fit import Fit
 from jointgap.identification.protocol import Candidate, Parameter
 
 HALF_WIDTH_90 = 1.645
@@ -21,47 +23,58 @@ NOT_ESTIMATED = "not estimated"
 CHANGES_NOTHING = "changes nothing in what was measured"
 """A parameter on which no measured value depends, such as a mass where no force is read: its value was not fitted."""
 
+_MAPPED_DRAWS = 1000
+"""Draws from which an interval of what follows from them is taken: its ends are sure to a share of 1 % of them."""
 
-def nuisance_estimates(fit: Fit, covariance: np.ndarray) -> list[tuple[Parameter, dict[str, Any]]]:
-    """Nuisances of a fit, each with its estimate as `estimate_with_interval` gives it; what changes nothing has none.
+
+def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
+    """Nuisances of a fit, each with its estimate as `coordinate_estimate` gives it; what changes nothing has none.
 
     Parameters
     ----------
     fit : Fit
-    covariance : (k, k) array
-        Of all parameters of the fit [SI], in their order.
     """
     of_effects = {f"{c.label}.{p.key}" for c in fit.hypothesis for p in c.coordinates}
     active = fit.active
     return [
-        (p, estimate_with_interval(fit.values[i], np.sqrt(covariance[i, i]), p.low, p.high))
-        if active[i]
-        else (p, _no_estimate(fit.values[i], CHANGES_NOTHING))
+        (p, coordinate_estimate(fit, i) if active[i] else _no_estimate(fit.values[i], CHANGES_NOTHING))
         for i, p in enumerate(fit.parameters)
         if p.key not in of_effects
     ]
 
 
-def effect_estimates(fit: Fit, candidate: Candidate, covariance: np.ndarray) -> dict[str, dict[str, Any]]:
-    """Parameters of an effect as a verdict states them, by name, each as `estimate_with_interval` gives it.
+def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:
+    """Value, standard error and 90 % interval of one parameter of a fit, by its `place` among them.
+
+    An interval that the bounds cut off is that of the draws, to one side where it would not hold the value. At a bound
+    there is no standard error, but an interval to the other side and the remark; where the fit says nothing of the
+    parameter there is neither.
+    """
+    p, value, known = fit.parameters[place], float(fit.values[place]), fit.distribution
+    sd = float(np.sqrt(known.covariance[place, place]))
+    if known.draws is None or not sd > 0.0:
+        return estimate_with_interval(value, sd, p.low, p.high)
+    return _from_draws(value, known.draws[:, place], sd, p.low, p.high, not p.low < value < p.high)
+
+
+def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]]:
+    """Parameters of an effect as a verdict states them, by name, each as `coordinate_estimate` gives it.
 
     Parameters that follow from the coordinates (an amplitude from its cosine and sine parts) take their errors from
-    these linearly.
+    these linearly; from draws where a coordinate on which they depend is at its bound.
 
     Parameters
     ----------
     fit : Fit
     candidate : Candidate
         One of the fit's effects.
-    covariance : (k, k) array
-        Of all parameters of the fit [SI], in their order.
     """
-    low, high = bounds_of(fit.parameters)
     keys = [p.key for p in fit.parameters]
     own = [p for p in candidate.coordinates if f"{candidate.label}.{p.key}" in keys]
     columns = [keys.index(f"{candidate.label}.{p.key}") for p in own]
     fitted = {p.key: fit.values[column] for p, column in zip(own, columns, strict=True)}
-    sd = np.sqrt(np.diag(covariance))
+    known = fit.distribution
+    sd = np.sqrt(np.diag(known.covariance))
     values = candidate.parameters(fitted)
     slopes = {name: np.zeros(len(columns)) for name in values}
     for i, (p, column) in enumerate(zip(own, columns, strict=True)):
@@ -70,21 +83,44 @@ def effect_estimates(fit: Fit, candidate: Candidate, covariance: np.ndarray) -> 
             moved = [candidate.parameters(fitted | {p.key: fitted[p.key] + sign * step}) for sign in (1, -1)]
             for name in values:
                 slopes[name][i] = (moved[0][name] - moved[1][name]) / (2 * step)
-    block = covariance[np.ix_(columns, columns)]
+    block = known.covariance[np.ix_(columns, columns)]
     # Coordinates at a bound, each with a value inside: what these would change was drawn to the bound too.
     inside = [(p, fitted[p.key] + p.step) for p in own if fitted[p.key] <= p.low]
     inside += [(p, fitted[p.key] - p.step) for p in own if fitted[p.key] >= p.high]
     estimates = {}
     for name, value in values.items():
+        same = next((i for p, i in zip(own, columns, strict=True) if p.key == name and value == fitted[name]), None)
+        if same is not None:
+            estimates[name] = coordinate_estimate(fit, same)
+            continue
         error = float(np.sqrt(max(slopes[name] @ block @ slopes[name], 0.0)))
-        same = next((i for p, i in zip(own, columns, strict=True) if p.key == name), None)
-        ends = (low[same], high[same]) if same is not None else (-np.inf, np.inf)
-        estimates[name] = estimate_with_interval(value, error, *ends)
-        if estimates[name].get("remark") == NOT_ESTIMATED and any(
-            candidate.parameters(fitted | {p.key: nearby})[name] != value for p, nearby in inside
-        ):
-            estimates[name]["remark"] = AT_BOUND
+        if any(candidate.parameters(fitted | {p.key: nearby})[name] != value for p, nearby in inside):
+            estimates[name] = _at_bound(value, name, candidate, [p.key for p in own], columns, known)
+        else:
+            estimates[name] = estimate_with_interval(value, error, -np.inf, np.inf)
     return estimates
+
+
+def _at_bound(
+    value: float, name: str, candidate: Candidate, keys: Sequence[str], columns: Sequence[int], known: BoundedNormal
+) -> dict[str, Any]:
+    """Estimate of a parameter that follows from coordinates, one of which is at its bound."""
+    if known.draws is None:
+        return {"value": float(value), "sd": None, "interval_90": [None, None], "remark": AT_BOUND}
+    draws = known.draws[:: max(len(known.draws) // _MAPPED_DRAWS, 1), columns]
+    mapped = np.array([candidate.parameters(dict(zip(keys, map(float, row), strict=True)))[name] for row in draws])
+    return _from_draws(float(value), mapped, float(np.std(mapped)), float(mapped.min()), float(mapped.max()), True)
+
+
+def _from_draws(value: float, draws: np.ndarray, sd: float, low: float, high: float, at_bound: bool) -> dict[str, Any]:
+    """The estimate of a `value` that is distributed as its `draws` (s,) between `low` and `high`."""
+    ends = np.quantile(draws, [0.05, 0.95])
+    if value < ends[0]:
+        ends = [low, np.quantile(draws, 0.9)]
+    elif value > ends[1]:
+        ends = [np.quantile(draws, 0.1), high]
+    estimate = {"value": value, "sd": None if at_bound else sd, "interval_90": [float(end) for end in ends]}
+    return estimate | {"remark": AT_BOUND} if at_bound else estimate
 
 
 def estimate_with_interval(value: float, sd: float, low: float, high: float) -> dict[str, Any]:

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
+from jointgap.identification.bounded_normal import BoundedNormal, bounded_normal
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.gauss_newton import StoppingRule, bounded_step, broyden_update, next_damping
 from jointgap.identification.problem import Hypothesis, Problem, label_of
@@ -38,6 +40,10 @@ class Fit:
         ``converged``; ``stopped``: no further step helps, though one should; ``failed``: see `reason`.
     reason : str
         What to know of the status; empty where all is well.
+    slope : (k,) array, optional
+        Half the derivative of chi2 by the values [1/SI]: of a fit that no longer has its whole Jacobian.
+    shifts : (m, k) array, optional
+        What m other numerics, or other starts, change in the values [SI]; none where they were not asked.
     """
 
     hypothesis: Hypothesis
@@ -48,6 +54,8 @@ class Fit:
     simulations: int
     status: str
     reason: str = ""
+    slope: np.ndarray | None = None
+    shifts: np.ndarray | None = None
 
     @property
     def label(self) -> str:
@@ -86,8 +94,25 @@ class Fit:
         """Values by key."""
         return {p.key: float(value) for p, value in zip(self.parameters, self.values, strict=True)}
 
+    @property
+    def half_derivative(self) -> np.ndarray:
+        """Half the derivative of chi2 by the values, (k,) [1/SI]."""
+        return self.jacobian.T @ self.residual if self.slope is None else self.slope
+
+    @cached_property
+    def distribution(self) -> BoundedNormal:
+        """What the data and the bounds say of the values, for intervals; variances inflated like the `covariance`."""
+        low, high = bounds_of(self.parameters)
+        inflation = max(1.0, self.chi2 / max(self.residual.size - self.values.size, 1))
+        shifts = np.empty((0, self.values.size)) if self.shifts is None else self.shifts
+        slope = np.nan_to_num(self.half_derivative)
+        return bounded_normal(self.jacobian, slope, inflation, self.values, low, high, shifts)
+
     def covariance(self) -> np.ndarray:
-        """Of the values, (k, k) [SI]; zero rows for those at a bound. Inflated where the residual is more than noise.
+        """Of the values, (k, k) [SI], where those at a bound are held there: zero rows for them.
+
+        It is for steps and comparisons about the values. What is stated of the values is the `distribution`. Inflated
+        where the residual is more than noise.
 
         Flat bounds count as what they say of a parameter by themselves, a twelfth of the squared width, so that what
         the data do not determine is no more uncertain than that.

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.baseline import Baseline, multistart_fit, other_numerics, random_nuisances
+from jointgap.identification.baseline import Baseline, multistart_fit, other_numerics, random_nuisances, with_shifts
 from jointgap.identification.decide_verdict import Decision, decide, reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
@@ -127,10 +127,14 @@ def nonlinearity(problem: Problem, fit: Fit) -> float:
 
 
 def refit_jacobian(baseline: Baseline, fit: Fit) -> Fit:
-    """The `fit` to the problem of the `baseline`, with its Jacobian made anew at the end: what intervals need."""
+    """The `fit` to the problem of the `baseline`, with its Jacobian made anew at the end and what other numerics change
+    in its values: what intervals need.
+    """
     if fit.status == FAILED:
         return fit
-    return fit_hypothesis(baseline.problem, fit.hypothesis, fit.mapping, differences=baseline.differences, refresh=True)
+    problem, differences = baseline.problem, baseline.differences
+    again = fit_hypothesis(problem, fit.hypothesis, fit.mapping, differences=differences, refresh=True)
+    return with_shifts(problem, again)
 
 
 def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:

@@ -508,6 +508,28 @@ class DisagreementSettings:
 
 
 @dataclass(frozen=True)
+class IntervalSettings:
+    """Intervals of parameters that their bounds cut off, from draws.
+
+    Attributes
+    ----------
+    far_standard_deviations : float
+        [standard deviations] Bounds that are farther from all values cut nothing off that counts: 6e-5 of a normal
+        number.
+    chains : int
+        Chains that are drawn side by side.
+    settling_sweeps, sweeps : int
+        Sweeps over all directions that are dropped, and that are kept: a chain moves along the axes of chi2, so that it
+        soon forgets its start. Ends of intervals are then sure to 0.03 standard deviations.
+    """
+
+    far_standard_deviations: float = 4.0
+    chains: int = 256
+    settling_sweeps: int = 15
+    sweeps: int = 30
+
+
+@dataclass(frozen=True)
 class IdentificationSettings:
     """All tuned numbers of naming, by subject."""
 
@@ -526,6 +548,7 @@ class IdentificationSettings:
     confirmation: ConfirmationSettings = field(default_factory=ConfirmationSettings)
     decision: DecisionSettings = field(default_factory=DecisionSettings)
     disagreement: DisagreementSettings = field(default_factory=DisagreementSettings)
+    intervals: IntervalSettings = field(default_factory=IntervalSettings)
 
 
 DEFAULT_SETTINGS = IdentificationSettings()

@@ -48,8 +48,25 @@ FIT_PARAMETERS = Table(
 FIT_VALUES = Table(
     "fit_values",
     "Fitted values by key, for later stages to start from",
-    (_EXPLANATION, _KEY, Column("value", "SI", "fitted value")),
+    (
+        _EXPLANATION,
+        _KEY,
+        Column("value", "SI", "fitted value"),
+        Column("slope", "1/SI", "half the derivative of chi2; null where the fit failed", nullable=True),
+    ),
     path="{stage}/values.parquet",
+)
+
+FIT_SHIFTS = Table(
+    "fit_shifts",
+    "What other numerics and other starts change in fitted values; of what a verdict states",
+    (
+        _EXPLANATION,
+        Column("numerics", "1", "which of the model's other numerics, counted from 1", "int"),
+        _KEY,
+        Column("shift", "SI", "change of the fitted value"),
+    ),
+    path="{stage}/shifts.parquet",
 )
 
 FIT_CURVATURE = Table(
@@ -143,7 +160,7 @@ FIT_RESIDUALS = Table(
     path="{stage}/residuals.parquet",
 )
 
-FIT_TABLES = (FITS, FIT_VALUES, FIT_CURVATURE, FIT_RESIDUALS)
+FIT_TABLES = (FITS, FIT_VALUES, FIT_CURVATURE, FIT_RESIDUALS, FIT_SHIFTS)
 """Tables that together hold fits."""
 
 OUTCOME_TABLES = (*FIT_TABLES, RANKING, DECISION, FIT_PARAMETERS)

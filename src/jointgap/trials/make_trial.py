@@ -31,7 +31,7 @@ from jointgap.trials.size_calibration import (
     calibrate_size,
 )
 from jointgap.trials.trial_plan import TrialPlan
-from jointgap.trials.virtual_rig import VirtualRig, draw_rig
+from jointgap.trials.virtual_rig import VirtualRig, draw_rig, with_drawn_starts
 
 _MOST_RIGS = 4
 """Rigs drawn for one effect; where none can show it, the last is kept, and the trial counts as undetectable."""
@@ -76,17 +76,25 @@ def make_trial(plan: TrialPlan, seed: int, folder: Path) -> dict:
         Of the kind ``exudyn``, and Exudyn is not installed.
     """
     rng = np.random.default_rng([seed, 1, plan.number])
-    draw = draw_trial(plan, rng)
+    draw = draw_trial(plan, rng, np.random.default_rng([seed, 2, plan.number]))
     record = _exudyn_trial if plan.kind == "exudyn" else _own_trial
     return {"id": plan.id, **record(plan, draw, rng, folder)}
 
 
-def draw_trial(plan: TrialPlan, rng: np.random.Generator) -> TrialDraw:
-    """Draw rigs by `rng` until one shows the effects of the `plan` as large as asked for."""
+def draw_trial(plan: TrialPlan, rng: np.random.Generator, starts: np.random.Generator) -> TrialDraw:
+    """Draw rigs until one shows the effects of a plan as large as asked for.
+
+    Parameters
+    ----------
+    plan : TrialPlan
+    rng, starts : numpy.random.Generator
+        The second one draws how the runs begin, the first one all else.
+    """
     catalogue = OFF_LIST if plan.kind == "off_list" else LISTED
     film = [name.partition(":")[2] for name in plan.effects if name.startswith("lubricated_joint")]
     for number in range(_MOST_RIGS):
         rig = draw_rig(rng, plan.base, film[0] if film else "", "encoder_offset" in plan.effects)
+        rig = with_drawn_starts(rig, starts)
         calibrator = (StatisticsSizeCalibrator if plan.base == "chaotic" else SizeCalibrator)(rig, rig.identify_runs)
         scales = rig.scales(calibrator.spread())
         effects = [catalogue[name](scales, rng) for name in plan.effects]
@@ -161,6 +169,10 @@ def _truth_record(plan: TrialPlan, draw: TrialDraw) -> dict:
         "encoder": rig.angle_noise > 0,
         "stated": rig.noise_is_stated,
         "nuisances": rig.nuisance_values,
+        "starts": {
+            run: {"angle_rad": round(crank.start_angle, 6), "revolutions": crank.settling}
+            for run, crank in rig.runs.items()
+        },
     }
 
 

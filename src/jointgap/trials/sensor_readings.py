@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import lfilter
@@ -19,7 +19,8 @@ InjectedEffects = Sequence[tuple[InjectedEffect, float]]
 """Effects, each with its size."""
 
 SETTLING_REVOLUTIONS = 4
-"""Revolutions between the start and the first sample: a rig has run for a while before it is measured."""
+"""Revolutions between the start and the first sample, unless others are drawn: a rig has run for a while before it is
+measured."""
 
 _LAG_GRID = 2880  # samples per revolution on which a lag is applied: between them the signal is linear enough
 _LAGS_BEFORE = 5.0  # lags that are simulated before the first sample: what was before has decayed to 1 %
@@ -59,23 +60,29 @@ class CrankRun:
         Angle at time 0 [rad].
     times : (n,) array
         Of the samples [s].
+    start_angle : float
+        Crank angle at which the motion begins [rad], within a turn.
+    settling : int
+        Whole revolutions between the start and time 0; the part of one that leads to `phase` comes on top.
     """
 
     speed: float
     phase: float
     times: np.ndarray
+    start_angle: float = 0.0
+    settling: int = SETTLING_REVOLUTIONS
 
 
-def _compile(content: Mapping, speed: float, numerics: Numerics) -> Parameters:
-    """The numbers of the equations of motion for a mechanism file's `content`."""
+def _compile(content: Mapping, run: CrankRun, numerics: Numerics) -> Parameters:
+    """The numbers of the equations of motion for a mechanism file's `content`, turned as in a run."""
     steel = content["contacts"]["steel"] | {
         "friction_law": numerics.friction_law,
         "friction_speed": numerics.friction_speed,
     }
     mechanism = validate(Mechanism, {**content, "contacts": {"steel": steel}}, "a rig that was drawn")
     wave = mechanism.effect("speed_fluctuation")
-    mean = speed / math.sqrt(1 - wave.ratio**2) if wave else speed  # the law's w0 is the mean over the angle
-    p = parameters(mechanism, Simulate(speed=mean, tolerance=1e-12))
+    mean = run.speed / math.sqrt(1 - wave.ratio**2) if wave else run.speed  # the law's w0 is the mean over the angle
+    p = parameters(mechanism, Simulate(speed=mean, start_angle=run.start_angle, tolerance=1e-12))
     effects = p.effects.copy()
     effects.slider_sign_speed *= numerics.sign_factor
     effects.crank_sign_speed *= numerics.sign_factor
@@ -87,7 +94,6 @@ def simulate_signals(
     run: CrankRun,
     numerics: Numerics,
     perturbation: Sequence[float] | None = None,
-    settling: int = SETTLING_REVOLUTIONS,
 ) -> dict[str, np.ndarray]:
     """The motion at the samples of a run, without sensors.
 
@@ -99,17 +105,16 @@ def simulate_signals(
     numerics : Numerics
     perturbation : (4,) sequence, optional
         Clearance vectors at the start [m].
-    settling : int
-        Revolutions before time 0.
 
     Returns
     -------
     dict of str to (n,) array
         By column of `jointgap.dynamics.solver.sampling` [SI]; the crank angle is the phase at time 0.
     """
-    begin = -(run.phase + 2 * math.pi * settling) / run.speed
-    signals = integrate(_compile(content, run.speed, numerics), run.times - begin, numerics.tolerance, perturbation)
-    return signals | {"crank_angle": signals["crank_angle"] - 2 * math.pi * settling}
+    turned = 2 * math.pi * run.settling
+    begin = -(run.phase - run.start_angle + turned) / run.speed
+    signals = integrate(_compile(content, run, numerics), run.times - begin, numerics.tolerance, perturbation)
+    return signals | {"crank_angle": signals["crank_angle"] - turned}
 
 
 def with_injected_effects(content: Mapping, effects: InjectedEffects) -> dict:
@@ -189,7 +194,7 @@ def _lagged(content: Mapping, run: CrankRun, numerics: Numerics, channel: str, l
     """A signal through a first-order `lag` [s], exact where it is linear between the points of a fine grid."""
     step = 2 * math.pi / run.speed / _LAG_GRID
     grid = np.arange(run.times[0] - _LAGS_BEFORE * lag - step, run.times[-1] + 2 * step, step)
-    true = simulate_signals(content, CrankRun(run.speed, run.phase, grid), numerics)[channel]
+    true = simulate_signals(content, replace(run, times=grid), numerics)[channel]
     decay = math.exp(-step / lag)
     share = (1 - decay) * lag / step  # of y' = (u - y) / lag with u linear over a step
     start = true[0]

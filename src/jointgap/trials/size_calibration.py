@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -91,9 +91,9 @@ class SizeCalibrator:
         for run in (only,) if only else self.runs:
             crank = self.rig.runs[run]
             if name == "speed":
-                crank = CrankRun(value, crank.phase, crank.times)
+                crank = replace(crank, speed=value)
             elif name == "first_angle":
-                crank = CrankRun(crank.speed, value, crank.times)
+                crank = replace(crank, phase=value)
             readings[run] = self._read(run, with_nuisances(self.rig.true, {name: value}), crank)
         return readings
 
@@ -138,7 +138,7 @@ class SizeCalibrator:
             if rig.angle_noise and any(effect.name in ("encoder_offset", "speed_fluctuation") for effect, _ in effects):
                 # The analyst's base turns as the encoder says: on the line through its readings.
                 speed, phase = np.polyfit(crank.times, readings[run]["crank_angle"], 1)
-                base[run] = self._read(run, rig.true, CrankRun(float(speed), float(phase), crank.times))
+                base[run] = self._read(run, rig.true, replace(crank, speed=float(speed), phase=float(phase)))
         white, plain = self._difference(readings, base)
         slopes, others, low, high = self._derivatives()
         if not slopes.shape[1]:
@@ -195,7 +195,7 @@ class StatisticsSizeCalibrator:
         motions = [
             noise_free_readings(
                 content,
-                CrankRun(crank.speed, crank.phase + later * motion, crank.times),
+                replace(crank, phase=crank.phase + later * motion),
                 CHAOTIC_NUMERICS,
                 channels,
                 effects,

@@ -1,7 +1,7 @@
 """Virtual test rigs: a mechanism and what is not known of it exactly, runs, sensors, drawn at random."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,9 @@ _REPEATS_BELOW = 3e-3
 
 _CHAOTIC_ABOVE = 0.05
 """The same share above which samples cannot be compared, so that only statistics can."""
+
+_LEAST_SETTLING, _MOST_SETTLING = 4, 8
+"""Whole revolutions that a rig has run before it is measured: with a start up to a turn later, three at least."""
 
 _MOST_DRAWS = 200  # rigs, until one moves as its base asks at all three speeds
 
@@ -168,7 +171,7 @@ def revolution_spread(content: dict, speed: float) -> float:
     settled = SETTLING_REVOLUTIONS
     starts = (None, settled), ([nudge[0], 0.0, 0.0, nudge[1]], settled), (None, 2), (None, settled + 3)
     first, *others = (
-        simulate_signals(content, CrankRun(speed, 0.3, times), Numerics(1e-10), start, settling)
+        simulate_signals(content, CrankRun(speed, 0.3, times, settling=settling), Numerics(1e-10), start)
         for start, settling in starts
     )
     return max(
@@ -289,6 +292,30 @@ def draw_rig(rng: np.random.Generator, base: str, needed: str = "", encoder: boo
         noise_is_stated=bool(rng.random() < 0.8),
         numerics=Numerics(float(10 ** rng.uniform(-12, -11)), law, 1e-3 * width, float(rng.choice([0.5, 1.0, 1.5]))),
     )
+
+
+def with_drawn_starts(rig: VirtualRig, rng: np.random.Generator) -> VirtualRig:
+    """The rig, each of whose runs began at an angle and ran for a number of revolutions that `rng` draws.
+
+    Where no joint is loose the start leaves no trace, and nothing is drawn.
+
+    Parameters
+    ----------
+    rig : VirtualRig
+    rng : numpy.random.Generator
+        Of its own, so that what else is drawn of a trial does not depend on it.
+    """
+    if not rig.loose:
+        return rig
+    runs = {
+        run: replace(
+            crank,
+            start_angle=float(rng.uniform(0, 2 * math.pi)),
+            settling=int(rng.integers(_LEAST_SETTLING, _MOST_SETTLING + 1)),
+        )
+        for run, crank in rig.runs.items()
+    }
+    return replace(rig, runs=runs)
 
 
 def _draw_run(rng: np.random.Generator, speed: float, revolutions: float) -> CrankRun:

@@ -1,0 +1,141 @@
+"""What data and bounds together say of the parameters of a fit: a normal distribution, cut off at the bounds.
+
+Near its minimum chi2 is a quadratic function of the parameters, and the bounds are flat inside. Where the minimum lies
+at a bound, chi2 has a slope there: the parameter is known to one side, and what it may be counts for all others. The
+distribution is drawn from by Gibbs' sampler, along the parameters and along the axes of chi2 in turn (S. Geman and D.
+Geman, IEEE Trans. Pattern Anal. Mach. Intell. 6 (1984) 721-741); no simulation is needed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import log_ndtr, ndtri_exp
+
+from jointgap.identification.settings import DEFAULT_SETTINGS, IntervalSettings
+
+_LEAST_SINGULAR_VALUE = 1e-8
+"""[1] Of the largest: a combination that changes nothing is as uncertain as rounding allows to say, not certain."""
+
+
+@dataclass(frozen=True)
+class BoundedNormal:
+    """A normal distribution of k parameters within bounds.
+
+    Attributes
+    ----------
+    covariance : (k, k) array
+        [SI] Within the bounds; zero rows of parameters of which nothing is known.
+    draws : (s, k) array or None
+        Drawn from the distribution [SI]; None where the bounds cut nothing off, so that it is normal.
+    """
+
+    covariance: np.ndarray
+    draws: np.ndarray | None = None
+
+
+def bounded_normal(
+    jacobian: np.ndarray,
+    slope: np.ndarray,
+    inflation: float,
+    values: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    shifts: np.ndarray,
+    settings: IntervalSettings = DEFAULT_SETTINGS.intervals,
+) -> BoundedNormal:
+    """The distribution around the minimum of ``|residual|^2`` within bounds, of residuals that are linear there.
+
+    Parameters
+    ----------
+    jacobian : (n, k) array
+        Of the whitened residuals [1/SI]; its inner products alone count.
+    slope : (k,) array
+        Half the derivative of chi2 [1/SI]. It counts where a parameter is at a bound and chi2 falls beyond: else it is
+        what a fit that has ended left over.
+    inflation : float
+        [1] Factor of the variance: chi2 over its degrees of freedom, where the residual is more than noise.
+    values, low, high : (k,) array
+        The minimum and the bounds [SI].
+    shifts : (m, k) array
+        [SI] What changes of a normal number's size, such as other numerics, do to the values.
+    settings : IntervalSettings
+
+    Returns
+    -------
+    BoundedNormal
+        The same for the same arguments.
+    """
+    length, width = np.linalg.norm(jacobian, axis=0), high - low
+    live = (width > 0) & ((length > 0) | np.isfinite(width))
+    covariance = np.zeros((values.size, values.size))
+    if not live.any():
+        return BoundedNormal(covariance)
+    unit = np.where(length > 0, 1.0 / np.where(length > 0, length, 1.0), width)[live]
+    _, singular_values, right = np.linalg.svd(jacobian[:, live] * unit, full_matrices=False)
+    if singular_values.size < unit.size:  # fewer residuals than parameters
+        right = np.linalg.svd(jacobian[:, live] * unit)[2]
+        singular_values = np.append(singular_values, np.zeros(unit.size - singular_values.size))
+    singular_values = np.maximum(singular_values, _LEAST_SINGULAR_VALUE * max(singular_values[0], 1e-300))
+    # In the axes of chi2 the data have the variance `inflation`, and what shifts the values adds to it.
+    changed = singular_values[:, None] * (right @ (shifts[:, live] / unit).T)
+    variance = inflation * np.eye(unit.size) + changed @ changed.T
+    inverse = right.T / singular_values
+    free = inverse @ variance @ inverse.T
+    below, above = (low - values)[live] / unit, (high - values)[live] / unit
+    sd = np.sqrt(np.diag(free))
+    places = np.ix_(live, live)
+    if np.all(np.minimum(-below, above) > settings.far_standard_deviations * sd):
+        covariance[places] = free * np.outer(unit, unit)
+        return BoundedNormal(covariance)
+    slope = slope[live] * unit
+    outwards = ((below >= 0) & (slope > 0)) | ((above <= 0) & (slope < 0))
+    beyond = np.linalg.solve(variance, (right @ np.where(outwards, slope, 0.0)) / singular_values)
+    precision = (right.T * singular_values) @ np.linalg.solve(variance, singular_values[:, None] * right)
+    pull = -right.T @ (singular_values * beyond)
+    axes = np.vstack([np.eye(unit.size), right])
+    drawn = _gibbs(precision, pull, np.minimum(below, 0.0), np.maximum(above, 0.0), axes, settings) * unit
+    covariance[places] = np.atleast_2d(np.cov(drawn, rowvar=False))
+    draws = np.tile(values, (len(drawn), 1))
+    draws[:, live] = np.clip(values[live] + drawn, low[live], high[live])
+    return BoundedNormal(covariance, draws)
+
+
+def _gibbs(
+    precision: np.ndarray,
+    pull: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    axes: np.ndarray,
+    settings: IntervalSettings,
+) -> np.ndarray:
+    """Draws (s, k) of the density exp(pull x - x precision x / 2) from `low` to `high` (k,), along `axes` (a, k)."""
+    generator = np.random.default_rng(0)
+    x = np.zeros((settings.chains, low.size))
+    kept = []
+    for sweep in range(settings.settling_sweeps + settings.sweeps):
+        for axis in axes:
+            curvature = float(axis @ precision @ axis)
+            moving = np.abs(axis) > 1e-12
+            with np.errstate(invalid="ignore"):
+                ends = (low - x)[:, moving] / axis[moving], (high - x)[:, moving] / axis[moving]
+            begin, end = np.minimum(*ends).max(axis=1), np.maximum(*ends).min(axis=1)
+            mean = (pull @ axis - x @ (precision @ axis)) / curvature
+            x = x + _cut_normal(generator, mean, curvature**-0.5, begin, end)[:, None] * axis
+            x = np.clip(x, low, high)
+        if sweep >= settings.settling_sweeps:
+            kept.append(x)
+    return np.concatenate(kept)
+
+
+def _cut_normal(
+    generator: np.random.Generator, mean: np.ndarray, sd: float, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Normal numbers of `mean` (c,) and `sd` from `low` to `high` (c,): the inverse of the distribution function."""
+    a, b = (low - mean) / sd, (high - mean) / sd
+    turned = a > -b  # in the left tail small probabilities are exact
+    a, b = np.where(turned, -b, a), np.where(turned, -a, b)
+    log_a, log_b = log_ndtr(a), log_ndtr(b)
+    share = generator.random(mean.size)
+    z = ndtri_exp(np.minimum(log_b + np.log(share + (1.0 - share) * np.exp(log_a - log_b)), 0.0))
+    z = np.clip(z, a, np.maximum(b, a))
+    return mean + sd * np.where(turned, -z, z)
