@@ -13,9 +13,6 @@ from scipy.special import log_ndtr, ndtri_exp
 
 from jointgap.identification.settings import DEFAULT_SETTINGS, IntervalSettings
 
-_LEAST_SINGULAR_VALUE = 1e-8
-"""[1] Of the largest: a combination that changes nothing is as uncertain as rounding allows to say, not certain."""
-
 
 @dataclass(frozen=True)
 class BoundedNormal:
@@ -75,7 +72,7 @@ def bounded_normal(
     if singular_values.size < unit.size:  # fewer residuals than parameters
         right = np.linalg.svd(jacobian[:, live] * unit)[2]
         singular_values = np.append(singular_values, np.zeros(unit.size - singular_values.size))
-    singular_values = np.maximum(singular_values, _LEAST_SINGULAR_VALUE * max(singular_values[0], 1e-300))
+    singular_values = np.maximum(singular_values, settings.least_singular_value * max(singular_values[0], 1e-300))
     # In the axes of chi2 the data have the variance `inflation`, and what shifts the values adds to it.
     changed = singular_values[:, None] * (right @ (shifts[:, live] / unit).T)
     variance = inflation * np.eye(unit.size) + changed @ changed.T

@@ -8,6 +8,7 @@ import numpy as np
 from jointgap.identification.bounded_normal import BoundedNormal
 from jointgap.identification.fit import Fit
 from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.identification.settings import DEFAULT_SETTINGS
 
 HALF_WIDTH_90 = 1.645
 """Half the width of a 90 % interval of the normal distribution, in standard deviations [1]: five percent lie beyond
@@ -22,9 +23,6 @@ NOT_ESTIMATED = "not estimated"
 
 CHANGES_NOTHING = "changes nothing in what was measured"
 """A parameter on which no measured value depends, such as a mass where no force is read: its value was not fitted."""
-
-_MAPPED_DRAWS = 1000
-"""Draws from which an interval of what follows from them is taken: its ends are sure to a share of 1 % of them."""
 
 
 def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
@@ -107,7 +105,7 @@ def _at_bound(
     """Estimate of a parameter that follows from coordinates, one of which is at its bound."""
     if known.draws is None:
         return {"value": float(value), "sd": None, "interval_90": [None, None], "remark": AT_BOUND}
-    draws = known.draws[:: max(len(known.draws) // _MAPPED_DRAWS, 1), columns]
+    draws = known.draws[:: max(len(known.draws) // DEFAULT_SETTINGS.intervals.mapped_draws, 1), columns]
     mapped = np.array([candidate.parameters(dict(zip(keys, map(float, row), strict=True)))[name] for row in draws])
     return _from_draws(float(value), mapped, float(np.std(mapped)), float(mapped.min()), float(mapped.max()), True)
 

@@ -521,12 +521,19 @@ class IntervalSettings:
     settling_sweeps, sweeps : int
         Sweeps over all directions that are dropped, and that are kept: a chain moves along the axes of chi2, so that it
         soon forgets its start. Ends of intervals are then sure to 0.03 standard deviations.
+    mapped_draws : int
+        Draws from which the interval of what follows from them is taken: its ends are sure to 1 % of them.
+    least_singular_value : float
+        [1, of the largest] A combination of parameters that changes nothing is as uncertain as rounding allows to say,
+        not certain.
     """
 
     far_standard_deviations: float = 4.0
     chains: int = 256
     settling_sweeps: int = 15
     sweeps: int = 30
+    mapped_draws: int = 1000
+    least_singular_value: float = 1e-8
 
 
 @dataclass(frozen=True)
