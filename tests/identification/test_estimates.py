@@ -1,7 +1,6 @@
 """Estimates as a verdict states them: value, standard error, 90 % interval, and a remark where there is none."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,6 +104,7 @@ def test_nuisances_are_those_parameters_that_belong_to_no_effect():
     assert [p for p, _ in found] == [mass, own]
     assert found[0][1]["interval_90"] == pytest.approx(truncnorm(-6.0, 1.0, 1.1, 0.1).ppf([0.05, 0.95]), abs=0.003)
     assert found[1][1]["interval_90"] == pytest.approx([-2.0 - 0.8225, -2.0 + 0.8225], abs=0.04)
+
 
 def test_a_nuisance_that_changes_nothing_is_told_as_that_and_not_as_fitted():
     model = toy(seed=0, channels=("acceleration",))  # no force is read: the mass changes nothing
