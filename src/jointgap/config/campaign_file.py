@@ -4,11 +4,12 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_serializer, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_serializer, field_validator, model_validator
 
 from jointgap.config.channels import CHANNELS, Channel, Name, channel_factor
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.nuisance_bounds import (
+    NEEDED_CHANNELS,
     SHARED,
     as_written,
     check_keys,
@@ -91,7 +92,7 @@ class Campaign(Section):
     runs: Annotated[tuple[CampaignRun, ...], Field(min_length=1)] = Field(description="the runs, a file each")
     channels: dict[str, Channel] = Field(description="what was measured, by the channel's name")
     nuisance: dict[str, float | tuple[float, float]] = Field(
-        {}, description="what is known within bounds only: a percentage of nominal, or [low, high]"
+        {}, description="what is known within bounds only: a percentage of nominal, an amount, or [low, high]"
     )
     csv: Csv = Field(Csv(), description="how text files are written")
     folder: Path = Field(Path(), description="folder of the runs' files, from the campaign file's own")
@@ -134,11 +135,15 @@ class Campaign(Section):
 
     @field_validator("nuisance", mode="before")
     @classmethod
-    def _are_shares_or_bounds(cls, given: Any) -> Any:
+    def _are_shares_or_bounds(cls, given: Any, info: ValidationInfo) -> Any:
         if not isinstance(given, dict):
             raise ValueError("must map quantities to bounds, e.g. 'slider_mass: 5 %'")
         check_keys(given)
-        return {key: share_or_bounds(key, value) for key, value in given.items()}
+        mechanism = info.data.get("mechanism")  # absent where it is refused itself
+        if mechanism is None:
+            return {}
+        nominals = {key: () if key == "speed" else nominal_values(mechanism, key) for key in given}
+        return {key: share_or_bounds(key, value, nominals[key]) for key, value in given.items()}
 
     @field_serializer("nuisance")
     def _bounds_as_written(self, nuisance: dict) -> dict:
@@ -223,23 +228,36 @@ class Campaign(Section):
         return given if isinstance(given, tuple) else (nominal * (1 - given), nominal * (1 + given))
 
     def factor(self, channel: str) -> float:
-        """How many SI units one unit of the channel's column is."""
+        """How many SI units one unit of the channel's column is, whatever its sign."""
         return channel_factor(channel, self.channels[channel].unit)
 
     @property
     def idle_nuisances(self) -> tuple[str, ...]:
         """Nuisances that are left out: those that have nothing to act on, and a speed that the records contain."""
         recorded = {"time", "crank_angle"} <= self.channels.keys()
-        return tuple(
-            key for key in self.nuisance if (recorded if key == "speed" else not nominal_values(self.mechanism, key))
-        )
+
+        def is_idle(key: str) -> bool:
+            if key == "speed":
+                return recorded
+            return not (
+                nominal_values(self.mechanism, key) and self.channels.keys() >= set(NEEDED_CHANNELS.get(key, ()))
+            )
+
+        return tuple(key for key in self.nuisance if is_idle(key))
+
+    @property
+    def jitter(self) -> float | None:
+        """Standard deviation of the time stamps [s] as stated; None where it is not."""
+        return self.channels["time"].jitter if "time" in self.channels else None
 
 
 def _check_sensor(name: str, channel: Channel) -> None:
     """ValueError where a key is given that means nothing for the channel `name`."""
     given = {key for key in Channel.model_fields if getattr(channel, key) != Channel.model_fields[key].default}
     if name == "time":
-        spare, why = given - {"column", "unit"}, "time is taken as exact"
+        spare, why = given - {"column", "unit", "jitter"}, "time is taken as exact but for its jitter"
+    elif "jitter" in given:
+        spare, why = {"jitter"}, "time alone has stamps; write it there"
     else:
         spare = set() if name in ("crank_angle", "rod_angle") else given & {"resolution"}
         why = "only crank_angle and rod_angle are read in steps"

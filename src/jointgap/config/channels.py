@@ -62,6 +62,10 @@ class Channel(Section):
         None, description="corner of the fourth-order low-pass that the samples went through; null: instantaneous"
     )
     filter: Literal["zero_phase", "causal"] = Field("zero_phase", description="whether that low-pass delays")
+    sign: Literal[1, -1] = Field(1, description="-1: the sensor reads the opposite of what the axes say")
+    jitter: quantity("s", gt=0) | None = Field(
+        None, description="of time: standard deviation of its stamps; null: estimated where samples tell"
+    )
     reads_gravity: bool = Field(False, description="whether an accelerometer's reading has gravity in it")
 
     @field_validator("unit")

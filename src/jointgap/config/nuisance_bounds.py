@@ -1,6 +1,7 @@
-"""Nuisances of a campaign: quantities of the mechanism that are known within bounds only."""
+"""Nuisances of a campaign: quantities of the mechanism and of its sensors that are known within bounds only."""
 
 import math
+import re
 from collections.abc import Mapping
 from decimal import Decimal, InvalidOperation
 from typing import Any, NamedTuple
@@ -33,6 +34,16 @@ SHARED = {
 }
 """Quantities that both pins share unless they are listed for each."""
 
+RUN_NUISANCES = ("speed", "encoder_zero", "slider_position_zero")
+"""Quantities that every run has for itself."""
+
+NEEDED_CHANNELS = {
+    "encoder_zero": ("crank_angle",),
+    "slider_position_zero": ("slider_position",),
+    "encoder_lag": ("time", "crank_angle"),
+}
+"""Channels without which a nuisance of a sensor has nothing to act on."""
+
 _RANGES = {
     "slider_mass": _above_0("kg"),
     "rod_mass": _above_0("kg"),
@@ -44,14 +55,26 @@ _RANGES = {
     **SHARED,
     **{f"{key}_{pin}": own for key, own in SHARED.items() for pin in PINS},
     "speed": _above_0("rad/s"),
+    "slider_offset": _Range("m", -math.inf, math.inf, "any length"),
+    "encoder_zero": _Range("rad", -math.pi, math.pi, "half a turn either way"),
+    "encoder_lag": _Range("s", -math.inf, math.inf, "any time"),
+    "slider_position_zero": _Range("m", -math.inf, math.inf, "any length"),
 }
 
 NUISANCES = {key: limits.unit for key, limits in _RANGES.items()}
 """SI unit of every quantity that may be listed under ``nuisance``; ``''`` for pure numbers."""
 
 
-def share_or_bounds(key: str, value: Any) -> float | tuple[float, float]:
+def share_or_bounds(key: str, value: Any, nominals: tuple[float, ...] = ()) -> float | tuple[float, float]:
     """The `value` of the nuisance `key` in a campaign file: a share of its nominal value, or its bounds [SI].
+
+    Parameters
+    ----------
+    key : str
+    value : object
+        ``'5 %'``, ``[low, high]``, or an amount such as ``'1 mm'`` by which it may differ from nominal either way.
+    nominals : tuple of float
+        Nominal values [SI] as of `nominal_values`; an amount needs that there is one.
 
     Raises
     ------
@@ -59,6 +82,15 @@ def share_or_bounds(key: str, value: Any) -> float | tuple[float, float]:
         Neither a percentage nor two numbers, bounds upside down, or values that are not possible.
     """
     unit = NUISANCES[key]
+    if isinstance(value, str) and (amount := _amount(value, unit)) is not None:
+        if len(set(nominals)) != 1 or not amount > 0:
+            raise ValueError(
+                f"{key} = '{value}' must be more than 0 {unit} either way of one nominal value; write bounds such as "
+                "[low, high]"
+            )
+        low, high = nominals[0] - amount, nominals[0] + amount
+        check_possible(key, low, high, f"{key} = '{value}'")
+        return low, high
     if isinstance(value, str):
         share = _percent(value)
         if not 0 < share < 1:
@@ -81,6 +113,16 @@ def check_possible(key: str, low: float, high: float, source: str) -> None:
     _, least, most, words = _RANGES[key]
     if low < least or high > most:
         raise ValueError(f"{source} reaches from {low:g} to {high:g} and leaves what is possible, {words}; narrow it")
+
+
+def _amount(text: str, unit: str) -> float | None:
+    """A length, angle or time with a unit of its own as a number in `unit`; None of any other text."""
+    if unit not in ("m", "rad", "s") or not re.search(r"[a-df-zA-DF-Z]", text):
+        return None
+    try:
+        return to_si(text, unit)
+    except ValueError:
+        return None
 
 
 def _percent(text: str) -> float:
@@ -114,9 +156,10 @@ def check_keys(given: Mapping[str, Any]) -> None:
 def nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
     """Values [SI] of the nuisance `key` in a `mechanism`, one or one per pin; () where it has nothing to act on.
 
-    Not of the speed, which the runs have.
+    Not of the speed, which the runs have. Zeros and lags of sensors are nominally 0.
     """
-    plain = {
+    plain = dict.fromkeys(NEEDED_CHANNELS, 0.0) | {
+        "slider_offset": mechanism.slider.offset,
         "slider_mass": mechanism.slider.mass,
         "rod_mass": mechanism.rod.mass,
         "rod_inertia": mechanism.rod.inertia,

@@ -33,7 +33,10 @@ class SliderOffset(Effect):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         crank, rod = context.mechanism.crank.length, context.mechanism.rod.length
-        yield cls.candidate(amplitude("offset_m", 0.01 * crank, "m", -rod, rod))
+        yield cls.candidate(
+            amplitude("offset_m", 0.01 * crank, "m", -rod, rod),
+            replaces=context.replaced({"slider_offset": "offset_m"}),
+        )
 
     @classmethod
     def trial(cls, context: TrialContext) -> TrialSize:

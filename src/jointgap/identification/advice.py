@@ -158,7 +158,10 @@ def assumed_noise(
         predicted = model.simulate(run, {p.name: p.nominal for p in model.nuisances if p.run in (None, run)})
         for series in (series for series in model.series if series.run == run):
             if series.stated_noise is not None:
-                noise[series.key] = Noise(series.stated_noise)
+                noise[series.key] = Noise(np.hypot(series.stated_noise, series.rounding))
+                continue
+            if series.rounding:
+                noise[series.key] = Noise(np.full(series.value.shape, series.rounding), source="rounding")
                 continue
             sd, reason = _assumed_sd(series, predicted[series.channel], settings)
             noise[series.key] = Noise(np.full(series.value.shape, sd), source="assumed")

@@ -70,6 +70,41 @@ def scatter_between_cycles(residual: np.ndarray, angle: np.ndarray, settings: No
     return Scatter(float(np.sqrt(_mean(spectrum))), spectrum, int(finite.sum()))
 
 
+def growth_with_rate(residual: np.ndarray, angle: np.ndarray, rate: np.ndarray, settings: NoiseSettings) -> float:
+    """How the variance of the noise grows with a channel's squared rate: by the factor 1 + growth rate^2.
+
+    The growth that makes the differences of neighbouring cycles most likely, as those of independent normal numbers.
+
+    Parameters
+    ----------
+    residual, angle : (n,) array
+        As for `scatter_between_cycles`.
+    rate : (n,) array
+        Of the channel over time [unit/s].
+    settings : NoiseSettings
+
+    Returns
+    -------
+    float
+        [s^2/unit^2]; 0 where differences are too few, or do not tell that it grows.
+    """
+    difference, share = _cycle_differences(residual, angle)
+    finite = np.isfinite(difference) & np.isfinite(rate)
+    if finite.sum() < settings.min_differences or not np.ptp(rate[finite] ** 2) > 0.0:
+        return 0.0
+    scaled = difference[finite] / np.sqrt(1 + (1 - share[finite]) ** 2 + share[finite] ** 2)
+    squares, largest = _without_outliers(scaled, 5.0) ** 2, float(np.max(rate[finite] ** 2))
+    if not squares.any():
+        return 0.0
+    factors = 1.0 + np.append(0.0, settings.noise_growths)[:, None] * (rate[finite] ** 2 / largest)
+    # minus twice the logarithm of the likelihood, with the best variance at rate 0 put in
+    misfit = squares.size * np.log(np.mean(squares / factors, axis=1)) + np.log(factors).sum(axis=1)
+    best = int(np.argmin(misfit))
+    if misfit[0] - misfit[best] < settings.min_growth_gain:
+        return 0.0
+    return float(settings.noise_growths[best - 1]) / largest
+
+
 def scatter_between_samples(residual: np.ndarray, settings: NoiseSettings) -> Scatter | None:
     """White noise from fourth differences, in which a motion that is smooth over five samples leaves nothing.
 

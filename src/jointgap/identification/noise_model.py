@@ -12,6 +12,7 @@ from jointgap.identification.cycle_noise import (
     Scatter,
     ar_autocorrelation,
     effective_samples,
+    growth_with_rate,
     scatter_between_cycles,
     scatter_between_samples,
 )
@@ -77,7 +78,7 @@ def noise_of_model(model: Model, settings: IdentificationSettings = DEFAULT_SETT
 def _guess(series: Series, share: float) -> Noise:
     """Noise that weighs the channels for a first fit."""
     if series.stated_noise is not None:
-        return Noise(series.stated_noise)
+        return Noise(np.hypot(series.stated_noise, series.rounding))
     measured = series.value[_is_for_noise(series) & np.isfinite(series.value)]
     spread = max(share * float(np.std(measured)), np.finfo(float).tiny) if measured.size else 1.0
     return Noise(np.full(series.value.shape, spread), source="guessed")
@@ -88,7 +89,9 @@ def estimate_noise(
 ) -> dict[Key, NoiseEstimate]:
     """Noise of every series.
 
-    A stated standard deviation is taken as it is; the correlation from sample to sample is always estimated, from the
+    The noise of a sample is the root of a sum of squares: white noise, the rounding to the sensor's steps, and what
+    time stamps that are off make of the channel's rate there. A stated standard deviation is the first of these and is
+    taken as it is; the correlation from sample to sample is always estimated, from the
     differences of neighbouring cycles. Where they differ by more than the stated noise, the rest is a motion out of
     step with the crank and is not taken for noise. Of a run that is held out in part, the part for fitting is used.
 
@@ -133,35 +136,39 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
         if stated is None:
             raise InputError(f"run {series.run}, channel {series.channel}: statistics need a stated noise")
         return NoiseEstimate(stated, effective_samples=float(count))
-    scatter, source = (
-        scatter_between_cycles(residual, series.angle, settings),
-        "differences between neighbouring cycles",
-    )
-    if scatter is None:
-        scatter, source = scatter_between_samples(residual, settings), "differences between neighbouring samples"
-    least = settings.min_share_of_channel * float(np.nanstd(value)) if count else 0.0
+    least = max(settings.min_share_of_channel * _variation(series, value), series.rounding) if count else 0.0
+    rate = _rate(series, value - residual)
+    shape, sd = _known_shape(series, residual, rate, least, settings)
+    scatter, source = _scatter(series, residual / shape, settings)
     remarks, autocorrelation = [], ()
     if scatter is not None and scatter.spectrum is not None:
-        autocorrelation = ar_autocorrelation(scatter, settings.max_ar_order, None if stated is None else _rms(stated))
+        known = None if stated is None else _rms(sd / shape)
+        autocorrelation = ar_autocorrelation(scatter, settings.max_ar_order, known)
     else:
         remarks.append(
             f"too few cycles of {series.channel} are known: its noise counts as independent from sample to sample"
         )
     if stated is not None:
-        sd, source = stated, "stated"
-        factor = settings.reported_mismatch
-        if scatter is not None and not 1 / factor < max(scatter.sd, least) / max(_rms(stated), least) < factor:
-            remarks.append(_mismatch(series, scatter))
+        source, factor, known = "stated", settings.reported_mismatch, _rms(sd / shape)
+        if scatter is not None and not 1 / factor < max(scatter.sd, least) / max(known, least) < factor:
+            remarks.append(_mismatch(series, scatter, known))
     elif scatter is None:
         raise InputError(
             f"run {series.run}, channel {series.channel}: {count} samples are too few to find the noise; "
             "state it as `noise` of the channel"
         )
-    else:
-        sd = np.full(series.value.shape, max(scatter.sd, least))
-        if scatter.sd < least:
+    elif scatter.sd < least:
+        rounded = series.rounding == least
+        source = "the sensor's steps" if rounded else "a share of what the channel varies by"
+        sd = np.full(series.value.shape, least)
+        which = "that of its steps" if rounded else "a ten-thousandth of its own"
+        remarks.append(f"{series.channel} shows no noise: {least:.3g} {series.unit} is taken, {which}")
+    elif sd is None:
+        sd = scatter.sd * shape
+        if (jitter := _jitter(rate, sd)) > 0.0:
             remarks.append(
-                f"{series.channel} shows no noise: {sd[0]:.3g} {series.unit} is taken, a ten-thousandth of its own"
+                f"{series.channel} scatters the more the faster it changes, as time stamps make it that are off by "
+                f"{1e3 * jitter:.2g} ms: its noise is taken to grow so"
             )
     if not np.all(sd > 0.0):
         raise InputError(
@@ -177,8 +184,60 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
     )
 
 
-def _mismatch(series: Series, scatter: Scatter) -> str:
-    stated = _rms(series.stated_noise)
+def _scatter(series: Series, residual: np.ndarray, settings: NoiseSettings) -> tuple[Scatter | None, str]:
+    """What cycles of a residual do not repeat, else what neighbouring samples do not; and which of them it was."""
+    if (scatter := scatter_between_cycles(residual, series.angle, settings)) is not None:
+        return scatter, "differences between neighbouring cycles"
+    return scatter_between_samples(residual, settings), "differences between neighbouring samples"
+
+
+def _variation(series: Series, value: np.ndarray) -> float:
+    """What a channel varies by [unit]; of an angle that runs on, no more than over a turn, however long the record."""
+    varies = float(np.nanstd(value))
+    return min(varies, 2.0 * np.pi / np.sqrt(12.0)) if series.unit == "rad" else varies
+
+
+def _rate(series: Series, predicted: np.ndarray) -> np.ndarray:
+    """Rate (n,) of a channel over time [unit/s] as predicted; 0 where times are not known, or stamps are exact."""
+    known = np.isfinite(predicted) & np.isfinite(series.time)
+    if known.sum() < 3 or series.jitter == 0.0:
+        return np.zeros(predicted.size)
+    rate = np.gradient(predicted[known], series.time[known])
+    return np.interp(np.arange(predicted.size), np.flatnonzero(known), rate)
+
+
+def _known_shape(
+    series: Series, residual: np.ndarray, rate: np.ndarray, least: float, settings: NoiseSettings
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """How the noise changes over the samples, (n,) about 1; and the noise (n,) [unit] itself where it is known so far.
+
+    It is known where it is stated, and where the time stamps' jitter is: then the white part is what that leaves.
+    """
+    stated = series.stated_noise
+    own = None if stated is None else np.hypot(stated, series.rounding)
+    if not series.jitter:
+        growth = 0.0
+        if own is None and series.jitter is None:
+            growth = growth_with_rate(residual, series.angle, rate, settings)
+        return np.sqrt(1.0 + growth * rate**2), own
+    timing = series.jitter * np.abs(rate)
+    if own is None:
+        scatter, _ = _scatter(series, residual, settings)
+        if scatter is None:
+            return np.ones(rate.size), None
+        own = np.sqrt(max(scatter.sd**2 - float(np.mean(timing**2)), least**2))
+    whole = np.hypot(own, timing)
+    return whole / _rms(whole), whole
+
+
+def _jitter(rate: np.ndarray, sd: np.ndarray) -> float:
+    """Standard deviation of time stamps [s] that makes the noise `sd` (n,) grow with the `rate` (n,) as it does."""
+    slow, fast = np.argmin(np.abs(rate)), np.argmax(np.abs(rate))
+    change = rate[fast] ** 2 - rate[slow] ** 2
+    return float(np.sqrt((sd[fast] ** 2 - sd[slow] ** 2) / change)) if change > 0.0 else 0.0
+
+
+def _mismatch(series: Series, scatter: Scatter, stated: float) -> str:
     start = f"{series.channel} is stated to have a noise of {stated:.3g} {series.unit}; its cycles differ"
     if scatter.sd < stated:
         return f"{start} as if it were {scatter.sd:.3g}: small disagreements may be overlooked"

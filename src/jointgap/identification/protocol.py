@@ -140,6 +140,11 @@ class Series:
         Samples that take no part in fitting or choosing.
     stated_noise : (n,) array or None
         Standard deviation that the user states (or that follows from the number of cycles, for statistics) [unit].
+    resolution : float
+        Step in which the sensor reads [unit], whose rounding is a noise of its own; 0 where it is not known.
+    jitter : float or None
+        Standard deviation of the time stamps [s], which makes a noise that grows with the channel's rate; None to
+        estimate it.
     statistic : bool
         Whether values are statistics over cycles: their noise is independent and `stated_noise` is theirs.
     """
@@ -153,6 +158,13 @@ class Series:
     held_out: np.ndarray
     stated_noise: np.ndarray | None = None
     statistic: bool = False
+    resolution: float = 0.0
+    jitter: float | None = 0.0
+
+    @property
+    def rounding(self) -> float:
+        """Standard deviation of the rounding to the sensor's steps [unit]."""
+        return self.resolution / math.sqrt(12.0)
 
     @property
     def key(self) -> tuple[str, str]:

@@ -318,8 +318,15 @@ class NoiseSettings:
         [1] How often noise alone may leave the sinusoid that is taken out.
     reported_mismatch : float
         [1] A stated noise that differs from the estimated one by more than this factor is reported.
+    noise_growths : tuple of float
+        [1] Factors less one by which the variance may be larger where the channel changes fastest: steps of a fifth of
+        the standard deviation.
+    min_growth_gain : float
+        [-2 log likelihood] By which such a growth must explain the scatter better: a very strong preference, with one
+        parameter more.
     min_share_of_channel : float
-        [1, of what a channel varies by] No sensor resolves less, and a noise of 0 would weigh every error infinitely.
+        [1, of what a channel varies by; of an angle, at most of what a turn does] No sensor resolves less, and a noise
+        of 0 would weigh every error infinitely.
     guessed_share : float
         [1, of what a channel varies by] Noise for the first fit, which only has to weigh the channels against each
         other.
@@ -334,6 +341,8 @@ class NoiseSettings:
     max_lines: int = 24
     line_probability: float = 1e-4
     reported_mismatch: float = 1.3
+    noise_growths: tuple[float, ...] = tuple(1.5**power for power in range(-2, 20))
+    min_growth_gain: float = 15.0
     min_share_of_channel: float = 1e-4
     guessed_share: float = 0.02
     negligible_numerics: float = 0.05

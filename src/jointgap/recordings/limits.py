@@ -43,6 +43,10 @@ class RecordingLimits:
         [1] Factors that a sensor's gain may have: these the analysis names.
     unit_tolerance : float
         [1] So near must a ratio of units come for the unit to be proposed.
+    unsteady_share : float
+        [1, of the mean speed] A crank whose speed varies by less either way turns steadily enough for constant_speed.
+    unsteady_standard_errors : float
+        [1] By so many standard errors must the speed vary for it to be the crank's, not the encoder's.
     max_kurtosis : float
         [1] From it on samples say little of what was between them; a normal distribution has 3, a sine 1.5.
     """
@@ -65,6 +69,8 @@ class RecordingLimits:
     unrelated_correlation: float = 0.5
     gains: tuple[float, float] = (0.8, 1.25)
     unit_tolerance: float = 0.05
+    unsteady_share: float = 0.01
+    unsteady_standard_errors: float = 5.0
     max_kurtosis: float = 10.0
 
 

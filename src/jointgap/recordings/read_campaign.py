@@ -13,6 +13,7 @@ from jointgap.recordings.plausibility import angle_outliers, clipped, inconsiste
 from jointgap.recordings.recording import Measurements, Recording, noise_of
 from jointgap.recordings.rotation import RunFile, checked_rotation
 from jointgap.recordings.sample_file import Columns, read_columns
+from jointgap.recordings.steadiness import unsteady
 
 _IDLE = {"speed": "follows from time and crank_angle"}
 """Why a nuisance is idle, where it is not for want of something to act on."""
@@ -69,6 +70,8 @@ def _recording(file: RunFile, remarks: list[str]) -> Recording:
         )
     recording = Recording(run.id, time, angle, channels, noise_of(campaign, run.id), _held_out(file, turned))
     remarks += [f"{file.path}: {remark}" for remark in inconsistent(campaign, run, recording, turned, limits)]
+    if remark := unsteady(campaign, run, time, angle, limits):
+        remarks.append(f"{file.path}: {remark}")
     return recording
 
 
@@ -109,7 +112,7 @@ def _in_si(file: RunFile, columns: Columns, remarks: list[str]) -> tuple[dict[st
     for name, channel in file.campaign.channels.items():
         written = columns.values[channel.column]
         with np.errstate(over="ignore"):  # refused below
-            values[name] = written * file.campaign.factor(name)
+            values[name] = channel.sign * written * file.campaign.factor(name)
         if (huge := np.flatnonzero(np.abs(values[name]) > file.limits.max_value_si)).size:
             raise InputError(
                 f"{file.place(name, columns.rows[huge[0]])}: {written[huge[0]]:g} {channel.unit} is more than any "

@@ -21,10 +21,10 @@ class Recording:
         [rad], continuous over turns and rising on the whole; of a clockwise crank the mirror image. NaN in gaps, all
         NaN where the campaign has no such channel.
     channels : dict of str to (n,) array
-        The other channels, SI, with the signs that the file has; NaN in gaps.
+        The other channels, SI, with the signs that the file has, turned where the campaign says so; NaN in gaps.
     noise : dict of str to float or None
-        Stated standard deviation of every channel but time, SI; None where it is to be estimated. Where an encoder's
-        step is stated but no noise, that of its rounding: step / sqrt(12).
+        Stated standard deviation of every channel but time, SI, without an encoder's rounding; None where it is to be
+        estimated.
     held_out : (n,) bool array
         Samples that take no part in fitting or choosing: all of a run to confirm with, the last third of a split one.
     """
@@ -73,8 +73,6 @@ def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:
     noise = {}
     for name, channel in campaign.channels.items():
         stated = channel.noise_of(run)
-        if stated is None and channel.resolution is not None:
-            stated = channel.resolution / np.sqrt(12.0)
         if name != "time":
             noise[name] = None if stated is None else float(stated * campaign.factor(name))
     return noise

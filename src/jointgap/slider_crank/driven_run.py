@@ -113,7 +113,8 @@ def constant_speed_run(
 def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) -> tuple[np.ndarray, float]:
     """A measured angle made smooth, as pieces (see `jointgap.dynamics.model.parameters.knots_record`), and its end [s].
 
-    The record is led in by revolutions like its first one; time 0 is where they begin.
+    The record is led in by revolutions like its first one, and led out by half a revolution like its last one, for an
+    encoder that lags tells the last angles after it; time 0 is where they begin.
 
     Parameters
     ----------
@@ -128,7 +129,11 @@ def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) ->
     turn = float(np.interp(angle[0] + tau, angle, time))
     first = time < turn
     lead = [(time[first] - k * turn, angle[first] - k * tau) for k in range(back + 1, 0, -1)]
-    time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), strict=True))
+    last = float(np.interp(angle[-1] - tau, angle, time))
+    share = (time - last) / (time[-1] - last)
+    out = (share > 1e-6) & (share < 0.5)  # the sample that ends the record is there already
+    after = time[out] + time[-1] - last, angle[out] + tau
+    time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), after, strict=True))
     kept = time > -(back + 0.5) * turn  # the smooth angle is weak at its ends: half a revolution more than is simulated
     time, angle = time[kept], angle[kept]
     smooth = smooth_angle(time - time[0], angle, resolution)
@@ -147,7 +152,12 @@ def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) ->
 
 
 def measured_angle_run(
-    mechanism: Mechanism, samples: SampleGrid, pieces: tuple[np.ndarray, float], offset: float, tolerance: float
+    mechanism: Mechanism,
+    samples: SampleGrid,
+    pieces: tuple[np.ndarray, float],
+    offset: float,
+    lag: float,
+    tolerance: float,
 ) -> DrivenRun:
     """A crank that follows the measured angle.
 
@@ -159,8 +169,10 @@ def measured_angle_run(
         As `measured_pieces` returns them.
     offset, tolerance : float
         As for `constant_speed_run` [rad], [m].
+    lag : float
+        By how much later than the other sensors the encoder reads an angle [s].
     """
-    table, begin = pieces[0].copy(), pieces[1]
+    table, begin = pieces[0].copy(), max(pieces[1] + lag, 0.0)  # nothing is known from before the motion
     table[:, 6] -= offset
     p = parameters(mechanism, options_of(samples.speed, float(table[0, 6]), tolerance))
     drive = DriveParameters(kind=MEASURED, speed=samples.speed, start_angle=float(table[0, 6]))

@@ -23,6 +23,9 @@ from jointgap.slider_crank.run_simulation import NUMERICS, RunPlan, channels_rea
 from jointgap.slider_crank.sensor_faults import sensor_candidates
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
 
+POSITIONS = ("crank_angle", "slider_position", "rod_angle")
+"""Channels smooth enough for what grows with their rate to be the time stamps' doing."""
+
 
 class SliderCrankModel:
     """A `jointgap.identification.protocol.Model` of a slider-crank.
@@ -86,7 +89,24 @@ class SliderCrankModel:
                 value, sd = measured[channel], noise.get(channel)
                 stated = None if sd is None else np.full(value.size, sd)
                 unit = CHANNELS[channel]
-                series.append(Series(run, channel, unit, value, samples.time, samples.angle, held_out, stated))
+                step = (self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(channel)
+                jitter = self.campaign.jitter
+                if jitter is None and not (samples.timed and channel in POSITIONS):
+                    jitter = 0.0  # what impacts do not repeat in velocities and accelerations is a motion
+                series.append(
+                    Series(
+                        run,
+                        channel,
+                        unit,
+                        value,
+                        samples.time,
+                        samples.angle,
+                        held_out,
+                        stated,
+                        resolution=step,
+                        jitter=jitter,
+                    )
+                )
         return series + (self._statistics(run, measured, held_out) if run in self._chaotic else [])
 
     def _statistics(self, run: str, measured, held_out) -> list[Series]:
@@ -133,7 +153,11 @@ class SliderCrankModel:
             tuple(self.plans),
         )
         encoder = "crank_angle" in self.campaign.channels
-        return (*physical_candidates(context), *sensor_candidates(spreads, encoder, speed))
+        drives = self.campaign.drive == "measured_angle"
+        return (
+            *physical_candidates(context),
+            *sensor_candidates(spreads, encoder, speed, drives, context.nuisances.keys()),
+        )
 
     def simulate(
         self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0

@@ -29,14 +29,14 @@ def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechani
     ----------
     mechanism : Mechanism
     values : mapping of str to float
-        By name of the nuisance, SI; what does not belong to the mechanism (speed, first_angle) is passed over.
+        By name of the nuisance, SI; what does not belong to the mechanism (speed, zeros of sensors) is passed over.
     """
     get = values.get
     modified = mechanism.with_lengths(
         get("crank_length", mechanism.crank.length), get("rod_length", mechanism.rod.length)
     )
     rod = {key: values[f"rod_{key}"] for key in ("mass", "inertia") if f"rod_{key}" in values}
-    slider = {"mass": values["slider_mass"]} if "slider_mass" in values else {}
+    slider = {key: values[f"slider_{key}"] for key in ("mass", "offset") if f"slider_{key}" in values}
     joints = {}
     for pin in mechanism.loose:
         joint = mechanism.joint(pin)

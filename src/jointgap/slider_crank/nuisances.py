@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.load import validate
-from jointgap.config.nuisance_bounds import NUISANCES, nominal_values
+from jointgap.config.nuisance_bounds import NUISANCES, RUN_NUISANCES, nominal_values
 from jointgap.errors import InputError
 from jointgap.identification.protocol import Parameter
 from jointgap.joints import PINS
@@ -17,7 +17,7 @@ from jointgap.slider_crank.settings import DEFAULT_SETTINGS, NuisanceSettings
 def shared_nuisances(
     campaign: Campaign, settings: NuisanceSettings = DEFAULT_SETTINGS.nuisances
 ) -> tuple[Parameter, ...]:
-    """Those of the mechanism, which all runs share.
+    """Those of the mechanism and its sensors that all runs share.
 
     Parameters
     ----------
@@ -26,10 +26,10 @@ def shared_nuisances(
     """
     nuisances = []
     for key in campaign.nuisance:
-        nominals = () if key == "speed" else nominal_values(campaign.mechanism, key)
-        if nominals:
-            low, high = campaign.bounds(key, nominals[0])
-            nuisances.append(_parameter(settings, key, nominals[0], low, high, NUISANCES[key] or "1"))
+        if key not in RUN_NUISANCES and key not in campaign.idle_nuisances:
+            nominal = nominal_values(campaign.mechanism, key)[0]
+            low, high = campaign.bounds(key, nominal)
+            nuisances.append(_parameter(settings, key, nominal, low, high, NUISANCES[key] or "1"))
     if (width := friction_speed(campaign.mechanism)) is not None:
         low, high = width / settings.friction_speed_factor, width * settings.friction_speed_factor
         nuisances.append(_parameter(settings, "friction_speed", width, low, high, "m/s"))
@@ -70,7 +70,9 @@ def run_nuisances(
     first_angle_searched: bool,
     settings: NuisanceSettings = DEFAULT_SETTINGS.nuisances,
 ) -> tuple[Parameter, ...]:
-    """Speed [rad/s] and first angle [rad] of one run, as far as they are not exact.
+    """What a run has for itself, as far as it is not exact: zeros of its sensors, speed [rad/s] and first angle [rad].
+
+    Where the measured angle drives the crank, its speed and first angle are in the drive, and are no nuisances.
 
     Parameters
     ----------
@@ -82,6 +84,12 @@ def run_nuisances(
     settings : NuisanceSettings
     """
     nuisances = []
+    for key in RUN_NUISANCES:
+        if key != "speed" and key in campaign.nuisance and key not in campaign.idle_nuisances:
+            low, high = campaign.bounds(key, 0.0)
+            nuisances.append(_parameter(settings, key, 0.0, low, high, NUISANCES[key], run.id))
+    if campaign.drive == "measured_angle":
+        return tuple(nuisances)
     if samples.encoded and samples.speed_reach > 0:
         low, high = samples.speed - samples.speed_reach, samples.speed + samples.speed_reach
         nuisances.append(_parameter(settings, "speed", samples.speed, low, high, "rad/s", run.id))

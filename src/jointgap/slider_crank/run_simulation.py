@@ -92,7 +92,7 @@ def channels_read(
 def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> dict[str, np.ndarray]:
     """`channels_read` of a rod that is no stiffer than can be simulated."""
     clockwise = plan.run.direction == "clockwise"
-    faults, nuisances = Faults(effects, clockwise), dict(values)
+    faults, nuisances = Faults(effects, clockwise, values), dict(values)
     for candidate, own in effects:  # a nuisance that an effect took over in part, such as the other pin's friction
         nuisances |= {name: own[name] for name in own if name in values and name not in candidate.amplitudes}
     mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()
@@ -100,7 +100,7 @@ def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> d
         mechanism = mirrored(mechanism)
     finer, change = other_numerics(numerics)
     tolerance = finer * tolerance_for(mechanism, plan.settings.simulation)
-    driven = _driven_run(campaign, plan, mechanism, nuisances, faults.offset, tolerance)
+    driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance)
     change(driven.numbers)
     harmonic = driven.numbers.effects
     # phases of forces count from the record's time 0, that of the simulation is earlier
@@ -124,10 +124,11 @@ def _threlfall(p: Parameters) -> None:
             joint.friction_speed *= other.slope_at_zero / usual.slope_at_zero  # the same slope at zero speed
 
 
-def _driven_run(campaign, plan, mechanism: Mechanism, values, offset, tolerance) -> drives.DrivenRun:
+def _driven_run(campaign, plan, mechanism: Mechanism, values, faults: Faults, tolerance) -> drives.DrivenRun:
     settings = plan.settings.simulation
     if plan.pieces is not None:
-        return drives.measured_angle_run(mechanism, plan.samples, plan.pieces, offset, tolerance)
+        return drives.measured_angle_run(mechanism, plan.samples, plan.pieces, faults.offset, faults.lag, tolerance)
+    offset = faults.offset - faults.lag * values.get("speed", plan.samples.speed)  # an encoder that lags reads less
     if campaign.drive == "motor":
         return drives.motor_run(mechanism, campaign, plan.run, plan.samples, values, offset, tolerance, settings)
     return drives.constant_speed_run(mechanism, plan.run, plan.samples, values, offset, tolerance, settings)
@@ -136,8 +137,9 @@ def _driven_run(campaign, plan, mechanism: Mechanism, values, offset, tolerance)
 def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, np.ndarray]:
     """What the sensors make of the motion at the samples."""
     channels = {name: campaign.channels[name] for name in plan.channels}
+    late = driven.at(plan.samples.elapsed - faults.lag) if faults.lag and plan.pieces is None else driven.angles
     if channels.keys() == {"crank_angle"}:
-        return {"crank_angle": driven.angles + faults.offset}
+        return {"crank_angle": late + faults.offset}
     corners = [channel.bandwidth for channel in channels.values() if channel.bandwidth]
     angles, grid = driven.angles, np.empty(0)
     if corners or any(map(faults.need_grid, channels)):
@@ -150,7 +152,7 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, 
     for name, channel in channels.items():
         values = true[name]
         if name == "crank_angle":
-            readings[name] = values[:count] + faults.offset
+            readings[name] = late + faults.offset
             continue
         if plan.run.direction == "clockwise" and name in sensors.MIRRORED:
             values = -values

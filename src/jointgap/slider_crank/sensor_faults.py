@@ -1,7 +1,7 @@
 """Faults of sensors as effects that could be missing: one record each in `FAULTS`."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -34,8 +34,9 @@ class SensorFault:
         SI; empty for the unit of the channel.
     bounds : function
         From a `Reading` to step, low and high of the parameter in a fit.
-    trial : function
-        From a rig of the blind trials and a channel to the parameter to begin with, and the largest.
+    trial : function or None
+        From a rig of the blind trials and a channel to the parameter to begin with, and the largest; None where trials
+        do not hide it.
     steady : bool
         Whether a reading that does not change shows it too.
     either_sign : bool
@@ -51,23 +52,34 @@ class SensorFault:
     unit: str
     words: str
     bounds: Callable[[Reading], tuple[float, float, float]]
-    trial: Callable[[Any, str], tuple[float, float]]
+    trial: Callable[[Any, str], tuple[float, float]] | None = None
     steady: bool = False
     either_sign: bool = True
     before_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     after_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     over_time: Callable[[np.ndarray, float, float], np.ndarray] | None = None
 
-    def candidate(self, site: str, reading: Reading) -> Candidate:
-        """The fault at a `site`, a channel or the encoder, whose `reading` sets the steps of a fit."""
+    def candidate(self, site: str, reading: Reading, replaces: Mapping[str, str] | None = None) -> Candidate:
+        """The fault at a `site`, a channel or the encoder, whose `reading` sets the steps of a fit; `replaces` as of a
+        `Candidate`.
+        """
         step, low, high = self.bounds(reading)
         coordinate = amplitude(self.parameter, step, self.unit or reading.unit, low, high)
-        has_site = self.name != ENCODER_OFFSET
-        return Candidate(self.name, site, (coordinate,), (self.parameter,), sensor=True, has_site=has_site)
+        return Candidate(
+            self.name,
+            site,
+            (coordinate,),
+            (self.parameter,),
+            replaces=replaces or {},
+            sensor=True,
+            has_site=self.name not in ENCODER_FAULTS,
+        )
 
 
 ENCODER_OFFSET = "encoder_offset"
-"""The fault of the one sensor that reads the crank angle, on which the motion is laid: it has no channel to choose."""
+ENCODER_LAG = "encoder_lag"
+ENCODER_FAULTS = (ENCODER_OFFSET, ENCODER_LAG)
+"""Faults of the one sensor that reads the crank angle, on which the motion is laid: they have no channel to choose."""
 
 _INF = math.inf
 
@@ -81,6 +93,14 @@ FAULTS = {
             "an offset of the encoder",
             bounds=lambda reading: (2e-3, -math.pi, math.pi),
             trial=lambda rig, channel: (0.005, 0.5),
+        ),
+        SensorFault(
+            ENCODER_LAG,
+            "lag_s",
+            "s",
+            "a lag of the encoder behind the other sensors",
+            bounds=lambda reading: (DETECTABLE_SHARE / reading.turning, 0.0, 1.0 / reading.turning),
+            either_sign=False,
         ),
         SensorFault(
             "sensor_bias",
@@ -116,7 +136,13 @@ FAULTS = {
 """Every fault by its name, in the order in which a fit tries them."""
 
 
-def sensor_candidates(spreads: Mapping[str, tuple[float, str]], encoder: bool, turning: float) -> list[Candidate]:
+def sensor_candidates(
+    spreads: Mapping[str, tuple[float, str]],
+    encoder: bool,
+    turning: float,
+    drives: bool = False,
+    nuisances: Collection[str] = (),
+) -> list[Candidate]:
     """Faults that the sensors could have.
 
     Parameters
@@ -127,13 +153,23 @@ def sensor_candidates(spreads: Mapping[str, tuple[float, str]], encoder: bool, t
         Whether the crank angle is read.
     turning : float
         Crank's speed [rad/s].
+    drives : bool
+        Whether the angle read is what drives the crank, so that its lag shows.
+    nuisances : collection of str
+        Names of those that all runs share.
     """
-    at_encoder = [FAULTS[ENCODER_OFFSET].candidate("sensor", Reading(0.0, "rad", turning))] if encoder else []
+    faults = (ENCODER_OFFSET, ENCODER_LAG) if encoder and drives else (ENCODER_OFFSET,) if encoder else ()
+    at_encoder = [
+        FAULTS[name].candidate(
+            "sensor", Reading(0.0, "rad", turning), {name: FAULTS[name].parameter} if name in nuisances else {}
+        )
+        for name in faults
+    ]
     return at_encoder + [
         fault.candidate(channel, Reading(spread, unit, turning))
         for channel, (spread, unit) in spreads.items()
         for fault in FAULTS.values()
-        if fault.name != ENCODER_OFFSET and (fault.steady or spread > 0.0)
+        if fault.name not in ENCODER_FAULTS and (fault.steady or spread > 0.0)
     ]
 
 
@@ -145,19 +181,34 @@ class Faults:
     effects : iterable of (Candidate, mapping)
     mirrored : bool
         Whether the crank turns clockwise, so that angles are seen from behind.
+    nuisances : mapping of str to float
+        Of the run, by name [SI]: zeros and the lag of sensors among them act beside the faults.
 
     Attributes
     ----------
     offset : float
         What the encoder reads too much [rad].
+    lag : float
+        By how much later than the other sensors it reads an angle [s].
     """
 
-    def __init__(self, effects: Iterable[tuple[Candidate, Values]], mirrored: bool = False):
-        self.offset = 0.0
+    def __init__(
+        self,
+        effects: Iterable[tuple[Candidate, Values]],
+        mirrored: bool = False,
+        nuisances: Mapping[str, float] | None = None,
+    ):
+        known = nuisances or {}
+        side = -1.0 if mirrored else 1.0
+        self.offset, self.lag = side * known.get("encoder_zero", 0.0), known.get("encoder_lag", 0.0)
         self._faults: list[tuple[SensorFault, str, float]] = []
+        if position_zero := known.get("slider_position_zero", 0.0):
+            self._faults.append((FAULTS["sensor_bias"], "slider_position", position_zero))
         for candidate, values in effects:
             if candidate.name == ENCODER_OFFSET:
-                self.offset = -values["offset_rad"] if mirrored else values["offset_rad"]
+                self.offset += side * values["offset_rad"]
+            elif candidate.name == ENCODER_LAG:
+                self.lag += values["lag_s"]
             elif candidate.sensor:
                 self._faults.append((FAULTS[candidate.name], candidate.site, values[candidate.amplitudes[0]]))
 

@@ -126,7 +126,7 @@ LISTED: dict[str, DrawEffect] = {
         if page.trial.__func__ is not Effect.trial.__func__
         for site in page.sites() or ("",)
     },
-    **{fault.name: _fault(fault) for fault in FAULTS.values()},
+    **{fault.name: _fault(fault) for fault in FAULTS.values() if fault.trial},
 }
 """Effects of the list by name, with the site where there is a choice."""
 

@@ -13,13 +13,13 @@ from jointgap.effects import EFFECTS
 from jointgap.errors import InputError
 from jointgap.formula import compile_formula
 from jointgap.identification.confirmation import share_closed
-from jointgap.slider_crank.sensor_faults import ENCODER_OFFSET, FAULTS
+from jointgap.slider_crank.sensor_faults import ENCODER_FAULTS, FAULTS
 from jointgap.tables.columns import Column, Table
 from jointgap.trials.batches import read_trial_records
 from jointgap.trials.make_trial import ANGLE_PIECES, formula_values
 from jointgap.trials.size_calibration import GAP_TOLERANCE
 
-WITH_SITE = {name for name, page in EFFECTS.items() if page.sites()} | (FAULTS.keys() - {ENCODER_OFFSET})
+WITH_SITE = {name for name, page in EFFECTS.items() if page.sites()} | (FAULTS.keys() - set(ENCODER_FAULTS))
 """Effects whose site has to be right too."""
 
 NOTHING_NAMED = ("no_disagreement", "parameters_only")

@@ -1,0 +1,86 @@
+"""Whether a crank that is said to turn at constant speed does: how far its speed varies, within a turn and over a
+record."""
+
+from math import sqrt, tau
+
+import numpy as np
+
+from jointgap.config.campaign_file import Campaign, CampaignRun
+from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
+
+_HARMONICS = np.arange(1, 4)
+_MOST_DRIFT_TERMS = 8
+
+
+def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, float]:
+    """How far the crank's speed varies, as shares of its mean [1].
+
+    Parameters
+    ----------
+    time : (n,) array
+        [s].
+    angle : (n,) array
+        Continuous crank angle [rad]; NaN in gaps.
+
+    Returns
+    -------
+    within_turn : float
+        Half of the range of the speed over a turn, from the first three orders of the crank angle; NaN where samples
+        are too few.
+    over_record : float
+        Half of the range of the mean speeds of whole turns; NaN of less than two.
+    error : float
+        Standard error of both, from what is left of the angle.
+    """
+    finite = np.isfinite(angle)
+    time, angle = time[finite] - time[finite][0], angle[finite]
+    turns = (angle[-1] - angle[0]) / tau
+    terms = int(min(max(turns, 1), _MOST_DRIFT_TERMS)) + 1
+    if time.size < 2 * (terms + 2 * _HARMONICS.size):
+        return np.nan, np.nan, np.nan
+    drift = np.polynomial.legendre.legvander(2.0 * time / time[-1] - 1.0, terms)
+    phase = _HARMONICS * angle[:, None]
+    basis = np.column_stack([drift, np.cos(phase), np.sin(phase)])
+    weights = np.linalg.lstsq(basis, angle, rcond=None)[0]
+    sd = float(np.sqrt(np.mean((angle - basis @ weights) ** 2)))
+    cosine, sine = weights[terms + 1 :].reshape(2, -1)
+    places = np.linspace(0.0, tau, 120)[:, None] * _HARMONICS
+    speed = (_HARMONICS * (sine * np.cos(places) - cosine * np.sin(places))).sum(axis=1)
+    passed = np.arange(angle[0], angle[-1], tau)
+    speeds = tau / np.diff(np.interp(passed, np.maximum.accumulate(angle), time))
+    over = 0.5 * float(np.ptp(speeds) / speeds.mean()) if speeds.size > 1 else np.nan
+    return 0.5 * float(np.ptp(speed)), over, sd * sqrt(2.0) / tau
+
+
+def unsteady(
+    campaign: Campaign,
+    run: CampaignRun,
+    time: np.ndarray,
+    angle: np.ndarray,
+    limits: RecordingLimits = DEFAULT_LIMITS,
+) -> str | None:
+    """What is to be known of a crank that turns unsteadily under the drive constant_speed; None if it does not.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    run : CampaignRun
+    time, angle : (n,) array
+        As for `speed_variation`; all NaN where not measured.
+    limits : RecordingLimits
+    """
+    if campaign.drive != "constant_speed" or not (np.isfinite(time).all() and np.isfinite(angle).any()):
+        return None
+    within, over, error = speed_variation(time, angle)
+    least = max(limits.unsteady_share, limits.unsteady_standard_errors * error)
+    told = [
+        f"by {100.0 * share:.2g} % either way {where}"
+        for share, where in ((within, "within a turn"), (over, "from turn to turn"))
+        if share > least
+    ]
+    if not told:
+        return None
+    return (
+        f"the drive is constant_speed, but the speed varies {' and '.join(told)}; with times and crank angles, "
+        "'drive: measured_angle' takes the motion as it was"
+    )
