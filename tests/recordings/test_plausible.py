@@ -67,7 +67,9 @@ def test_an_unexplained_factor_is_told(tmp_path):
 
 def test_a_channel_that_is_something_else_is_named(tmp_path):
     frame = full(200).assign(slider_velocity=lambda f: f.x)
-    assert any("slider_velocity is not the rate of slider_position" in remark for remark in remarks(tmp_path, frame))
+    assert any(
+        "slider_velocity is not what the mechanism makes of the crank" in remark for remark in remarks(tmp_path, frame)
+    )
 
 
 def test_a_clipped_channel_is_named_with_how_many_samples_stand_at_the_extreme(tmp_path):

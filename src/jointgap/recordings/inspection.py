@@ -95,7 +95,7 @@ def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
                 "speed_spread": spread,
                 "low": float(np.nanmin(values)),
                 "high": float(np.nanmax(values)),
-                "scatter": _scatter(angle, values) if name != "crank_angle" else np.nan,
+                "scatter": cycle_scatter(angle, values) if name != "crank_angle" else np.nan,
                 "stated_noise": np.nan if noise is None else noise,
             }
         )
@@ -109,7 +109,7 @@ def _speed_spread(time: np.ndarray, angle: np.ndarray) -> float:
     return float(np.std(tau / np.diff(np.interp(passed, rising, time)), ddof=1)) if passed.size > 2 else np.nan
 
 
-def _scatter(angle: np.ndarray, values: np.ndarray) -> float:
+def cycle_scatter(angle: np.ndarray, values: np.ndarray) -> float:
     """Standard deviation of a channel from its value a revolution later, over sqrt(2); NaN of less than two cycles."""
     rising = np.maximum.accumulate(angle)
     after = np.searchsorted(rising, rising + tau * (1.0 - 1e-9))

@@ -49,6 +49,37 @@ class RecordingLimits:
         [1] By so many standard errors must the speed vary for it to be the crank's, not the encoder's.
     max_kurtosis : float
         [1] From it on samples say little of what was between them; a normal distribution has 3, a sine 1.5.
+    compared_orders : int
+        [1] Orders of the crank that are held against the ideal motion: beyond the fourth a slider-crank has hardly any.
+    steady_speed : float
+        [1, of the mean] Standard deviation of the speed over quarter turns from which on the motion is not compared
+        with that of a steady crank.
+    speed_doubted : float
+        [1] Ratio of the speed that the times make and the stated one from which on one of both is doubted; speeds of
+        rigs are stated to some percent.
+    same_agreement : float
+        [1] Share of the best agreement that the stated speed has to reach where no encoder tells the speed.
+    clear_error : float
+        [1, of the orders] Standard error from which on low orders say nothing: impacts hide them.
+    least_phase_rad : float
+        [rad] An encoder that is off by less is left to the analysis, which names it.
+    force_correlation : float
+        [1] As `comparable_correlation`, of torque and forces: an effect five times the noise leaves this much.
+    gains_of_forces : (float, float)
+        [1] As `gains`, of torque and forces, which masses and loads change too.
+    alike_factors : float
+        [1] Largest ratio of a channel's factors in different runs where a sensor is the cause: that of a load goes with
+        the inverse square of the speed.
+    share_of_usual : float
+        [1] Below this share of what is expected a channel of one run is not of that run.
+    repeating_share, stray_share : float
+        [1, of the variance] What a channel repeats with the crank at least, and at most where it is of another run.
+    swapped_misfit : float
+        [1, of what is expected] Both channels have to be off by more to be called swapped.
+    exchanged_misfit, exchanged_force_misfit : float
+        [1] And by less with their columns exchanged; of torque and forces loads are in it.
+    swapped_gain, swapped_gain_of_forces : float
+        [1] And both together by this share of what they were.
     """
 
     min_samples: int = 12
@@ -72,6 +103,23 @@ class RecordingLimits:
     unsteady_share: float = 0.01
     unsteady_standard_errors: float = 5.0
     max_kurtosis: float = 10.0
+    compared_orders: int = 4
+    steady_speed: float = 0.15
+    speed_doubted: float = 1.1
+    same_agreement: float = 0.6
+    clear_error: float = 0.25
+    least_phase_rad: float = 0.5
+    force_correlation: float = 0.8
+    gains_of_forces: tuple[float, float] = (0.5, 2.0)
+    alike_factors: float = 1.35
+    share_of_usual: float = 0.4
+    repeating_share: float = 0.7
+    stray_share: float = 0.5
+    swapped_misfit: float = 0.15
+    exchanged_misfit: float = 0.15
+    exchanged_force_misfit: float = 0.7
+    swapped_gain: float = 0.3
+    swapped_gain_of_forces: float = 0.5
 
 
 DEFAULT_LIMITS = RecordingLimits()

@@ -8,8 +8,9 @@ from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS
 from jointgap.errors import InputError
 from jointgap.quantities import unit_factor
+from jointgap.recordings.contradictions import Contradiction, contradictions, sentences
 from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
-from jointgap.recordings.plausibility import angle_outliers, clipped, inconsistent, outliers
+from jointgap.recordings.plausibility import angle_outliers, clipped, outliers
 from jointgap.recordings.recording import Measurements, Recording, noise_of
 from jointgap.recordings.rotation import RunFile, checked_rotation
 from jointgap.recordings.sample_file import Columns, read_columns
@@ -41,11 +42,15 @@ def read_measurements(campaign: Campaign, limits: RecordingLimits = DEFAULT_LIMI
         f"nuisance {key} {_IDLE.get(key, 'has nothing to act on in this mechanism')} and is left out"
         for key in campaign.idle_nuisances
     ]
-    runs = {run.id: _recording(RunFile(campaign, run, limits), remarks) for run in campaign.runs}
-    return Measurements(runs, tuple(remarks))
+    found: list[Contradiction] = []
+    runs = {run.id: _recording(RunFile(campaign, run, limits), remarks, found) for run in campaign.runs}
+    others = contradictions(campaign, runs, limits)
+    remarks += [f"{campaign.name}, {sentence}" for sentence in sentences(others)]
+    return Measurements(runs, tuple(remarks), (*found, *others))
 
 
-def _recording(file: RunFile, remarks: list[str]) -> Recording:
+def _recording(file: RunFile, remarks: list[str], found: list[Contradiction]) -> Recording:
+    """The samples of a run; what is remarked of them is added to `remarks`, channels that are clipped to `found`."""
     campaign, run, limits = file.campaign, file.run, file.limits
     columns = read_columns(file.path, [channel.column for channel in campaign.channels.values()], campaign.csv)
     _check_units(file, columns, remarks)
@@ -58,6 +63,7 @@ def _recording(file: RunFile, remarks: list[str]) -> Recording:
         _check_varies(file, name, samples)
         if (remark := clipped(samples, limits)) is not None:
             remarks.append(f"{file.place(name)}: {name} {remark}")
+            found.append(Contradiction(run.id, name, "clipped", f"{name} {remark}"))
         if (places := outliers(samples, limits)).size:
             remarks.append(
                 f"{file.place(name, rows[places[0]])}: {samples[places[0]]:g} {CHANNELS[name]} is far from all else "
@@ -68,11 +74,9 @@ def _recording(file: RunFile, remarks: list[str]) -> Recording:
             f"{file.place('crank_angle', rows[places[0]])}: the angle is far off its neighbours' "
             f"(so {_are(places.size)}); leave the cell empty if the encoder misread it"
         )
-    recording = Recording(run.id, time, angle, channels, noise_of(campaign, run.id), _held_out(file, turned))
-    remarks += [f"{file.path}: {remark}" for remark in inconsistent(campaign, run, recording, turned, limits)]
     if remark := unsteady(campaign, run, time, angle, limits):
         remarks.append(f"{file.path}: {remark}")
-    return recording
+    return Recording(run.id, time, angle, channels, noise_of(campaign, run.id), _held_out(file, turned))
 
 
 def _held_out(file: RunFile, turned: np.ndarray) -> np.ndarray:

@@ -1,11 +1,15 @@
 """What was measured, in SI: one recording per run."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from jointgap.config.campaign_file import Campaign
+
+if TYPE_CHECKING:
+    from jointgap.recordings.contradictions import Contradiction
 
 
 @dataclass(frozen=True)
@@ -62,10 +66,13 @@ class Measurements:
         In the campaign's order.
     remarks : tuple of str
         What a reader of the results should know of the data, in sentences.
+    contradictions : tuple of Contradiction
+        What channels cannot be what they are said to be; told among the remarks too.
     """
 
     runs: dict[str, Recording]
     remarks: tuple[str, ...] = ()
+    contradictions: "tuple[Contradiction, ...]" = ()
 
 
 def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:

@@ -15,6 +15,7 @@ from jointgap.tables import (
     ADVICE,
     CONFIG_SNAPSHOT,
     CONFUSABILITY,
+    CONTRADICTIONS,
     DETECTABLE,
     FIT_TABLES,
     GAPS,
@@ -44,7 +45,7 @@ if TYPE_CHECKING:  # loads pandas
 
 CAMPAIGN_STAGES = Stages()
 
-_MEASURED = (MEASURED, REMARKS, CONFIG_SNAPSHOT)
+_MEASURED = (MEASURED, REMARKS, CONTRADICTIONS, CONFIG_SNAPSHOT)
 
 
 def _of(stage: str, written: tuple[Table, ...]) -> tuple[Table, ...]:
@@ -70,6 +71,7 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     state.measurements = read_measurements(state.campaign, state.recording_limits)
     folder.write(CONFIG_SNAPSHOT, config_snapshot(state.campaign))
     folder.write(REMARKS, pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}))
+    folder.write(CONTRADICTIONS, pd.DataFrame(state.measurements.contradictions, columns=CONTRADICTIONS.names))
     folder.write(MEASURED, to_frame(state.measurements))
     if pictures:
         from jointgap.figures import style

@@ -59,6 +59,21 @@ REMARKS = Table(
     path="measure/remarks.parquet",
 )
 
+CONTRADICTIONS = Table(
+    "contradictions",
+    "Channels whose readings cannot be those of this mechanism beside the other channels",
+    (
+        _RUN,
+        Column("channel", "", "channel in doubt; time also where it may be the stated speed that is wrong", "text"),
+        Column("other", "", "channel that it is swapped with; else empty", "text"),
+        Column("kind", "", "sign, scale, phase, swapped, unrelated, clipped, time or speed", "text"),
+        Column("factor", "1", "measured over expected", nullable=True),
+        Column("phase", "rad", "how far the channel is ahead of what is expected", nullable=True),
+        Column("remark", "", "in a sentence", "text"),
+    ),
+    path="measure/contradictions.parquet",
+)
+
 CONFIG_SNAPSHOT = Table(
     "config_snapshot",
     "What the campaign file stated when its data were read, in the order of the file",

@@ -14,7 +14,7 @@ from jointgap.tables.store import write_atomically
 from jointgap.trials.size_calibration import Readings
 from jointgap.trials.virtual_rig import VirtualRig
 
-_UNITS = {
+UNITS_OF_CHANNELS = {
     "crank_angle": ("rad", ("deg", "rad", "turn")),
     "slider_position": ("m", ("m", "mm", "inch")),
     "slider_velocity": ("m/s", ("m/s", "mm/s")),
@@ -28,6 +28,8 @@ _UNITS = {
     "frame_force_x": ("N", ("N", "kN", "lbf")),
     "frame_force_y": ("N", ("N", "kN", "lbf")),
 }
+"""SI unit of every channel, and the units that a campaign may have it in."""
+
 _COLUMN_PREFIXES = ("ch", "signal", "AI", "s")
 
 _FILE_TIME = 1_577_836_800  # [s] 2020-01-01 for every file, so that times of files give nothing away
@@ -51,8 +53,8 @@ def write_campaign(rng: np.random.Generator, rig: VirtualRig, readings: Readings
     channels = [*(["crank_angle"] if rig.angle_noise else []), *rig.sensors]
     prefix = str(rng.choice(_COLUMN_PREFIXES))
     columns = {channels[index]: f"{prefix}{number}" for number, index in enumerate(rng.permutation(len(channels)), 1)}
-    units = {channel: str(rng.choice(_UNITS[channel][1])) for channel in channels}
-    scale = {channel: 1 / unit_factor(units[channel], _UNITS[channel][0]) for channel in channels}
+    units = {channel: str(rng.choice(UNITS_OF_CHANNELS[channel][1])) for channel in channels}
+    scale = {channel: 1 / unit_factor(units[channel], UNITS_OF_CHANNELS[channel][0]) for channel in channels}
     milliseconds, wrap, parquet = rng.random() < 0.3, rng.choice(["none", "up", "both"]), rng.random() < 0.3
     separator, decimal = ((",", "."), (";", ","), ("\t", "."))[rng.integers(3)]
     folder.mkdir(parents=True, exist_ok=True)
@@ -93,6 +95,11 @@ def write_campaign(rng: np.random.Generator, rig: VirtualRig, readings: Readings
     }
     _dump(folder / "mechanism.yaml", rig.nominal)
     _dump(folder / "campaign.yaml", campaign)
+    hide_times(folder)
+
+
+def hide_times(folder: Path) -> None:
+    """Give every file of `folder` the same time of change."""
     for file in folder.iterdir():
         os.utime(file, (_FILE_TIME, _FILE_TIME))
 

@@ -32,6 +32,7 @@ from jointgap.trials.size_calibration import (
 )
 from jointgap.trials.trial_plan import TrialPlan
 from jointgap.trials.virtual_rig import VirtualRig, draw_rig, with_drawn_starts
+from jointgap.trials.wiring import NEED_ENCODER, damage_campaign
 
 _MOST_RIGS = 4
 """Rigs drawn for one effect; where none can show it, the last is kept, and the trial counts as undetectable."""
@@ -78,7 +79,10 @@ def make_trial(plan: TrialPlan, seed: int, folder: Path) -> dict:
     rng = np.random.default_rng([seed, 1, plan.number])
     draw = draw_trial(plan, rng, np.random.default_rng([seed, 2, plan.number]))
     record = _exudyn_trial if plan.kind == "exudyn" else _own_trial
-    return {"id": plan.id, **record(plan, draw, rng, folder)}
+    truth = {"id": plan.id, **record(plan, draw, rng, folder)}
+    if plan.damage:
+        truth["damage"] = damage_campaign(np.random.default_rng([seed, 3, plan.number]), plan.damage, folder)
+    return truth
 
 
 def draw_trial(plan: TrialPlan, rng: np.random.Generator, starts: np.random.Generator) -> TrialDraw:
@@ -92,9 +96,9 @@ def draw_trial(plan: TrialPlan, rng: np.random.Generator, starts: np.random.Gene
     """
     catalogue = OFF_LIST if plan.kind == "off_list" else LISTED
     film = [name.partition(":")[2] for name in plan.effects if name.startswith("lubricated_joint")]
+    encoder = "encoder_offset" in plan.effects or plan.damage in NEED_ENCODER
     for number in range(_MOST_RIGS):
-        rig = draw_rig(rng, plan.base, film[0] if film else "", "encoder_offset" in plan.effects)
-        rig = with_drawn_starts(rig, starts)
+        rig = with_drawn_starts(draw_rig(rng, plan.base, film[0] if film else "", encoder), starts)
         calibrator = (StatisticsSizeCalibrator if plan.base == "chaotic" else SizeCalibrator)(rig, rig.identify_runs)
         scales = rig.scales(calibrator.spread())
         effects = [catalogue[name](scales, rng) for name in plan.effects]

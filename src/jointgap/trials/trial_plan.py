@@ -11,6 +11,7 @@ from jointgap.config.load import read_yaml, validate
 from jointgap.errors import InputError, did_you_mean
 from jointgap.section import Section
 from jointgap.trials.injected_effects import LISTED, OFF_LIST
+from jointgap.trials.wiring import DAMAGES
 
 TARGET_GAPS = (1.5, 5.0)
 """Whitened gaps that injected effects cause after recalibration: just visible, and plain."""
@@ -42,6 +43,7 @@ class TrialSet(Section):
     pairs: NonNegativeInt = Field(description="two effects of the list injected")
     off_list: NonNegativeInt = Field(description="an effect injected that is not on the list")
     exudyn: NonNegativeInt = Field(0, description="one effect injected, motion and effect by Exudyn")
+    wiring: NonNegativeInt = Field(0, description="nothing injected, but the data are wired wrongly")
     batch: PositiveInt = Field(12, description="trials that one job runs, one after the other")
 
 
@@ -62,13 +64,15 @@ class TrialPlan:
     number : int
         Its place in the set.
     kind : str
-        nothing, single, pair, off_list or exudyn.
+        nothing, single, pair, off_list, exudyn or wiring.
     base : str
         One of `jointgap.trials.virtual_rig.BASES`.
     size : float
         Gap that each effect is to cause; 0 where nothing is injected.
     effects : tuple of str
         Names in `jointgap.trials.injected_effects.LISTED` or `OFF_LIST`.
+    damage : str
+        Of the kind wiring: how the data are damaged, one of `jointgap.trials.wiring.DAMAGES`; else empty.
     """
 
     id: str
@@ -77,6 +81,7 @@ class TrialPlan:
     base: str
     size: float
     effects: tuple[str, ...]
+    damage: str = ""
 
 
 def read_sets(path: Path | str) -> dict[str, TrialSet]:
@@ -100,9 +105,7 @@ def trial_set(sets: dict[str, TrialSet], name: str) -> TrialSet:
 def plan_trials(chosen: TrialSet) -> list[TrialPlan]:
     """All trials of a set, shuffled."""
     rng = np.random.default_rng([chosen.seed, 0])
-    drawn: list[tuple[str, str, float, tuple[str, ...]]] = [
-        ("nothing", base, 0.0, ()) for base in _draw_bases(rng, chosen.nothing)
-    ]
+    drawn: list[tuple] = [("nothing", base, 0.0, ()) for base in _draw_bases(rng, chosen.nothing)]
     for kind, count, catalogue, effects_each in (
         ("single", chosen.single, tuple(LISTED), 1),
         ("pair", chosen.pairs, tuple(LISTED), 2),
@@ -117,6 +120,11 @@ def plan_trials(chosen: TrialSet) -> list[TrialPlan]:
             if kind == "exudyn":
                 base = "ideal"  # Exudyn's implicit integrator does not get through the contacts
             drawn.append((kind, base, TARGET_GAPS[trial % 2], effects))
+    own = np.random.default_rng([chosen.seed, 2])  # what other kinds draw does not depend on how many these are
+    damages = _draw_evenly(own, DAMAGES, chosen.wiring)
+    drawn += [
+        ("wiring", base, 0.0, (), damage) for base, damage in zip(_draw_bases(own, chosen.wiring), damages, strict=True)
+    ]
     order = rng.permutation(len(drawn))
     return [TrialPlan(_identifier(chosen.seed, number), number, *drawn[index]) for number, index in enumerate(order)]
 
@@ -128,7 +136,7 @@ def plan_batch(chosen: TrialSet, batch: int) -> list[TrialPlan]:
 
 def batch_count(chosen: TrialSet) -> int:
     """How many batches a set has."""
-    count = chosen.single + chosen.nothing + chosen.pairs + chosen.off_list + chosen.exudyn
+    count = chosen.single + chosen.nothing + chosen.pairs + chosen.off_list + chosen.exudyn + chosen.wiring
     return -(-count // chosen.batch)
 
 
