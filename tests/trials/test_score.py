@@ -283,7 +283,7 @@ def rows_of(*rows) -> pd.DataFrame:
     frame = pd.DataFrame([dict(zip(names, row, strict=True)) for row in rows])
     numbers = {"error": 0.1, "covered": 0.5, "closed": 0.9, "gap_after": 1.1, "seconds": 1.0}
     numbers |= {"windows": 4.0, "false_windows": 1.0, "bins_off": 10.0, "missed_bins": 3.0}
-    return frame.assign(hidden="gravity", named="gravity", greedy="wrong", sparse="not asked", **numbers)
+    return frame.assign(hidden="gravity", told=False, named="gravity", greedy="wrong", sparse="not asked", **numbers)
 
 
 def test_every_rate_counts_the_trials_that_it_says():
@@ -392,3 +392,42 @@ def test_a_verdict_without_its_truth_is_refused(tmp_path):
     (tmp_path / "found.json").write_text(json.dumps([{"id": "a"}]))
     with pytest.raises(InputError, match="trial a has a truth or a verdict alone"):
         score_batches([tmp_path / "truth.json"], [tmp_path / "found.json"])
+
+
+def wired(what="sign", *channels):
+    return truth(kind="wiring") | {"damage": {"what": what, "channels": list(channels or ("crank_torque",))}}
+
+
+DOUBT = {"run": "run1", "channel": "crank_torque", "other": "", "kind": "sign"}
+GAIN = {"name": "sensor_gain", "site": "crank_torque", "listed": True, "parameters": {"gain_error": 0.5}}
+
+
+def test_wrongly_wired_data_are_right_where_the_channel_is_told_and_no_effect_is_named():
+    row = score_trial(wired(), analysis(verdict="unexplained", doubts=[DOUBT]))
+    assert (row["outcome"], row["told"], row["hidden"]) == ("right", True, "sign: crank_torque")
+    assert not score_trial(wired(), analysis(verdict="unexplained"))["told"]
+    row = score_trial(wired("sign", "guide_force"), analysis(verdict="unexplained", doubts=[DOUBT]))
+    assert (row["outcome"], row["told"]) == ("missed", False)
+
+
+def test_a_fault_of_the_damaged_sensor_is_a_right_name_and_any_other_name_is_wrong():
+    assert score_trial(wired("gain"), analysis(effects=[named(GAIN)]))["outcome"] == "right"
+    assert score_trial(wired("gain", "guide_force"), analysis(effects=[named(GAIN)]))["outcome"] == "wrong"
+    row = score_trial(wired(), analysis(effects=[named(DRAG)], doubts=[DOUBT]))
+    assert (row["outcome"], row["told"]) == ("wrong", True)
+
+
+def test_files_that_are_refused_for_the_damaged_channel_tell_it():
+    refused = {"id": "a", "seconds": 1.0, "error": "InputError: run1.csv, column t: check the run's speed"}
+    assert score_trial(wired("wrong_speed", "time"), refused)["outcome"] == "right"
+    assert score_trial(wired(), refused)["outcome"] == "failed"
+
+
+def test_the_rates_of_wrongly_wired_data_are_by_base_and_damage():
+    rows = [
+        score_trial(wired(), analysis(verdict="unexplained", doubts=[DOUBT])),
+        score_trial(wired("gain"), analysis()),
+    ]
+    table = rates(pd.DataFrame(rows).reindex(columns=[column.name for column in TRIALS.columns]))
+    told = table[table["what"] == "told which channel, data wired wrongly"].set_index("group")
+    assert told.loc[["all", "base ideal", "sign", "gain"], "value"].tolist() == [0.5, 0.5, 1.0, 0.0]

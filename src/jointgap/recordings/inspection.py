@@ -110,7 +110,15 @@ def _speed_spread(time: np.ndarray, angle: np.ndarray) -> float:
 
 
 def cycle_scatter(angle: np.ndarray, values: np.ndarray) -> float:
-    """Standard deviation of a channel from its value a revolution later, over sqrt(2); NaN of less than two cycles."""
+    """Standard deviation of a channel from its value a revolution later, over sqrt(2); NaN of less than two cycles.
+
+    Parameters
+    ----------
+    angle : (n,) array
+        Of the crank [rad], rising on the whole, without gaps.
+    values : (n,) array
+        [SI]; NaN in gaps.
+    """
     rising = np.maximum.accumulate(angle)
     after = np.searchsorted(rising, rising + tau * (1.0 - 1e-9))
     here = np.flatnonzero((after > 0) & (after < rising.size))

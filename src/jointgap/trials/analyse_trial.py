@@ -11,6 +11,8 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.campaign.verdict import read
+from jointgap.tables import CONTRADICTIONS
+from jointgap.tables.results_folder import ResultsFolder
 from jointgap.trials.sparse_regression import sparse_names
 
 
@@ -27,7 +29,7 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        id, seconds, and verdict, greedy and sparse, or error.
+        id, seconds, doubts (what `measure` found to contradict), and verdict, greedy and sparse, or error.
     """
     from jointgap.campaign import analyse
 
@@ -43,6 +45,7 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
             record["error"] = f"{type(error).__name__}: {error}"
             record["traceback"] = traceback.format_exc()
         record["seconds"] = round(time.monotonic() - begin, 3)
+        record["doubts"] = doubts(own_results)
         if "verdict" in record:
             record["greedy"] = greedy_names(_all_fits(own_results))
             try:
@@ -55,6 +58,20 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
         if (own_results / "verdict.json").exists():
             shutil.copy(own_results / "verdict.json", results)
     return record
+
+
+def doubts(results: Path) -> list[dict[str, str]]:
+    """Run, channel, other channel and kind of what `measure` found to contradict; none where it refused the files.
+
+    Parameters
+    ----------
+    results : Path
+        Of a campaign.
+    """
+    folder = ResultsFolder(results)
+    if not folder.place(CONTRADICTIONS).is_file():
+        return []
+    return folder.read(CONTRADICTIONS)[["run", "channel", "other", "kind"]].astype(str).to_dict("records")
 
 
 def _all_fits(results: Path) -> pd.DataFrame:

@@ -44,12 +44,13 @@ _BIN_DEG = 10  # [deg] width of a bin of the map of disagreement
 
 _TEXT = {
     "id": "the campaign's name",
-    "kind": "nothing, single, pair, off_list, or exudyn (single, by independent code)",
+    "kind": "nothing, single, pair, off_list, exudyn (single, by independent code), or wiring (the data damaged)",
     "base": "ideal joints, loose joints with friction, or a chaotic motion",
-    "hidden": "effects hidden",
+    "hidden": "effects hidden; of the kind wiring: what was damaged, of which channel",
     "verdict": "verdict, or failed",
     "named": "effects named, or the verdict",
-    "outcome": "right, wrong, partly, ambiguous, unexplained, missed or failed",
+    "outcome": "right, wrong, partly, ambiguous, unexplained, missed or failed; of the kind wiring wrong where "
+    "anything but a fault of a damaged sensor is named, else right where the channel is told",
     "greedy": "outcome of the least BIC, one effect at a time, without a gate",
     "greedy_named": "what that names",
     "sparse": "outcome of sparse regression of the residual",
@@ -85,6 +86,7 @@ TRIALS = Table(
     (
         *(Column(name, "", meaning, "text") for name, meaning in _TEXT.items()),
         Column("detectable", "", "an effect is hidden that preflight calls detectable, as large as asked for", "bool"),
+        Column("told", "", "of the kind wiring: a remark, an error or a fault of a sensor names the channel", "bool"),
         Column("foreseen", "", "an effect is hidden that preflight calls undetectable", "bool"),
         *(Column(name, unit, meaning, nullable=True) for name, (unit, meaning) in _NUMBERS.items()),
     ),
@@ -113,7 +115,7 @@ def score_batches(truths: Iterable[Path], analyses: Iterable[Path]) -> pd.DataFr
     rows = pd.DataFrame([score_trial(truth[trial], analysis[trial]) for trial in sorted(truth)])
     columns = [column.name for column in TRIALS.columns]
     return rows.reindex(columns=columns).astype(
-        dict.fromkeys(("detectable", "foreseen"), bool) | dict.fromkeys(_NUMBERS, float)
+        dict.fromkeys(("detectable", "told", "foreseen"), bool) | dict.fromkeys(_NUMBERS, float)
     )
 
 
@@ -151,6 +153,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
         "verdict": verdict["verdict"] if verdict else "failed",
         "named": "",
         "detectable": bool(hidden),
+        "told": False,
         "foreseen": False,
         "greedy": _baseline_outcome(truth, hidden, greedy),
         "greedy_named": " + ".join(greedy or ()) or "nothing",
@@ -159,16 +162,50 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
         "seconds": analysis.get("seconds", math.nan),
         "reason": analysis.get("error", ""),
     }
+    if "damage" in truth:
+        damaged = truth["damage"]["channels"]
+        row |= {"hidden": f"{truth['damage']['what']}: {' + '.join(damaged)}", "told": _told(damaged, analysis)}
+        if verdict is None and row["told"]:
+            row["outcome"] = "right"  # the files were refused for what is wrong with them
+            return row
     if verdict is None:
         return row | {"outcome": "failed"}
     row["foreseen"] = bool(hidden & set(verdict["preflight"]["undetectable"]))
     row["detectable"] = bool(hidden) and not row["foreseen"] and min(truth["gaps"]) >= LEAST_GAP
     row["named"] = " + ".join(sorted(effect_label(effect) for effect in verdict["effects"])) or verdict["verdict"]
-    row["outcome"] = _outcome(truth, verdict, hidden)
+    row["outcome"] = (
+        _wiring_outcome(damaged, verdict, row["told"]) if "damage" in truth else _outcome(truth, verdict, hidden)
+    )
     left_open = sorted(" + ".join(sorted(explanation)) or "nothing" for explanation in _equivalent(verdict))
     row["reason"] = " or ".join(left_open) or verdict["because"]
+    if "damage" in truth:
+        return row
     sizes = _size_errors(truth, verdict) if row["outcome"] == "right" else {}
     return row | sizes | _held_out_gaps(verdict) | _windows(truth, verdict)
+
+
+def _is_fault_of(effect: Mapping, channels: Sequence[str]) -> bool:
+    """Whether an effect named is a fault of the sensor of one of `channels`."""
+    if effect["name"] == ENCODER_OFFSET:
+        return "crank_angle" in channels
+    return effect["name"] in FAULTS and effect["site"] in channels
+
+
+def _told(damaged: Sequence[str], analysis: Mapping[str, Any]) -> bool:
+    """Whether a damaged channel, of two swapped ones either, is told by a remark, a refusal or as a faulty sensor."""
+    verdict, error = analysis.get("verdict"), analysis.get("error", "")
+    doubted = {name for doubt in analysis.get("doubts", ()) for name in (doubt["channel"], doubt["other"])}
+    named = verdict["effects"] if verdict else ()
+    words = {word for name in damaged for word in (("time", "speed") if name == "time" else (name,))}
+    refused = error.startswith("InputError") and any(word in error for word in words)
+    return refused or bool(doubted & {*damaged}) or any(_is_fault_of(effect, damaged) for effect in named)
+
+
+def _wiring_outcome(damaged: Sequence[str], verdict: Mapping, told: bool) -> str:
+    """Wrong where anything but a fault of a damaged sensor is named, else right where the channel is told."""
+    if not all(_is_fault_of(effect, damaged) for effect in verdict["effects"]):
+        return "wrong"
+    return "right" if told else "ambiguous" if verdict["verdict"] == "ambiguous" else "missed"
 
 
 def _baseline_outcome(truth: Mapping, hidden: frozenset[str], named: Sequence[str] | None) -> str:

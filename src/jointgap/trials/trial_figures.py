@@ -15,6 +15,8 @@ GOALS = {
     "wrong name, effect off the list": (0.05, "at most"),
     "nothing found, nothing hidden": (0.98, "at least"),
     "both named and no third": (0.85, "at least"),
+    "wrong name, data wired wrongly": (0.01, "at most"),
+    "told which channel, data wired wrongly": (0.80, "at least"),
 }
 """Rates that the trials are to reach, and from which side."""
 

@@ -46,6 +46,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
     detectable_pairs, off_list = pairs[pairs["detectable"]], trials[trials["kind"] == "off_list"]
     hidden = trials[trials["kind"].isin(["single", "exudyn", "pair"])]
     undetectable = hidden[~hidden["detectable"]]
+    wiring = trials[trials["kind"] == "wiring"]
     not_excluded = trials[trials["kind"].isin(["single", "exudyn"]) & ~trials["foreseen"]]
     rows = [
         *_by_group("right name", single, "right"),
@@ -68,6 +69,8 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         _outcomes("wrong name, two effects", detectable_pairs, "wrong"),
         _share("undetectable", hidden, ~hidden["detectable"]),
         _share("undetectable, as preflight says", hidden, hidden["foreseen"]),
+        *_by_base("wrong name, data wired wrongly", wiring, wiring["outcome"] == "wrong"),
+        *_by_base("told which channel, data wired wrongly", wiring, wiring["told"]),
         _outcomes("failed", trials, "failed"),
         _median("error of the size", single["error"]),
         _share_of_values("size within the 90 % interval", single["covered"]),
@@ -99,6 +102,15 @@ def _by_group(what: str, trials: pd.DataFrame, outcome: str) -> list[dict]:
     groups |= {"gap larger than asked for": trials[larger & (trials["size"] > 0)]}
     groups |= {"from Exudyn": trials[trials["kind"] == "exudyn"]}
     return [_share(what, group, group["outcome"] == outcome, name) for name, group in groups.items()]
+
+
+def _by_base(what: str, trials: pd.DataFrame, hit: pd.Series) -> list[dict]:
+    """The share of `hit` in all trials, by base, and by what was damaged."""
+    damage = trials["hidden"].map(lambda text: text.partition(":")[0])
+    groups = {"all": trials.index}
+    groups |= {f"base {base}": trials.index[trials["base"] == base] for base in BASES}
+    groups |= {name: trials.index[damage == name] for name in sorted(set(damage))}
+    return [_share(what, trials.loc[rows], hit.loc[rows], name) for name, rows in groups.items()]
 
 
 def _outcomes(what: str, trials: pd.DataFrame, *outcomes: str) -> dict:

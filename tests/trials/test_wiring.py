@@ -1,0 +1,78 @@
+"""Damaged campaigns hold what the truth says, and other sets are as they were."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from jointgap.config.load import load_campaign
+from jointgap.errors import InputError
+from jointgap.recordings import read_measurements
+from jointgap.trials.make_trial import make_trial
+from jointgap.trials.trial_plan import TrialPlan, plan_trials, read_sets
+from jointgap.trials.wiring import DAMAGES
+
+SETS = read_sets(Path(__file__).parents[2] / "config/blind.yaml")
+
+
+def test_every_damage_is_drawn_about_as_often_and_other_sets_do_not_change():
+    plans = plan_trials(SETS["wiring"])
+    counts = [sum(plan.damage == damage for plan in plans) for damage in DAMAGES]
+    assert (len(plans), min(counts), max(counts)) == (100, 11, 12)
+    assert {plan.base for plan in plans} == {"ideal", "loose", "chaotic"}
+    alone = SETS["development"]
+    more = alone.model_copy(update={"wiring": 5})
+    assert [plan for plan in plan_trials(alone) if plan.damage] == []
+    drawn = {(plan.kind, plan.base, plan.size, plan.effects) for plan in plan_trials(alone)}
+    assert {(p.kind, p.base, p.size, p.effects) for p in plan_trials(more) if not p.damage} == drawn
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    return made(tmp_path_factory.mktemp("sound"), "")
+
+
+def made(folder, damage):
+    plan = TrialPlan("0123456789ab", 3, "wiring", "ideal", 0.0, (), damage)
+    truth = make_trial(plan, 5, folder / plan.id)
+    return truth, folder / plan.id / "campaign.yaml"
+
+
+@pytest.mark.parametrize("damage", ["swapped", "sign", "unit", "gain", "other_run", "clipped"])
+def test_only_what_the_truth_says_is_damaged(sound, tmp_path, damage):
+    truth, path = made(tmp_path, damage)
+    channels = set(truth["damage"]["channels"])
+    before, after = (load_campaign(each) for each in (sound[1], path))
+    first, second = (read_measurements(each) for each in (before, after))
+    assert truth["channels"] == sound[0]["channels"]
+    for run, recording in first.runs.items():
+        for name, values in recording.channels.items():
+            same = np.allclose(values, second.runs[run].channels[name], rtol=1e-6, equal_nan=True)
+            elsewhere = truth["damage"].get("run", run) != run
+            assert same == (name not in channels or elsewhere), (run, name)
+
+
+@pytest.mark.parametrize("damage", ["time_stretched", "wrong_speed"])
+def test_times_or_the_speed_of_one_run_are_wrong_by_the_factor_of_the_truth(sound, tmp_path, damage):
+    truth, path = made(tmp_path, damage)
+    before, after = (load_campaign(each) for each in (sound[1], path))
+    ratios = [b.speed / a.speed for a, b in zip(before.runs, after.runs, strict=True)]
+    if damage == "wrong_speed":
+        assert max(ratios, key=lambda ratio: abs(np.log(ratio))) == pytest.approx(truth["damage"]["factor"], rel=0.01)
+    else:
+        assert ratios == [1.0, 1.0, 1.0]
+    try:
+        told = {one.kind for one in read_measurements(after).contradictions}
+    except InputError as refused:
+        assert "column t " in str(refused)
+    else:
+        assert told & {"time", "speed"}
+
+
+def test_the_zero_of_the_encoder_is_off_by_what_the_truth_says(tmp_path):
+    truth, path = made(tmp_path, "zero_off")
+    assert truth["encoder"]
+    found = read_measurements(load_campaign(path)).contradictions
+    assert {one.kind for one in found} <= {"phase"}
+    assert yaml.safe_load(path.read_text())["channels"]["crank_angle"]
