@@ -206,7 +206,9 @@ def _crank_speed(
         speed, source = sign * turned / lapse, "the rate of crank_angle"
     factor = float(np.nanmean(recording.channels["crank_speed"])) / speed
     if -1.0 / limits.gains[0] < factor < -limits.gains[0]:
-        sentence = f"crank_speed has the opposite sign of {source}; check the sensor's direction"
+        sentence = (
+            f"crank_speed has the opposite sign of {source}; check the sensor's direction, or give the channel sign: -1"
+        )
         return [Contradiction(run.id, "crank_speed", "sign", sentence, factor=factor)]
     if limits.gains[0] < factor < limits.gains[1] or (campaign.drive == "motor" and not recording.has_angle):
         return []
@@ -467,7 +469,7 @@ def _doubts(
         return Contradiction(run, channel, kind, sentence, **found)
 
     if all(value < -least for value in correlations.values()) and (alike or not force):
-        sentence = f"{channel} has the opposite sign of {reference}; check the sensor's direction"
+        sentence = f"{channel} has the opposite sign of {reference}; check the sensor's direction, or give the channel sign: -1"
         return [told(run, "sign", sentence, factor=-factors[run]) for run in clear]
     common = float(np.median(list(factors.values())))
     if all(value > least for value in correlations.values()) and alike:
@@ -481,7 +483,7 @@ def _doubts(
     for run, value in correlations.items():
         own = clear[run]
         if value < -least:
-            sentence = f"{channel} has the opposite sign of {reference}; check the sensor's direction"
+            sentence = f"{channel} has the opposite sign of {reference}; check the sensor's direction, or give the channel sign: -1"
             doubts.append(told(run, "sign", sentence, factor=-own.factor))
         elif value > least:
             if not gains[0] < own.factor < gains[1]:

@@ -186,7 +186,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
 
 def _is_fault_of(effect: Mapping, channels: Sequence[str]) -> bool:
     """Whether an effect named is a fault of the sensor of one of `channels`."""
-    if effect["name"] == ENCODER_OFFSET:
+    if effect["name"] in ENCODER_FAULTS:
         return "crank_angle" in channels
     return effect["name"] in FAULTS and effect["site"] in channels
 
