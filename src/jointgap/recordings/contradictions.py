@@ -206,9 +206,7 @@ def _crank_speed(
         speed, source = sign * turned / lapse, "the rate of crank_angle"
     factor = float(np.nanmean(recording.channels["crank_speed"])) / speed
     if -1.0 / limits.gains[0] < factor < -limits.gains[0]:
-        sentence = (
-            f"crank_speed has the opposite sign of {source}; check the sensor's direction, or give the channel sign: -1"
-        )
+        sentence = _sign_sentence("crank_speed", source)
         return [Contradiction(run.id, "crank_speed", "sign", sentence, factor=factor)]
     if limits.gains[0] < factor < limits.gains[1] or (campaign.drive == "motor" and not recording.has_angle):
         return []
@@ -469,7 +467,7 @@ def _doubts(
         return Contradiction(run, channel, kind, sentence, **found)
 
     if all(value < -least for value in correlations.values()) and (alike or not force):
-        sentence = f"{channel} has the opposite sign of {reference}; check the sensor's direction, or give the channel sign: -1"
+        sentence = _sign_sentence(channel, reference)
         return [told(run, "sign", sentence, factor=-factors[run]) for run in clear]
     common = float(np.median(list(factors.values())))
     if all(value > least for value in correlations.values()) and alike:
@@ -483,7 +481,7 @@ def _doubts(
     for run, value in correlations.items():
         own = clear[run]
         if value < -least:
-            sentence = f"{channel} has the opposite sign of {reference}; check the sensor's direction, or give the channel sign: -1"
+            sentence = _sign_sentence(channel, reference)
             doubts.append(told(run, "sign", sentence, factor=-own.factor))
         elif value > least:
             if not gains[0] < own.factor < gains[1]:
@@ -509,6 +507,10 @@ def _own_phase(own: Orders) -> float | None:
     agreement = [own.shifted(-phase).correlation for phase in phases]
     best = int(np.argmax(agreement))
     return float(phases[best]) if agreement[best] > 0.97 and 0.8 < own.factor < 1.25 else None
+
+
+def _sign_sentence(channel: str, reference: str) -> str:
+    return f"{channel} has the opposite sign of {reference}; check the sensor's direction, or give the channel sign: -1"
 
 
 def _scale_sentence(campaign: Campaign, channel: str, factor: float, reference: str, limits: RecordingLimits) -> str:
