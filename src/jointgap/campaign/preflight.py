@@ -1,7 +1,8 @@
 """Stage preflight: what a campaign can show and tell apart, from its plan, and what would help most.
 
-Nothing that was measured is looked at but how much there is of it: of runs whose files are there, as many samples and
-(where the motion is chaotic) revolutions count as these hold. Others are planned with
+Of runs whose files are there as many samples and (where the motion is chaotic) revolutions count as these hold; and
+where a motor or a measured angle drives, and all files are there, how the crank turned. Nothing else that was measured
+is looked at. Others are planned with
 `jointgap.slider_crank.settings.SampleGridSettings`.
 """
 
@@ -27,7 +28,7 @@ from jointgap.config.channels import CHANNELS, Channel
 from jointgap.identification.advice import Preflight, advise, preflight
 from jointgap.identification.protocol import Model
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.recordings import Recording, read_measurements
+from jointgap.recordings import Measurements, Recording, read_measurements
 from jointgap.slider_crank import DEFAULT_SETTINGS as DEFAULT_MODEL_SETTINGS
 from jointgap.slider_crank import SliderCrankSettings, build_model
 
@@ -65,7 +66,9 @@ def preflight_tables(
         The model cannot be simulated as it stands.
     """
     recordings = recorded(campaign)
-    model = build_model(campaign, None, revolutions(campaign, recordings), model_settings)
+    model = _as_recorded(campaign, recordings, model_settings)
+    if model is None:
+        model = build_model(campaign, None, revolutions(campaign, recordings), model_settings)
     return _frames(preflight(model, None, rate, counts(model, recordings), settings))
 
 
@@ -93,7 +96,24 @@ def preflight_tables_with_advice(
     planned = [series.key for series in plan.series]
     shown_now, changes = advise(wider, planned, None, rate, counts(wider, recordings), settings)
     joined = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
+    measured = _as_recorded(campaign, recordings, model_settings)
+    if measured is not None:
+        shown_now = preflight(measured, None, rate, counts(measured, recordings), settings)
     return _frames(shown_now) | {"advice": changes.assign(**joined)}
+
+
+def _as_recorded(
+    campaign: Campaign, recordings: Mapping[str, Recording], model_settings: SliderCrankSettings
+) -> Model | None:
+    """The model with the motion that was recorded, where that is known and is not that of a plan.
+
+    A plan's crank turns evenly; one that a motor turns, or whose angle was measured, does not, and its inertia tells
+    effects apart that are one at an even speed.
+    """
+    runs = [run.id for run in campaign.runs]
+    if campaign.drive == "constant_speed" or any(run not in recordings for run in runs):
+        return None
+    return build_model(campaign, Measurements({run: recordings[run] for run in runs}), settings=model_settings)
 
 
 def recorded(campaign: Campaign) -> dict[str, Recording]:

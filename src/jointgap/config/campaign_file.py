@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_serializer, fi
 from jointgap.config.channels import CHANNELS, Channel, Name, channel_factor
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.nuisance_bounds import (
+    MOTOR_LINE,
     NEEDED_CHANNELS,
     SHARED,
     as_written,
@@ -200,7 +201,7 @@ class Campaign(Section):
     @model_validator(mode="after")
     def _nominal_is_within_bounds(self):
         for key in self.nuisance:
-            nominals = tuple(run.speed for run in self.runs) if key == "speed" else nominal_values(self.mechanism, key)
+            nominals = self.nominals(key)
             if key in SHARED and len(set(nominals)) > 1:
                 raise ValueError(
                     f"nuisance: {key} of both pins would be one number, but is {nominals[0]:g} in {PINS[0]} and "
@@ -222,6 +223,14 @@ class Campaign(Section):
                 check_possible(key, low, high, source)
         return self
 
+    def nominals(self, key: str) -> tuple[float, ...]:
+        """Nominal values [SI] of the nuisance `key`, one or one for each pin or run; () where it is of nothing here."""
+        if key == "speed":
+            return tuple(run.speed for run in self.runs)
+        if key in MOTOR_LINE:
+            return () if self.motor is None else (getattr(self.motor, key),)
+        return nominal_values(self.mechanism, key)
+
     def bounds(self, key: str, nominal: float) -> tuple[float, float]:
         """Lowest and highest value of the nuisance `key` [SI] around its `nominal` value [SI]."""
         given = self.nuisance[key]
@@ -239,9 +248,7 @@ class Campaign(Section):
         def is_idle(key: str) -> bool:
             if key == "speed":
                 return recorded
-            return not (
-                nominal_values(self.mechanism, key) and self.channels.keys() >= set(NEEDED_CHANNELS.get(key, ()))
-            )
+            return not (self.nominals(key) and self.channels.keys() >= set(NEEDED_CHANNELS.get(key, ())))
 
         return tuple(key for key in self.nuisance if is_idle(key))
 

@@ -34,7 +34,10 @@ SHARED = {
 }
 """Quantities that both pins share unless they are listed for each."""
 
-RUN_NUISANCES = ("speed", "encoder_zero", "slider_position_zero")
+MOTOR_LINE = ("stall_torque", "no_load_speed")
+"""The torque-speed line of a motor: supply and winding are not alike in all runs."""
+
+RUN_NUISANCES = ("speed", "encoder_zero", "slider_position_zero", *MOTOR_LINE)
 """Quantities that every run has for itself."""
 
 NEEDED_CHANNELS = {
@@ -55,6 +58,8 @@ _RANGES = {
     **SHARED,
     **{f"{key}_{pin}": own for key, own in SHARED.items() for pin in PINS},
     "speed": _above_0("rad/s"),
+    "stall_torque": _above_0("N*m"),
+    "no_load_speed": _above_0("rad/s"),
     "slider_offset": _Range("m", -math.inf, math.inf, "any length"),
     "encoder_zero": _Range("rad", -math.pi, math.pi, "half a turn either way"),
     "encoder_lag": _Range("s", -math.inf, math.inf, "any time"),

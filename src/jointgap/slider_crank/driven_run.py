@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun
+from jointgap.config.nuisance_bounds import MOTOR_LINE
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.measured_drive import smooth_angle
 from jointgap.dynamics.model.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
@@ -199,11 +200,12 @@ def motor_run(
     Parameters
     ----------
     campaign : Campaign
-        Has the motor's data.
+        Has the motor's data, which ``stall_torque`` [N m] and ``no_load_speed`` [rad/s] among `values` replace.
     mechanism, run, samples, values, offset, tolerance, settings
         As for `constant_speed_run`.
     """
-    motor, speed = campaign.motor, values.get("speed", run.speed)
+    line = {key: values[key] for key in MOTOR_LINE if key in values}
+    motor, speed = campaign.motor.model_copy(update=line), values.get("speed", run.speed)
     first = values.get("first_angle", samples.first_angle) - offset
     start_speed, back = speed, 0.0
     if run.start == "at_rest":

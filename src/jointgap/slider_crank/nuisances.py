@@ -70,7 +70,7 @@ def run_nuisances(
     first_angle_searched: bool,
     settings: NuisanceSettings = DEFAULT_SETTINGS.nuisances,
 ) -> tuple[Parameter, ...]:
-    """What a run has for itself, as far as it is not exact: zeros of its sensors, speed [rad/s] and first angle [rad].
+    """What a run has for itself, as far as it is not exact: zeros of its sensors, speed, first angle, motor's line.
 
     Where the measured angle drives the crank, its speed and first angle are in the drive, and are no nuisances.
 
@@ -86,8 +86,9 @@ def run_nuisances(
     nuisances = []
     for key in RUN_NUISANCES:
         if key != "speed" and key in campaign.nuisance and key not in campaign.idle_nuisances:
-            low, high = campaign.bounds(key, 0.0)
-            nuisances.append(_parameter(settings, key, 0.0, low, high, NUISANCES[key], run.id))
+            (nominal,) = campaign.nominals(key)
+            low, high = campaign.bounds(key, nominal)
+            nuisances.append(_parameter(settings, key, nominal, low, high, NUISANCES[key], run.id))
     if campaign.drive == "measured_angle":
         return tuple(nuisances)
     if samples.encoded and samples.speed_reach > 0:
