@@ -143,7 +143,7 @@ class Campaign(Section):
         mechanism = info.data.get("mechanism")  # absent where it is refused itself
         if mechanism is None:
             return {}
-        nominals = {key: () if key == "speed" else nominal_values(mechanism, key) for key in given}
+        nominals = {key: () if key in ("speed", *MOTOR_LINE) else nominal_values(mechanism, key) for key in given}
         return {key: share_or_bounds(key, value, nominals[key]) for key, value in given.items()}
 
     @field_serializer("nuisance")

@@ -161,7 +161,7 @@ def check_keys(given: Mapping[str, Any]) -> None:
 def nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
     """Values [SI] of the nuisance `key` in a `mechanism`, one or one per pin; () where it has nothing to act on.
 
-    Not of the speed, which the runs have. Zeros and lags of sensors are nominally 0.
+    Not of the speed, which the runs have, and not of a motor. Zeros and lags of sensors are nominally 0.
     """
     plain = dict.fromkeys(NEEDED_CHANNELS, 0.0) | {
         "slider_offset": mechanism.slider.offset,
