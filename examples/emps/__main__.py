@@ -8,12 +8,13 @@ import numpy as np
 from examples.emps.model import HELD_OUT, Emps
 from jointgap.errors import InputError
 from jointgap.identification.baseline import Baseline, recalibrate
-from jointgap.identification.decide_verdict import Decision
+from jointgap.identification.confirmation import Confirmed, confirm
+from jointgap.identification.decide_verdict import Decision, final_verdict
 from jointgap.identification.estimates import HALF_WIDTH_90
 from jointgap.identification.fit import Fit
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.model_selection import select_hypothesis
-from jointgap.identification.noise_model import degrees_of_freedom, noise_of_model
+from jointgap.identification.noise_model import degrees_of_freedom, noise_of_model, numerics_noise
 from jointgap.identification.thresholds import screen_candidates
 
 FALSE_ALARMS = 0.01
@@ -22,10 +23,11 @@ FALSE_ALARMS = 0.01
 
 @dataclass(frozen=True)
 class Named:
-    """The verdict and the fits that it rests on."""
+    """The verdict, and the fits and the held-out data that it rests on."""
 
     base: Baseline
     decision: Decision
+    confirmed: Confirmed
 
     @property
     def chosen(self) -> Fit:
@@ -45,7 +47,9 @@ def name(model: Emps) -> Named:
     signatures, limits = screen_candidates(base, FALSE_ALARMS, degrees_of_freedom(noise))
     alone, _ = fit_singles(base, signatures, limits)
     together, _ = fit_pairs(base, signatures, limits, alone)
-    return Named(base, select_hypothesis(base, signatures, [*alone, *together], limits))
+    found = select_hypothesis(base, signatures, [*alone, *together], limits)
+    confirmed = confirm(model, numerics_noise(model, found.base.mapping, noise), found.base, found.proposed)
+    return Named(base, final_verdict(found, confirmed), confirmed)
 
 
 def force_error(model: Emps, run: str, found: Fit) -> float:
@@ -67,6 +71,7 @@ def main() -> None:
     found = name(model)
     print(f"verdict: {found.decision.verdict} ({found.decision.because})")
     print(f"effects: {' + '.join(found.names) or 'none'}")
+    print(f"gap on the held-out run: {found.confirmed.test.words}")
     for ranked in found.decision.ranking[:5]:
         print(f"  {ranked.fit.label}: delta BIC {ranked.delta_bic:.0f}, explained share {ranked.share:.3f}")
     for p, value, sd in zip(

@@ -28,12 +28,13 @@ def effect(name: str, site: str, parameter: str, value) -> dict:
 def concluded(folder, *effects: dict, explanation: str) -> list:
     """The records of a campaign whose verdict names `effects`."""
     found = {"schema_version": 1, "verdict": "named", "because": "so it is", "effects": list(effects)}
+    found |= {"certain": [], "best_known": None}
     found |= {"gap": {"confirm": {"before": 3.0, "after": 1.0}}, "where": [], "equivalent": []}
     (folder / VERDICT).write_text(json.dumps(found))
     row = {column.name: 1 if column.kind == "int" else 1.0 for column in tables.RANKING.columns}
     row |= {column.name: "" for column in tables.RANKING.columns if column.kind == "text"}
     row |= {column.name: True for column in tables.RANKING.columns if column.kind == "bool"}
-    ResultsFolder(folder).write("ranking", pd.DataFrame([row | {"explanation": explanation}]), "regress")
+    ResultsFolder(folder).write("ranking", pd.DataFrame([row | {"explanation": explanation}]), "verdict")
     return records(folder)
 
 
@@ -64,7 +65,12 @@ def used_before(tmp_path):
     """A results folder with what an earlier analysis concluded, and with a file of the user's own."""
     names = [VERDICT, MECHANISM, *SUMMARIES, "augment/force.parquet", "figures/mine.png"]
     names += [f"figures/{name}.{ending}" for name in CATALOGUE for ending in ("svg", "png", "parquet")]
-    names += ["decide/decision.parquet", "regress/decision.parquet", "reoptimise/optimum.parquet"]
+    names += [
+        "decide/decision.parquet",
+        "regress/decision.parquet",
+        "verdict/decision.parquet",
+        "reoptimise/optimum.parquet",
+    ]
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("of another day")

@@ -42,6 +42,7 @@ def case(chain, better, tmp_path, monkeypatch):
         found = CampaignState(DEMONSTRATION, tmp_path)
         found.model, found.noise_with_numerics = chain.model, chain.noise
         found.baseline, found.screening = chain.recalibrated, chain.screening
+        found.doubted_channels = ()
         return found
 
     decision = Decision("parameters_only", better, better)

@@ -229,7 +229,7 @@ def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain
     )
     gap = {role: gap_of(found.gaps, role) for role in ("identify", "confirm")}
     made = verdict.document(
-        *("rig", chain.outcome, windows, gap),
+        *("rig", chain.outcome, windows, found.gaps, gap),
         [{"run": "fast", "part": "whole", "gap": {"before": 3.0, "after": None}, "not_simulated": "it flies off"}],
         *({"undetectable": ["crank_unbalance"], "merged": [["a", "b"]]}, 0.01),
     )

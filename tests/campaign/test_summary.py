@@ -152,7 +152,8 @@ def test_the_share_of_the_excess_that_is_gone_follows_from_the_gaps():
 
 def test_a_gap_that_does_not_fall_is_not_called_a_fall():
     worse = NAMED | {"gap": {"identify": {"before": 4.0, "after": 1.1}, "confirm": {"before": 10.1, "after": 13.2}}}
-    assert "does not fall: it goes from 10.10 to 13.20, so what was added does not hold there." in markdown(worse, {})
+    said = markdown(worse | {"held_out_test": "rises"}, {})
+    assert "it rises from 10.10 to 13.20, so what was added does not hold there." in said
 
 
 def test_a_run_that_was_used_for_both_is_called_weaker_evidence():
@@ -299,3 +300,33 @@ def test_what_was_not_detectable_and_what_looks_alike_is_said():
     assert "nothing is said about: an unbalance of the crank" in text
     alike = "a bias of the sensor of crank torque and Coulomb friction of the crank"
     assert f"look alike in this experiment and count as one: {alike}" in text
+
+
+def test_what_is_best_but_not_proven_stands_with_its_values_and_the_figures_show_it():
+    best = {
+        "effects": [COULOMB],
+        "explained_share": 0.56,
+        "gap": NAMED["gap"],
+        "rival": {"explanation": "gravity", "behind": 432.4, "explained_share": 0.1},
+    }
+    verdict = VERDICTS["unexplained"] | {"best_known": best, "held_out_test": "falls"}
+    gaps = pd.DataFrame({"run": ["fast"], "role": "confirm", "channel": "all"})
+    gaps = gaps.assign(before=8.7, before_low=8.0, before_high=9.0, after=1.05, after_low=1.0, after_high=1.1)
+    text = markdown(verdict, {"gaps": gaps})
+    assert "| slider_coulomb_friction: force_N | 21.30 N | 0.40 | 20.60 to 22.00 |" in text
+    assert "- What would prove it: " in text
+    assert "gap after with the best explanation known (90 % interval)" in text
+    assert "figures/residuals.svg" in text
+
+
+def test_of_parameters_alone_those_inside_their_ranges_are_borne_out_and_those_at_bounds_are_not():
+    nuisances = {
+        "slider_mass": {"value": 0.447, "sd": 0.002},
+        "speed@slow": {"value": 20.9, "sd": 0.01},
+        "restitution": {"value": 1.0, "sd": None, "remark": "at its bound"},
+    }
+    text = markdown(VERDICTS["parameters_only"] | {"nuisances": nuisances}, {})
+    assert "The data bear out slider mass and speed of run slow: fitted inside their ranges" in text
+    assert "Do not take over restitution: it ends at a bound" in text
+    assert "Do not take over" not in markdown(VERDICTS["parameters_only"], {})
+    assert "bear out" not in markdown(NAMED | {"nuisances": nuisances}, {})

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -46,12 +47,23 @@ def outcome_of(chosen, base=None, equivalent=(), ranking=()):
     return Outcome("named", "it is so", chosen, base or fitted([], [1.0], 900.0), list(equivalent), rows)
 
 
+def gaps(after=(1.0, 1.05), fall=(60.0, 64.0)):
+    """Table of gaps of both roles, all channels and runs together."""
+    rows = [
+        {"role": role, "run": "all", "channel": "all", "before": before, "after": ends}
+        | {"fall_low": fall[0], "fall_high": fall[1], "fall_expected": 62.0}
+        for role, before, ends in (("identify", 9.0, after[0]), ("confirm", 8.0, after[1]))
+    ]
+    return pd.DataFrame(rows)
+
+
 def document(outcome, **changes):
     windows = [("slow", "crank_torque", 350.0, 10.0, 2.0, 1e-9), ("fast", "guide_force", 20.0, 40.0, 3.0, 0.004)]
     given = {
         "campaign": "rig-a",
         "outcome": outcome,
         "windows": pd.DataFrame(windows, columns=["run", "channel", "start_deg", "end_deg", "rms", "p_adjusted"]),
+        "gaps": gaps(),
         "gap": {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": 8.0, "after": None}},
         "held_out": [{"run": "fast", "part": "whole"}],
         "preflight": {"undetectable": ("gravity",), "merged": [["a", "b"]]},
@@ -69,7 +81,11 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "verdict": "named",
         "because": "it is so",
         "equivalent": [],
+        "certain": [],
         "separated_by": "A faster run.",
+        "best_known": None,
+        "held_out_test": "falls",
+        "doubted_channels": [],
         "where": [
             {"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350.0, 10.0], "p_adjusted": 1e-9},
             {"run": "fast", "channel": "guide_force", "crank_angle_deg": [20.0, 40.0], "p_adjusted": 0.004},
@@ -80,7 +96,7 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "preflight": {"undetectable": ["gravity"], "merged": [["a", "b"]]},
         "false_alarm_rate": 0.02,
     }
-    assert list(content)[4:8] == ["effects", "equivalent", "separated_by", "nuisances"]
+    assert list(content)[4:8] == ["effects", "equivalent", "certain", "separated_by"]
     assert document(outcome_of(chosen))["separated_by"] == ""
 
 
@@ -201,3 +217,39 @@ def test_a_file_that_is_not_there_or_not_json_is_refused_with_the_reason(tmp_pat
     with pytest.raises(InputError) as refused:
         verdict.read(path)
     assert str(refused.value).endswith("; run the campaign's stages first")
+
+
+def test_what_several_explanations_hold_is_certain_with_the_values_of_the_best():
+    rivals = [
+        fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 70.0),
+        fitted([WAVE, FRICTION], [1.5, 4.0, 21.0], 72.0),
+    ]
+    outcome = replace(outcome_of(fitted([], [1.0], 900.0), equivalent=rivals), verdict="ambiguous")
+    (certain,) = document(outcome)["certain"]
+    assert (certain["name"], certain["parameters"]["force_N"]["value"]) == ("friction", 20.0)
+    assert document(replace(outcome, equivalent=rivals[:1] + [fitted([WAVE], [1.5, 4.0], 72.0)]))["certain"] == []
+
+
+def test_what_is_best_but_not_proven_stands_with_its_end_its_test_and_its_nearest_rival():
+    best, base = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 400.0), fitted([], [1.0], 900.0)
+    columns = ["explanation", "bic", "explained_share", "admissible"]
+    rows = [
+        ("friction + spring", best.bic, 0.56, True),
+        ("friction", best.bic + 5.0, 0.5, True),  # a part of it is no rival
+        ("lost", best.bic + 6.0, 0.5, False),
+        ("failed", np.nan, np.nan, True),
+        ("wave", best.bic + 432.0, 0.1, True),
+    ]
+    ranking = pd.DataFrame(rows, columns=columns)
+    outcome = Outcome("unexplained", "it is poor", base, base, [], ranking, best)
+    content = document(outcome, gaps=gaps((6.0, 5.9), (-3.0, 40.0)), doubted_channels=["torque"])
+    known = content["best_known"]
+    assert content["effects"] == []
+    assert [one["name"] for one in known["effects"]] == ["friction", "spring"]
+    assert known["gap"] == {"identify": {"before": 9.0, "after": 6.0}, "confirm": {"before": 8.0, "after": 5.9}}
+    assert known["explained_share"] == 0.56
+    assert known["rival"] == {"explanation": "wave", "behind": pytest.approx(432.0), "explained_share": 0.1}
+    assert (content["held_out_test"], content["doubted_channels"]) == ("stays", ["torque"])
+    alone = document(replace(outcome, ranking=ranking.head(1)))["best_known"]
+    assert alone["rival"] is None
+    assert document(replace(outcome, best_known=None))["best_known"] is None

@@ -19,6 +19,10 @@ NAMED = {
     "verdict": "named",
     "effects": [COULOMB],
     "equivalent": [],
+    "certain": [],
+    "best_known": None,
+    "held_out_test": "falls",
+    "doubted_channels": [],
     "nuisances": {"slider_mass": {"value": 0.447, "sd": 0.002}},
     "where": [{"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350, 10], "p_adjusted": 1e-9}],
     "orders": [],
@@ -29,7 +33,7 @@ NAMED = {
     },
     "false_alarm_rate": 0.01,
 }
-UNNAMED = NAMED | {"effects": [], "where": []}
+UNNAMED = NAMED | {"effects": [], "where": [], "held_out_test": None}
 MET = UNNAMED | {"gap": {"identify": {"before": 1.01, "after": 1.01}, "confirm": {"before": 1.02, "after": 1.02}}}
 VERDICTS = {
     "named": NAMED,

@@ -66,3 +66,34 @@ def test_a_law_that_is_not_on_the_list_is_found_as_a_formula(outcome):
     assert names["proposed"].accepted, names["proposed"].because
     assert re.fullmatch(r"slider force = -\d+(\.\d+)?\*v\^3", names["proposed"].law.words)
     assert names["proposed"].law.coefficients["c1"] == pytest.approx(-400.0, rel=0.05)
+
+
+def test_a_force_that_the_held_out_run_lacks_is_not_named_but_shown(outcome):
+    def in_the_slow_run_alone(speed):
+        return -2.0 * np.sign(speed) if np.max(np.abs(speed)) < 0.2 else 0.0 * speed
+
+    names = outcome(in_the_slow_run_alone)
+    assert names["by_fits"].verdict == "named", names["by_fits"].because
+    found = names["found"]
+    assert (found.verdict, found.best_known.label) == ("unexplained", "slider_coulomb_friction")
+    assert names["confirmed"].test.outcome == "rises"
+    assert found.chosen is found.base
+
+
+def test_channels_in_doubt_are_no_evidence_of_a_force(outcome):
+    names = outcome(lambda speed: -2.0 * np.sign(speed))
+    final_verdict = names["final_verdict"]
+    doubted = final_verdict(names["by_fits"], names["confirmed"], doubted_channels=["force"])
+    assert doubted.verdict == "unexplained"
+    assert doubted.because.startswith("what force reads contradicts other channels")
+
+
+def test_without_a_phase_it_is_said_that_there_is_no_map(outcome):
+    names = outcome(lambda speed: -2.0 * np.sign(speed))
+    assert names["disagreement"].remark == ""
+    for series in names["model"].series:
+        series.angle[:] = np.nan
+    problem = names["base"].problem
+    found = names["map_disagreement"](problem, names["found"].base.residual)
+    assert found.windows.empty
+    assert found.remark.startswith("No map of force of run slow: no phase is known there.")

@@ -148,3 +148,24 @@ def test_a_held_out_runs_own_level_is_found(case):
     values = fit_run_parameters(Problem(case.model, case.model.noise, held_out=True), case.named)
     assert values["own@held"] == pytest.approx(5.0, abs=1e-3)
     assert values["shared"] == 2.0
+
+
+def test_the_fall_that_an_effect_foretells_is_the_mean_square_of_what_it_changes(case):
+    x = np.linspace(0.0, 1.0, SAMPLES)
+    change = 3.0 * (x - x.mean()) / case.model.noise_sd  # the run's own level takes up the mean
+    expected = gap(case, "held", "confirm", "fall_expected")
+    assert expected == pytest.approx(np.mean(change**2), rel=1e-3)
+    before, after = (gap(case, "held", "confirm", column) for column in ("before", "after"))
+    low, high = (gap(case, "held", "confirm", f"fall_{end}") for end in ("low", "high"))
+    assert low < before**2 - after**2 < high
+    assert low > 0.0
+    assert case.found.test.outcome == "falls"
+
+
+def test_an_effect_that_is_not_there_lets_the_held_out_gap_rise(case):
+    level = Levels({"one": (2.0, 3.0), "two": (2.0, 3.0), "held": (7.0, 0.0)}, held_out=("held",))
+    assert confirm(level, level.noise, case.base, case.named).test.outcome == "rises"
+    alike = Levels({"one": (2.0, 3.0), "two": (2.0, 3.0), "held": (7.0, 1.5)}, held_out=("held",))
+    found = confirm(alike, alike.noise, case.base, case.named).test  # half as steep: the misfit only changes its sign
+    assert found.outcome == "stays"
+    assert found.after == pytest.approx(found.before, rel=0.1)

@@ -2,10 +2,12 @@
 for it.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from jointgap.identification.decide_verdict import decide, rank, reduced_chi2, weigh
+from jointgap.identification.decide_verdict import certain_effects, decide, rank, reduced_chi2, weigh
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.thresholds import Thresholds
@@ -20,7 +22,7 @@ def effect(name, replaces=None, low=-np.inf):
     return Candidate(name, "slider", (Parameter("size", 0.0, low),), ("size",), replaces=replaces or {})
 
 
-def fitted(chi2, *effects, value=1.0, nuisances=1, status="converged", reason="", slope=1.0):
+def fitted(chi2, *effects, value=1.0, nuisances=1, status="converged", reason="", slope=1e6):
     """A fit with a residual of `chi2`, its nuisances ``n0``, ``n1`` ... and one amplitude for each effect."""
     parameters = [Parameter(f"n{place}", 0.0) for place in range(nuisances)]
     parameters += [Parameter(f"{candidate.label}.size", 0.0) for candidate in effects]
@@ -277,7 +279,7 @@ def test_a_further_size_of_such_an_effect_counts_from_two_standard_errors_on(val
     residual = np.zeros(SAMPLES)
     residual[-1] = np.sqrt(SAMPLES - 2.0)  # chi2 of noise: standard errors are those of the Jacobian
     jacobian = np.zeros((SAMPLES, 2))
-    jacobian[[0, 1], [0, 1]] = 1.0
+    jacobian[[0, 1], [0, 1]] = 100.0, 1.0  # the first size is beyond doubt
     fit = Fit((lengths,), parameters, np.array([0.05, value]), residual, jacobian, 1, "converged")
     (ranked,) = rank(fitted(GREAT), [fit], LIMITS, {"crank_length": (1.0, 0.9, 1.1)})
     assert ranked.admissible == admissible
@@ -330,14 +332,11 @@ def test_every_verdict_gives_its_reason_and_hands_on_the_model_that_it_rests_on(
         assert decision.thresholds is LIMITS
 
 
-def test_an_excess_that_may_be_noise_has_no_share_and_the_reason_says_so():
+def test_where_what_was_fitted_is_worse_than_the_base_the_reason_says_so():
     strict = Thresholds(rate=0.01, omnibus=0.9, max_gain_threshold=12.0, numerical_noise=0.0)  # 1000 / 998 is above 0.9
     base, limits = fitted(1200.0), strict
     found = decided(base, [fitted(1300.0, COULOMB)], limits=limits)
     assert found.because == "no candidate explains the disagreement"
-    within_chance = fitted(NOISE + 44.0)  # sqrt(2 * 1000) is 44.72
-    lower = Thresholds(rate=0.01, omnibus=0.9, max_gain_threshold=12.0, numerical_noise=0.0)
-    assert decided(within_chance, [fitted(NOISE, COULOMB)], limits=lower).because == "the best, coulomb, leaves as much"
 
 
 def test_a_pair_needs_a_rivals_distance_where_chance_gains_less():
@@ -376,9 +375,9 @@ def test_standard_errors_come_from_the_slope_of_the_residual():
     lengths = Candidate("lengths", "rod", (Parameter("a", 0.0), Parameter("b", 0.0)), ("a", "b"), replaces={"c": "a"})
     parameters = (Parameter("lengths.a", 0.0), Parameter("lengths.b", 0.0))
     jacobian = np.zeros((SAMPLES, 2))
-    jacobian[[0, 1], [0, 1]] = 4.0  # standard errors of 0.25
+    jacobian[[0, 1], [0, 1]] = 100.0, 4.0  # standard errors of 0.01 and 0.25
     for value, admissible in ((0.51, True), (0.49, False)):
-        fit = Fit((lengths,), parameters, np.array([0.0, value]), np.zeros(SAMPLES), jacobian, 1, "converged")
+        fit = Fit((lengths,), parameters, np.array([0.05, value]), np.zeros(SAMPLES), jacobian, 1, "converged")
         (ranked,) = rank(fitted(GREAT), [fit], LIMITS, {"c": (1.0, 0.9, 1.1)})
         assert ranked.admissible == admissible
 
@@ -388,3 +387,110 @@ def test_chi2_of_as_many_parameters_as_samples_is_taken_as_it_is():
     assert reduced_chi2(Fit((), two, np.zeros(2), np.array([3.0, 4.0]), np.eye(2), 1, "converged")) == pytest.approx(
         25.0
     )
+
+
+# Effects whose size is not there, or at its end
+
+
+@pytest.mark.parametrize(("value", "verdict"), [(1.646, "named"), (1.644, "unexplained")])
+def test_an_effect_whose_interval_holds_zero_is_not_named(value, verdict):
+    # a standard error of 1: half the width of a 90 % interval is 1.645; it wins by the nuisances that came with it
+    found = decided(fitted(GREAT), [fitted(NOISE, COULOMB, value=value, slope=1.0)])
+    assert found.verdict == verdict
+    assert found.best_known is None
+    if verdict != "named":
+        assert found.ranking[0].remark == "coulomb may as well be absent: the interval of its size holds 0"
+
+
+def test_an_effect_whose_interval_holds_zero_is_not_called_equivalent():
+    fits = [fitted(NOISE, COULOMB), fitted(NOISE + 1.0, SPRING, value=0.25, slope=1.0)]
+    assert decided(fitted(GREAT), fits).verdict == "named"
+
+
+def bounded(value, low, high, is_perturbation=False):
+    """A fit of an effect that ended at a value within bounds, and leaves noise alone."""
+    size = Parameter("size", 0.0, low, high)
+    known = Candidate("length", "crank", (size,), ("size",), is_perturbation=is_perturbation)
+    fit = fitted(NOISE, known, value=value)
+    limited = Parameter("length.size", 0.0, low, high)
+    return replace(fit, parameters=(*fit.parameters[:-1], limited))
+
+
+@pytest.mark.parametrize(
+    ("value", "is_perturbation", "verdict"),
+    [
+        (0.5, False, "unexplained"),
+        (0.499, False, "named"),
+        (-0.5, False, "unexplained"),
+        (-0.5, True, "named"),  # nothing is left of what was known
+        (0.5, True, "unexplained"),
+    ],
+)
+def test_an_effect_drawn_to_the_bound_of_its_size_is_not_named(value, is_perturbation, verdict):
+    found = decided(fitted(GREAT), [bounded(value, -0.5, 0.5, is_perturbation)])
+    assert found.verdict == verdict
+    if verdict != "named":
+        remark = "length is drawn to the bound of size: what it explains is something else"
+        assert found.ranking[0].remark == remark
+
+
+# Rivals where what is left is no noise
+
+WHOLE = 101_000.0 - 1.0  # chi2 of a base with an excess of 100 000 over the noise
+
+
+def left(share, *effects):
+    """A fit that leaves this share of that excess."""
+    return fitted(WHOLE - (1.0 - share) * 1e5, *effects)
+
+
+DRAG, BIAS = effect("drag"), effect("bias")
+
+
+@pytest.mark.parametrize(("rest", "verdict"), [(0.0059, "ambiguous"), (0.0061, "named_with_remaining_misfit")])
+def test_rivals_that_leave_hardly_more_of_a_rest_are_not_told_apart_however_far_their_bic(rest, verdict):
+    fits = [left(0.003, COULOMB, DRAG), left(rest, COULOMB, BIAS)]
+    assert fits[1].bic - fits[0].bic > 250.0
+    found = decided(fitted(WHOLE), fits)
+    assert found.verdict == verdict
+    certain = [candidate.label for candidate in certain_effects(found.equivalent)]
+    assert certain == (["coulomb"] if verdict == "ambiguous" else [])
+
+
+@pytest.mark.parametrize(("rest", "verdict"), [(0.0099, "named_with_remaining_misfit"), (0.0101, "unexplained")])
+def test_from_99_percent_on_the_fits_of_others_count_not_how_alike_signatures_look(rest, verdict):
+    fits = [left(rest, COULOMB, DRAG), left(0.05, COULOMB, BIAS)]
+    found = decided(fitted(WHOLE), fits, similarity={"coulomb + drag": 0.999})
+    assert found.verdict == verdict
+    assert (found.best_known is None) == (verdict != "unexplained")
+
+
+def test_explanations_that_share_an_effect_have_it_as_certain():
+    shared = [fitted(NOISE, COULOMB, BIAS), fitted(NOISE + 1.0, DRAG, COULOMB)]
+    found = decided(fitted(GREAT), shared)
+    assert found.verdict == "ambiguous"
+    assert [candidate.label for candidate in certain_effects(found.equivalent)] == ["coulomb"]
+    assert certain_effects([fitted(NOISE, COULOMB), fitted(NOISE, SPRING)]) == []
+    assert certain_effects([]) == []
+
+
+# A base that hardly shows, and what is best but not proven
+
+
+@pytest.mark.parametrize(("base", "verdict"), [(1097.0, "named_with_remaining_misfit"), (1101.0, "unexplained")])
+def test_of_a_base_that_hardly_shows_the_share_does_not_decide(base, verdict):
+    # 1.1 times 999 degrees of freedom is 1098.9; the effect explains about half and leaves more than 1.05
+    found = decided(fitted(base), [fitted(1055.0, COULOMB)])
+    assert found.verdict == verdict
+    assert (found.best_known is None) == (verdict != "unexplained")
+
+
+def test_the_best_that_is_not_proven_is_handed_on():
+    base = fitted(WHOLE)
+    poor = decided(base, [left(0.5, COULOMB), left(0.9, SPRING)])
+    assert (poor.verdict, poor.chosen, poor.best_known.label) == ("unexplained", base, "coulomb")
+    equal = decided(base, [left(0.5, COULOMB), fitted(left(0.5).chi2 + 1.0, SPRING)])
+    assert (equal.because, equal.best_known.label) == ("several explanations are equally poor", "coulomb")
+    assert decided(base, []).best_known is None
+    assert decided(base, [left(0.5, COULOMB)]).proposed.label == "coulomb"
+    assert decided(base, []).proposed is None

@@ -265,3 +265,10 @@ def test_however_good_the_sensors_a_fit_ends_at_the_truth(decade):
     for key, value in (truth | {"viscous.damping_N_s_m": 0.5}).items():
         assert abs(found.mapping[key] - value) < 4 * errors[key]
     assert found.simulations < 50  # as many as where noise is a hundredth, and a step or two
+
+
+def test_a_failed_fit_has_a_criterion_though_nothing_is_known_of_its_derivatives():
+    parameters = (Parameter("a", 0.0), Parameter("b", 0.0))
+    lost = Fit((), parameters, np.zeros(2), np.full(9, np.nan), np.empty((9, 0)), 1, "failed", "the slider jams")
+    assert lost.bic == np.inf
+    assert lost.active.all()

@@ -21,20 +21,23 @@ def conclude(state: CampaignState) -> dict[str, Any]:
     state : CampaignState
         All stages up to confirm have run.
     """
-    folder, outcome = state.folder, state.outcome("regress")
+    folder, outcome = state.folder, state.outcome("verdict")
     separated = _separated_by(state, outcome.equivalent)
     detectable, confusability, gaps = (folder.read(name) for name in ("detectable", "confusability", "gaps"))
+    added = outcome.named is not None
     content = verdict.document(
         state.campaign.name,
         outcome,
         folder.read("map_windows"),
-        {role: gap_of(gaps, role) for role in ("identify", "confirm")},
-        held_out(gaps, {run.id: run.role for run in state.campaign.runs}),
+        gaps,
+        {role: gap_of(gaps, role, added=added) for role in ("identify", "confirm")},
+        held_out(gaps, {run.id: run.role for run in state.campaign.runs}, added),
         {"undetectable": undetectable(detectable), "merged": confusable_groups(confusability)},
         state.false_alarm_rate,
         separated,
         state.clockwise,
         folder.read("map_standout"),
+        state.doubted_channels,
     )
     write_text(folder.path / VERDICT, verdict.text(content))
     return content
@@ -47,7 +50,7 @@ def show(state: CampaignState) -> None:
 
     folder = state.folder
     content = verdict.read(folder.path / VERDICT)
-    stages = {"ranking": "regress"}  # written by two stages, of which the later one counts
+    stages = {"ranking": "verdict"}  # written by several stages, of which the last one counts
     frames = {
         table: folder.read(table, stages.get(table, ""))
         for table in TABLES

@@ -2,7 +2,7 @@
 fitted.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,7 @@ def records(folder: Path) -> list[Record]:
     places, verdict = ResultsFolder(folder), read(folder / VERDICT)
     metrics = {f"gap/{role}_{when}": value for role, gap in verdict["gap"].items() for when, value in gap.items()}
     metrics |= {"windows": len(verdict["where"]), "equivalent": len(verdict["equivalent"])}
-    ranking = places.read("ranking", "regress")
+    ranking = places.read("ranking", "verdict")
     labels = {label for hypothesis in ranking["explanation"] for label in hypothesis.split(JOINED)}
     for effect in verdict["effects"]:
         own = _metric(effect, labels)
@@ -44,7 +44,7 @@ def records(folder: Path) -> list[Record]:
         for name, estimate in effect["parameters"].items():
             if not isinstance(estimate["value"], str):
                 metrics[f"{own}_{name}"] = estimate["value"]
-    named = " + ".join(f"{effect['name']}:{effect['site']}" for effect in verdict["effects"])
+    named = _labels(verdict["effects"])
     pictures = sorted(path for path in (folder / "figures").glob("*") if path.suffix in (".svg", ".png"))
     files = {name: folder / name for name in (VERDICT, MECHANISM, *SUMMARIES) if (folder / name).is_file()}
     campaign_run = Record(
@@ -52,12 +52,23 @@ def records(folder: Path) -> list[Record]:
         metrics={name: value for name, value in metrics.items() if value is not None},
         datasets=tuple(
             Dataset(name, places.place(name, stage), "result")
-            for name, stage in (("ranking", "regress"), ("gaps", ""), ("residuals", ""))
+            for name, stage in (("ranking", "verdict"), ("gaps", ""), ("residuals", ""))
         ),
         files=files | {f"figures/{path.name}": path for path in pictures},
-        notes={"verdict": verdict["verdict"], "effects": named, "because": verdict["because"]},
+        notes={
+            "verdict": verdict["verdict"],
+            "effects": named,
+            "certain": _labels(verdict["certain"]),
+            "best_known": _labels((verdict["best_known"] or {}).get("effects", ())),
+            "because": verdict["because"],
+        },
     )
     return [campaign_run, *(_fit(row) for row in ranking.to_dict("records"))]
+
+
+def _labels(effects: Sequence[Mapping[str, Any]]) -> str:
+    """Effects of a verdict, each with its site."""
+    return " + ".join(f"{effect['name']}:{effect['site']}" for effect in effects)
 
 
 def _metric(effect: Mapping[str, Any], labels: Collection[str]) -> str:

@@ -29,6 +29,11 @@ def label_in_words(label: str) -> str:
     return effect_in_words({"name": name, "site": site}) if site or "{site}" not in _words(name) else name
 
 
+def explanation_label_in_words(label: str) -> str:
+    """The same of the labels of effects that are one explanation, ``gravity + slider_spring``."""
+    return joined(map(label_in_words, label.split(" + ")))
+
+
 def is_fault(effect: Mapping[str, Any]) -> bool:
     """Whether an effect of a verdict is a fault of a sensor: it acts on what is read, not on the motion."""
     return effect["name"] in FAULTS

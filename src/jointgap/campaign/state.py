@@ -11,7 +11,7 @@ from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.tables import CONFIG_SNAPSHOT, FIT_TABLES, MEASURED, NOISE_TABLES, REMARKS, TABLES
+from jointgap.tables import CONFIG_SNAPSHOT, CONTRADICTIONS, FIT_TABLES, MEASURED, NOISE_TABLES, REMARKS, TABLES
 from jointgap.tables.results_folder import ResultsFolder
 
 if TYPE_CHECKING:  # what a stage does not ask for is not imported: the compiled dynamics take seconds to load
@@ -109,6 +109,11 @@ class CampaignState:
         return from_frame(self.folder.read(MEASURED), self.campaign, remarks)
 
     @cached_property
+    def doubted_channels(self) -> tuple[str, ...]:
+        """Channels that contradict others, by what the stage measure found."""
+        return tuple(self.folder.read(CONTRADICTIONS)["channel"].unique())
+
+    @cached_property
     def model(self) -> "Model":
         """The rig's model with the measured data."""
         from jointgap.slider_crank import build_model
@@ -186,8 +191,9 @@ class CampaignState:
         return fits, seconds
 
     def outcome(self, stage: str) -> "Outcome":
-        """The outcome that the stage decide or regress came to."""
+        """The outcome that the stage decide or regress came to, or the final one: `stage` verdict."""
         from jointgap.campaign.tables_of_identification import Outcome
+        from jointgap.identification.decide_verdict import UNEXPLAINED
 
         row = self.folder.read("decision", stage).iloc[0]
         # terms of a law are no candidates of the model, but the library is made only where they are needed
@@ -195,8 +201,15 @@ class CampaignState:
         fits = self._read_fits(stage, self.baseline.problem, self.library if formula else ())
         base = self.verdict_baseline.base
         plain = self.baseline.nominal if row["nuisances"] == "nominal" else base
-        chosen, equivalent = (fits[0], []) if row["verdict"].startswith("named") else (plain, fits)
-        return Outcome(row["verdict"], row["because"], chosen, base, equivalent, self.folder.read("ranking", stage))
+        chosen, equivalent, best_known = plain, [], None
+        if row["verdict"].startswith("named"):
+            chosen = fits[0]
+        elif row["verdict"] == UNEXPLAINED:
+            best_known = next(iter(fits), None)
+        else:
+            equivalent = fits
+        ranking = self.folder.read("ranking", stage)
+        return Outcome(row["verdict"], row["because"], chosen, base, equivalent, ranking, best_known)
 
     def _read_fits(self, stage: str, problem: "Problem", more: "Sequence[Candidate]" = ()) -> "list[Fit]":
         from jointgap.campaign.tables_of_identification import fits_from_frames
@@ -216,12 +229,12 @@ class CampaignState:
         self.folder.write_all(noise_to_frames(noise), stage)
 
     def write_outcome(self, outcome: "Outcome", stage: str) -> None:
-        """Write what the `stage` decide or regress came to, for `outcome` to read."""
+        """Write what the `stage` decide or regress came to, or the final one, for `outcome` to read."""
         from jointgap.campaign.tables_of_identification import fits_to_frames, parameter_frame
 
-        named = outcome.verdict.startswith("named")
-        self.folder.write_all(fits_to_frames([outcome.chosen] if named else outcome.equivalent), stage)
-        parameters = parameter_frame([outcome.chosen, *outcome.equivalent], self.clockwise)
+        self.folder.write_all(fits_to_frames(outcome.explanations), stage)
+        plain = [] if outcome.named else [outcome.chosen]
+        parameters = parameter_frame([*plain, *outcome.explanations], self.clockwise)
         self.folder.write("fit_parameters", parameters, stage)
         self.folder.write("ranking", outcome.ranking, stage)
         self.folder.write("decision", outcome.frame(), stage)

@@ -11,7 +11,7 @@ from jointgap import tables
 from jointgap.campaign.clockwise import nuisances_as_read
 from jointgap.errors import InputError
 from jointgap.identification.baseline import Baseline
-from jointgap.identification.decide_verdict import NO_DISAGREEMENT, Decision, Ranked
+from jointgap.identification.decide_verdict import NO_DISAGREEMENT, Decision, Ranked, proposal
 from jointgap.identification.estimates import effect_estimates
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.force_law import ForceLawResult
@@ -336,6 +336,8 @@ class Outcome:
     equivalent : list of Fit
     ranking : DataFrame
         Table `jointgap.tables.RANKING`.
+    best_known : Fit or None
+        The best explanation where it is not proven.
     """
 
     verdict: str
@@ -344,6 +346,22 @@ class Outcome:
     base: Fit
     equivalent: list[Fit]
     ranking: pd.DataFrame
+    best_known: Fit | None = None
+
+    @property
+    def named(self) -> Fit | None:
+        """The explanation that was added to the model; None where none was."""
+        return self.chosen if self.verdict.startswith("named") else None
+
+    @property
+    def proposed(self) -> Fit | None:
+        """What the held-out data are asked about, as of `jointgap.identification.decide_verdict.Decision`."""
+        return proposal(self.chosen, self.equivalent, self.best_known)
+
+    @property
+    def explanations(self) -> list[Fit]:
+        """All that later stages show of the fits: the one named, those that are as good, or the best known."""
+        return [fit for fit in (self.named, *self.equivalent, self.best_known) if fit is not None]
 
     def frame(self) -> pd.DataFrame:
         """Table `jointgap.tables.DECISION`."""
@@ -360,9 +378,25 @@ def outcome_of(decision: Decision, seconds: Mapping[str, float]) -> Outcome:
     seconds : mapping of label to float
         How long each fit took [s].
     """
-    named = decision.chosen.label if decision.verdict.startswith("named") else ""
-    ranking = ranking_frame(decision.ranking, named, {fit.label for fit in decision.equivalent}, seconds)
-    return Outcome(decision.verdict, decision.because, decision.chosen, decision.base, decision.equivalent, ranking)
+    found = Outcome(
+        decision.verdict,
+        decision.because,
+        decision.chosen,
+        decision.base,
+        decision.equivalent,
+        ranking_frame(decision.ranking, seconds),
+        decision.best_known,
+    )
+    return with_places(found)
+
+
+def with_places(outcome: Outcome) -> Outcome:
+    """The outcome with what its ranking says of the `place` of each explanation."""
+    places = {fit.label: "equivalent" for fit in outcome.equivalent}
+    places |= {fit.label: "best_known" for fit in (outcome.best_known,) if fit is not None}
+    places |= {fit.label: "named" for fit in (outcome.named,) if fit is not None}
+    ranking = outcome.ranking
+    return replace(outcome, ranking=ranking.assign(place=[places.get(label, "") for label in ranking["explanation"]]))
 
 
 def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
@@ -374,28 +408,21 @@ def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
         Of the listed effects: ``unexplained``.
     proposed : ForceLawResult
     """
-    laws = ranking_frame(proposed.ranking, proposed.fit.label if proposed.named else "")
-    ranking = pd.concat([outcome.ranking, laws], ignore_index=True)
+    ranking = pd.concat([outcome.ranking, ranking_frame(proposed.ranking)], ignore_index=True)
     if not proposed.named:
         return replace(outcome, because=f"{outcome.because}; {proposed.reason}", ranking=ranking)
-    return Outcome(proposed.verdict, proposed.reason, proposed.fit, outcome.base, [], ranking)
+    return with_places(Outcome(proposed.verdict, proposed.reason, proposed.fit, outcome.base, [], ranking))
 
 
 def ranking_frame(
     ranking: Sequence[Ranked],
-    named: str = "",
-    equivalent: Collection[str] = (),
     seconds: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
-    """Table `jointgap.tables.RANKING`.
+    """Table `jointgap.tables.RANKING`, with no explanation named.
 
     Parameters
     ----------
     ranking : sequence of Ranked
-    named : str
-        Label of the explanation that is named; empty where none is.
-    equivalent : collection of str
-        Labels of explanations that the data cannot tell apart.
     seconds : mapping of label to float
         How long each fit took [s].
     """
@@ -407,7 +434,7 @@ def ranking_frame(
         explained_share=np.where(failed, np.nan, [ranked.share for ranked in ranking]),
         passes=[ranked.passes for ranked in ranking],
         admissible=[ranked.admissible for ranked in ranking],
-        place=["named" if fit.label == named else "equivalent" if fit.label in equivalent else "" for fit in fits],
+        place="",
         remark=[ranked.remark or None for ranked in ranking],
     )
 
@@ -467,7 +494,7 @@ def assumed_in_a_cell(assumptions: Iterable[str]) -> str:
     return _BETWEEN_TEXTS.join(assumptions)
 
 
-def gap_of(gaps: pd.DataFrame, role: str, run: str = "all") -> dict[str, float | None]:
+def gap_of(gaps: pd.DataFrame, role: str, run: str = "all", added: bool = True) -> dict[str, float | None]:
     """Gap before and after over all channels of a run, or of all runs, in a role, from table `jointgap.tables.GAPS`.
 
     None where there is no such gap: what was added cannot be simulated there.
@@ -479,12 +506,15 @@ def gap_of(gaps: pd.DataFrame, role: str, run: str = "all") -> dict[str, float |
     role : str
         ``identify`` or ``confirm``.
     run : str
+    added : bool
+        Whether what the table holds as after was added to the model; after is as before where it was not.
     """
     row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")].iloc[0]
-    return {when: None if np.isnan(row[when]) else float(row[when]) for when in ("before", "after")}
+    gap = {when: None if np.isnan(row[when]) else float(row[when]) for when in ("before", "after")}
+    return gap if added else gap | {"after": gap["before"]}
 
 
-def held_out(gaps: pd.DataFrame, roles: Mapping[str, str]) -> list[dict[str, Any]]:
+def held_out(gaps: pd.DataFrame, roles: Mapping[str, str], added: bool = True) -> list[dict[str, Any]]:
     """The held-out data as a verdict lists them.
 
     Parameters
@@ -493,6 +523,8 @@ def held_out(gaps: pd.DataFrame, roles: Mapping[str, str]) -> list[dict[str, Any
         Table `jointgap.tables.GAPS`.
     roles : mapping of str to str
         Of every run, as the campaign states it.
+    added : bool
+        As of `gap_of`.
 
     Returns
     -------
@@ -504,8 +536,8 @@ def held_out(gaps: pd.DataFrame, roles: Mapping[str, str]) -> list[dict[str, Any
     for row in gaps[(gaps["role"] == "confirm") & (gaps["channel"] == "all")].to_dict("records"):
         if (run := row["run"]) != "all":
             part = "last_third" if roles[run] == "split" else "whole"
-            reason = {"not_simulated": row["remark"]} if isinstance(row["remark"], str) else {}
-            runs.append({"run": run, "part": part, "gap": gap_of(gaps, "confirm", run), **reason})
+            reason = {"not_simulated": row["remark"]} if added and isinstance(row["remark"], str) else {}
+            runs.append({"run": run, "part": part, "gap": gap_of(gaps, "confirm", run, added), **reason})
     return runs
 
 

@@ -8,8 +8,10 @@ import numpy as np
 import pandas as pd
 
 from jointgap.campaign.clockwise import nuisances_as_read
-from jointgap.campaign.tables_of_identification import Outcome
+from jointgap.campaign.tables_of_identification import JOINED, Outcome, gap_of
 from jointgap.errors import InputError
+from jointgap.identification.confirmation import held_out_test
+from jointgap.identification.decide_verdict import certain_effects
 from jointgap.identification.estimates import coordinate_estimate, effect_estimates
 from jointgap.identification.fit import Fit
 from jointgap.identification.force_law import effect_of, law_of
@@ -24,6 +26,7 @@ def document(
     campaign: str,
     outcome: Outcome,
     windows: pd.DataFrame,
+    gaps: pd.DataFrame,
     gap: Mapping[str, Mapping[str, float | None]],
     held_out: Sequence[Mapping[str, Any]],
     preflight: Mapping[str, Sequence],
@@ -31,6 +34,7 @@ def document(
     separated_by: str = "",
     clockwise: Collection[str] = (),
     standout: pd.DataFrame | None = None,
+    doubted_channels: Collection[str] = (),
 ) -> dict[str, Any]:
     """The content of ``verdict.json``.
 
@@ -40,6 +44,8 @@ def document(
     outcome : Outcome
     windows : DataFrame
         Table `jointgap.tables.MAP_WINDOWS`.
+    gaps : DataFrame
+        Table `jointgap.tables.GAPS`.
     gap : mapping
         Of identify and confirm, each with before and after.
     held_out : sequence of mappings
@@ -53,8 +59,11 @@ def document(
         Runs whose crank turns clockwise.
     standout : DataFrame, optional
         Table `jointgap.tables.MAP_STANDOUT`.
+    doubted_channels : collection of str
+        Channels that contradict others.
     """
     gains = _gains(outcome)
+    certain = {candidate.label for candidate in certain_effects(outcome.equivalent)}
     return {
         "schema_version": SCHEMA_VERSION,
         "campaign": campaign,
@@ -62,7 +71,11 @@ def document(
         "because": outcome.because,
         "effects": effects(outcome.chosen, gains),
         "equivalent": [effects(fit, gains) for fit in outcome.equivalent],
+        "certain": effects(outcome.equivalent[0], gains, certain) if certain else [],
         "separated_by": separated_by,
+        "best_known": _best_known(outcome, gaps, gains),
+        "held_out_test": held_out_test(gaps).outcome if outcome.proposed else None,
+        "doubted_channels": list(doubted_channels),
         "nuisances": _nuisances(outcome.chosen, clockwise),
         "where": [
             {
@@ -103,7 +116,33 @@ def read(path) -> dict[str, Any]:
     return content
 
 
-def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
+def _best_known(outcome: Outcome, gaps: pd.DataFrame, gains: Mapping[str, float]) -> dict[str, Any] | None:
+    """What is best but not proven, and how far it goes; None where nothing is."""
+    best = outcome.best_known
+    if best is None:
+        return None
+    ranking = outcome.ranking.set_index("explanation")
+    own, labels = ranking.loc[best.label], set(best.label.split(JOINED))
+    rivals = [
+        row
+        for row in ranking.dropna(subset=["bic"]).query("admissible").itertuples()
+        if not set(row.Index.split(JOINED)) >= labels and not set(row.Index.split(JOINED)) < labels
+    ]
+    nearest = min(rivals, key=lambda row: row.bic, default=None)
+    return {
+        "effects": effects(best, gains),
+        "explained_share": own["explained_share"],
+        "gap": {role: gap_of(gaps, role) for role in ("identify", "confirm")},
+        "rival": nearest
+        and {
+            "explanation": nearest.Index,
+            "behind": nearest.bic - best.bic,
+            "explained_share": nearest.explained_share,
+        },
+    }
+
+
+def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None = None) -> list[dict[str, Any]]:
     """The effects of one explanation; terms of a law are one effect.
 
     Parameters
@@ -111,12 +150,14 @@ def effects(fit: Fit, gains: Mapping[str, float]) -> list[dict[str, Any]]:
     fit : Fit
     gains : mapping of label to float
         BIC by label of an explanation.
+    labels : collection of str, optional
+        Of these candidates alone.
     """
     laws = [candidate for candidate in fit.hypothesis if candidate.name.startswith(_TERM_PREFIX)]
     entries = [
         _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_estimates(fit, candidate))
         for candidate in fit.hypothesis
-        if candidate not in laws
+        if candidate not in laws and (labels is None or candidate.label in labels)
     ]
     if laws:
         law = law_of(tuple(laws), fit.mapping)

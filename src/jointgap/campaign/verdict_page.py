@@ -15,7 +15,7 @@ from jointgap.campaign.phrasing import (
     size_in_words,
 )
 from jointgap.campaign.tables_of_identification import assumed, failures
-from jointgap.campaign.verdict_sentences import ENOUGH, answer, held_out_in_words
+from jointgap.campaign.verdict_sentences import ENOUGH, answer, best_known_in_words, held_out_in_words
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.report.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
 from jointgap.report.plain_words import joined, number, percent, rounded_gap, with_error, with_unit
@@ -23,6 +23,8 @@ from jointgap.report.plain_words import joined, number, percent, rounded_gap, wi
 _MOST_WINDOWS = 5  # the largest disagreements; the map shows all
 
 _WHEN = {"base": "before", "augmented": "after"}
+
+_PARAMETER_HEADS = ("parameter", "value", "standard error", "90 % interval")
 
 _LINKS = {"crank": "crank_length", "rod": "rod_length"}
 """Columns of table `jointgap.tables.OPTIMUM` by what they are of."""
@@ -73,10 +75,15 @@ def _figure(name: str) -> FigureBlock:
 
 def _answer(verdict: Mapping[str, Any]) -> list[Block]:
     rows = parameter_rows(verdict["effects"])
-    table = [TableBlock(("parameter", "value", "standard error", "90 % interval"), rows)] if rows else []
+    table = [TableBlock(_PARAMETER_HEADS, rows)] if rows else []
     blocks: list[Block] = [Paragraph(answer(verdict), strong=True)]
     if verdict["verdict"] not in _PLAIN and (reason := verdict.get("because")):
         blocks.append(Paragraph(_capital(reason) + "."))
+    if says := best_known_in_words(verdict):
+        shown = parameter_rows(verdict["best_known"]["effects"])
+        blocks.append(Paragraph("The best explanation known, which is not proven:"))
+        blocks += [TableBlock(_PARAMETER_HEADS, shown)] if shown else []
+        blocks.append(Bullets(says))
     if verdict["verdict"] == "ambiguous":
         blocks.append(Bullets(tuple(explanation_in_words(effects) for effects in verdict["equivalent"])))
         blocks += [Paragraph(advice) for advice in [verdict.get("separated_by", "")] if advice]
@@ -84,7 +91,9 @@ def _answer(verdict: Mapping[str, Any]) -> list[Block]:
 
 
 def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
-    added = bool(verdict["effects"])
+    best = "the best explanation known" if verdict["best_known"] else "the first of the explanations"
+    tried = "" if verdict["effects"] else f" with {best}"
+    shown = bool(verdict["effects"] or verdict["best_known"] or verdict["equivalent"])
     meaning = "The gap is the residual in standard deviations of the noise (root mean square): 1 is noise alone."
     blocks: list[Block] = [
         Heading("How far simulation and measurement are apart"),
@@ -93,11 +102,11 @@ def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
     blocks += _parts_of_runs(verdict)
     if gaps is not None:
         own = gaps[(gaps["channel"] == "all") & (gaps["role"] == "confirm") & (gaps["run"] != "all")]
-        when = ("before", "after") if added else ("before",)
+        when = ("before", "after") if shown else ("before",)
         rows = tuple((row["run"], *(_interval(row, each) for each in when)) for row in own.to_dict("records"))
-        heads = [f"gap {each} (90 % interval)" for each in when] if added else ["gap (90 % interval)"]
-        blocks.append(TableBlock(("held-out run", *heads), rows))
-    return [*blocks, _figure("gaps"), *([_figure("residuals")] if added else [])]
+        heads = [f"gap {each}{with_what} (90 % interval)" for each, with_what in zip(when, ("", tried), strict=False)]
+        blocks.append(TableBlock(("held-out run", *(heads if shown else ["gap (90 % interval)"])), rows))
+    return [*blocks, _figure("gaps"), *([_figure("residuals")] if shown else [])]
 
 
 def _parts_of_runs(verdict: Mapping[str, Any]) -> list[Block]:
@@ -244,7 +253,34 @@ def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
     return [
         Heading("Parameters re-fitted within their ranges"),
         TableBlock(("parameter", "value [SI]", "standard error"), tuple(rows)),
+        *([Paragraph(_borne_out(verdict))] if verdict["verdict"] == "parameters_only" else []),
     ]
+
+
+def _borne_out(verdict: Mapping[str, Any]) -> str:
+    """Which of the parameters the data bear out, where these alone are said to meet the measurement."""
+    at_bound = [key for key, estimate in verdict["nuisances"].items() if estimate["sd"] is None]
+    inside = [key for key in verdict["nuisances"] if key not in at_bound]
+    says = []
+    if inside:
+        says.append(
+            f"The data bear out {_parameters_in_words(inside)}: fitted inside "
+            f"{'its range' if len(inside) == 1 else 'their ranges'}, with the standard error above. "
+            "Take over those whose error is smaller than what you knew of them."
+        )
+    if at_bound:
+        one = len(at_bound) == 1
+        says.append(
+            f"Do not take over {_parameters_in_words(at_bound)}: {'it ends' if one else 'they end'} at a bound, so the "
+            f"data ask for something beyond it, or {'it takes' if one else 'they take'} up what is not in the model."
+        )
+    return " ".join(says)
+
+
+def _parameters_in_words(keys: Sequence[str]) -> str:
+    """``slider mass and speed of run slow`` of keys of nuisances."""
+    parts = [key.partition("@") for key in keys]
+    return joined(f"{name.replace('_', ' ')} of run {run}" if run else name.replace("_", " ") for name, _, run in parts)
 
 
 def _limits(verdict: Mapping[str, Any], effects: pd.DataFrame | None) -> list[Block]:

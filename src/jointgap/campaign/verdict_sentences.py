@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jointgap.campaign.phrasing import effect_in_words, explanation_in_words, is_fault
-from jointgap.identification.confirmation import share_closed
+from jointgap.campaign.phrasing import effect_in_words, explanation_in_words, explanation_label_in_words, is_fault
+from jointgap.identification.confirmation import HeldOutTest, share_closed
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.report.plain_words import joined, percent, rounded_gap
 
@@ -15,9 +15,8 @@ ENOUGH = ("no_disagreement", "parameters_only")
 # the gap.
 _MOST_LEFT = 0.5
 
-# Gap on held-out data [standard deviations of the noise] that still counts as noise: another seed of noise moves it by
-# less.
-_NOISE_GAP = 1.2
+_DECISION = DEFAULT_SETTINGS.decision
+_NOISE_GAP = _DECISION.max_gap_of_noise
 
 
 def answer(verdict: Mapping[str, Any]) -> str:
@@ -32,13 +31,110 @@ def answer(verdict: Mapping[str, Any]) -> str:
         "parameters_only": f"No effect is missing that {data} could show: with other parameters within their stated "
         f"ranges the model meets {them} within the noise.{unmet}",
         "named": f"{named} With this {taken} the model meets {fitted if unmet else them} within the noise.{unmet}",
-        "named_with_remaining_misfit": f"{named} This closes most of the gap{f' on {fitted}' if unmet else ''}, but "
-        f"not all: a small rest is left that none of the effects tried explains.{unmet}",
-        "ambiguous": f"Something is missing, but these data cannot tell what: {count} explanations fit equally well. "
-        "None of them was added to the model.",
-        "unexplained": "Something is missing, and it is none of the effects tried: the model and the measurement "
-        "disagree by more than the noise, and no explanation holds. No effect was added to the model.",
+        "named_with_remaining_misfit": f"{named} {_closed(verdict, unmet)}{unmet}",
+        "ambiguous": f"{_certain(verdict['certain'])} {count} explanations fit equally well. None of them was added to "
+        "the model.",
+        "unexplained": f"{_unexplained(verdict)} No effect was added to the model.",
     }[verdict["verdict"]]
+
+
+def _closed(verdict: Mapping[str, Any], unmet: str) -> str:
+    """How far what was named closes the gap."""
+    before, after = (verdict["gap"]["identify"][when] for when in ("before", "after"))
+    if after**2 <= _DECISION.tolerated_reduced_chi2 and unmet:
+        return "With it the model meets the data used for fitting within the noise."
+    part = "most" if share_closed(before, after) > _MOST_LEFT else "part"
+    where = " on the data used for fitting" if unmet else ""
+    return (
+        f"This closes {part} of the gap{where}, but not all: a small rest is left that none of the effects tried "
+        "explains."
+    )
+
+
+def _certain(certain: Sequence[Mapping[str, Any]]) -> str:
+    """What all of several explanations hold, and that the rest is open, up to the number of these."""
+    if not certain:
+        return "Something is missing, but these data cannot tell what:"
+    shared = joined(map(effect_in_words, certain))
+    return f"Certain is {shared}: all explanations hold it. What acts beside it these data cannot tell:"
+
+
+def _unexplained(verdict: Mapping[str, Any]) -> str:
+    if doubted := verdict["doubted_channels"]:
+        names = joined(channel.replace("_", " ") for channel in doubted)
+        return f"These data cannot tell what is missing: {names} {'reads' if len(doubted) == 1 else 'read'} what " + (
+            "contradicts other channels."
+        )
+    best = verdict["best_known"]
+    if best is None:
+        return (
+            "Something is missing, and it is none of the effects tried: the model and the measurement disagree by more "
+            "than the noise, and no explanation holds."
+        )
+    return (
+        "Something is missing, and what it is is not proven. The best explanation known is "
+        f"{explanation_in_words(best['effects'])}."
+    )
+
+
+def best_known_in_words(verdict: Mapping[str, Any]) -> tuple[str, ...]:
+    """How far the best explanation goes that is not proven, its test on held-out data, its nearest rival, and what
+    would prove it; nothing where there is none.
+    """
+    best = verdict["best_known"]
+    if best is None:
+        return ()
+    gap, rival = best["gap"], best["rival"]
+    before, after = (rounded_gap(gap["identify"][when]) for when in ("before", "after"))
+    says = [f"With it the gap on the data used for fitting goes from {before} to {after}."]
+    hardly_shows = gap["identify"]["before"] ** 2 <= _DECISION.tolerated_reduced_chi2
+    if best["explained_share"] is not None and not hardly_shows:
+        says[0] = says[0][:-1] + f": {percent(best['explained_share'])} of the misfit is explained."
+    says.append(f"{_held_out_test(verdict, gap['confirm'])}.")
+    if rival is None:
+        says.append("No other explanation was fitted that could be held against it.")
+    else:
+        share = (
+            ""
+            if rival["explained_share"] is None or hardly_shows
+            else f", and explains {percent(rival['explained_share'])}"
+        )
+        says.append(
+            f"The next best that is another one, {explanation_label_in_words(rival['explanation'])}, is "
+            f"{rival['behind']:.0f} of BIC behind{share}."
+        )
+    return (*says, _would_prove(verdict))
+
+
+def _would_prove(verdict: Mapping[str, Any]) -> str:
+    best, test = verdict["best_known"], verdict["held_out_test"]
+    if verdict["doubted_channels"]:
+        return "What would prove it: the wiring of these channels checked, and a run recorded anew."
+    if test in ("stays", "rises"):
+        return "What would prove it: a run that took no part, in which its gap falls. It does not in the one held out."
+    if best["rival"] and best["rival"]["behind"] < _DECISION.min_delta_bic:
+        return "What would prove it: a speed, a load or a channel in which it differs from its rival."
+    if test in ("cannot_tell", "not_simulated", "nothing_held_out"):
+        return "What would prove it: a held-out run in which it shows, longer or at a speed at which it does more."
+    return (
+        "What would prove it: that what it leaves is explained too, by another effect or by parameters with wider "
+        "bounds; the map of disagreement and the residuals show where it is."
+    )
+
+
+def _held_out_test(verdict: Mapping[str, Any], gap: Mapping[str, float | None]) -> str:
+    """What the gap on held-out data does with an explanation, without the last full stop."""
+    test, before, after = verdict["held_out_test"], gap["before"], gap["after"]
+    where = "On data that took no part in fitting or choosing it"
+    if after is None:
+        return f"{where} is {rounded_gap(before)} before anything is added"
+    words = HeldOutTest(test, before, after).words.removeprefix("it ")
+    told = {
+        "stays": ", though it should fall",
+        "rises": ", so what was added does not hold there",
+        "cannot_tell": ": these data cannot tell, the effect would hardly show there",
+    }
+    return f"{where} {words}{told.get(test, '')}"
 
 
 def _named(effects: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
@@ -89,13 +185,11 @@ def held_out_in_words(verdict: Mapping[str, Any]) -> str:
     sentence = "On data that took no part in fitting or choosing it"
     if after is None:
         return f"{sentence} is {rounded_gap(before)} before anything is added. {_not_simulated(verdict)}"
-    falls = after < before
-    sentence += f" {'falls' if falls else 'does not fall: it goes'} from {rounded_gap(before)} to {rounded_gap(after)}"
-    if falls and before**2 > DEFAULT_SETTINGS.decision.tolerated_reduced_chi2:
+    sentence = _held_out_test(verdict, verdict["gap"]["confirm"])
+    if verdict["held_out_test"] == "falls" and before**2 > _DECISION.tolerated_reduced_chi2:
         closed = share_closed(before, after)
         sentence += f": {percent(min(closed, 1.0))} of what exceeds the noise is gone"
     if after > _NOISE_GAP:
-        sentence += ", so what was added does not hold there" * (not falls)
         sentence += ". More than noise is left there: the effect, or what else the held-out data hold, is not all known"
     return sentence
 

@@ -319,7 +319,11 @@ def _ranking_marks(panel: Panel, best: pd.DataFrame, values: pd.Series) -> None:
         own = ((best["kind"] == kind) & (best["place"] == "")).to_numpy()
         if own.any():
             panel.marks(series, values[own], place[own], colour, labels=list(best["explanation"][own]))
-    for series, words in (("named", "named"), ("equivalent", "cannot be told apart")):
+    for series, words in (
+        ("named", "named"),
+        ("equivalent", "cannot be told apart"),
+        ("best_known", "best known, not proven"),
+    ):
         own = (best["place"] == series).to_numpy()
         if own.any():
             labels = list(best["explanation"][own])

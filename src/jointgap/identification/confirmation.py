@@ -16,6 +16,42 @@ from jointgap.identification.whitening import Noise
 _ENDS = (0.05, 0.95)  # [1] quantiles between which a 90 % interval lies
 
 
+FALLS, STAYS, RISES = "falls", "stays", "rises"
+CANNOT_TELL, NOT_SIMULATED, NOTHING_HELD_OUT = "cannot_tell", "not_simulated", "nothing_held_out"
+
+
+@dataclass(frozen=True)
+class HeldOutTest:
+    """What becomes of the gap of the held-out data once the effects of a verdict are in the model.
+
+    Attributes
+    ----------
+    outcome : str
+        ``falls`` or ``rises``: by more than the bootstrap leaves open; ``stays``: neither, though the effects should
+        let it fall by more than that; ``cannot_tell``: the fall that they foretell and none at all are both within what
+        the bootstrap leaves open; ``not_simulated``: the effects cannot be simulated in any held-out run;
+        ``nothing_held_out``.
+    before, after : float
+        Gaps [1] of the runs that could be simulated; NaN where none could.
+    """
+
+    outcome: str
+    before: float = np.nan
+    after: float = np.nan
+
+    @property
+    def words(self) -> str:
+        """``falls from 3.00 to 1.02``, ``stays at 1.18``, ``rises from 1.09 to 1.12``; more digits where two show no
+        difference."""
+        digits = next((n for n in (2, 3, 4) if f"{self.before:.{n}f}" != f"{self.after:.{n}f}"), 2)
+        before, after = (f"{gap:.{digits if gap < 100 else 0}f}" for gap in (self.before, self.after))
+        if self.outcome in (FALLS, RISES):
+            return f"it {self.outcome} from {before} to {after}"
+        if f"{self.before:.2f}" == f"{self.after:.2f}":
+            return f"it stays at {self.after:.2f}"
+        return f"it stays within what noise leaves open, {self.before:.2f} before and {self.after:.2f} after"
+
+
 @dataclass(frozen=True)
 class Confirmed:
     """Residuals and gaps of all runs.
@@ -30,6 +66,81 @@ class Confirmed:
 
     residuals: pd.DataFrame
     gaps: pd.DataFrame
+
+    @property
+    def channels(self) -> set[str]:
+        """All channels that are compared."""
+        return set(self.residuals["channel"])
+
+    @property
+    def test(self) -> HeldOutTest:
+        """What the held-out data say of the effects."""
+        return held_out_test(self.gaps)
+
+    def gap(self, role: str) -> float:
+        """Gap [1] with the effects over all runs of a role, ``identify`` or ``confirm``, that can be simulated."""
+        rows = self.gaps.query("role == @role and channel != 'all'")["after"].dropna()
+        return float(np.sqrt(np.mean(rows**2))) if len(rows) else np.nan
+
+    def rest(self, role: str, max_gap: float, max_share: float) -> float:
+        """How large what the effects leave is over what counts as small [1]: root mean square over runs and channels.
+
+        Of each channel of a run the smaller one counts of its rest in standard deviations of the noise over `max_gap`,
+        and as a share of what it varies by over `max_share`.
+
+        Parameters
+        ----------
+        role : str
+            ``identify`` or ``confirm``.
+        max_gap : float
+            [1]
+        max_share : float
+            [1]
+
+        Returns
+        -------
+        float
+            0 where nothing of that role can be simulated.
+        """
+        own = self.residuals[self.residuals["held_out"] == (role == "confirm")].dropna(subset=["augmented"])
+        rests = []
+        for _, series in own.groupby(["run", "channel"], sort=False):
+            gap = np.sqrt(np.mean(series["whitened_augmented"] ** 2))
+            left = np.sqrt(np.mean((series["measured"] - series["augmented"]) ** 2))
+            varies = max_share * np.std(series["measured"])
+            rests.append(min(gap / max_gap, left / varies if varies > 0.0 else np.inf))
+        return float(np.sqrt(np.mean(np.square(rests)))) if rests else 0.0
+
+
+def held_out_test(gaps: pd.DataFrame) -> HeldOutTest:
+    """What the held-out data say of the effects of a verdict.
+
+    If the effects are true, the squared gap falls by the mean square of what they change there (`fall_expected`): the
+    residual before is that change, and noise. Where a run cannot be simulated the others count, each by itself: one
+    that contradicts the effects outweighs those that do not.
+
+    Parameters
+    ----------
+    gaps : DataFrame
+        Table `jointgap.tables.GAPS`.
+    """
+    held_out = gaps.query("role == 'confirm' and channel == 'all'")
+    if held_out.empty:
+        return HeldOutTest(NOTHING_HELD_OUT)
+    rows = held_out[held_out["run"] == "all"].dropna(subset=["after"])
+    if rows.empty:
+        rows = held_out[held_out["run"] != "all"].dropna(subset=["after"])
+    tests = [HeldOutTest(_outcome(row), row["before"], row["after"]) for row in rows.to_dict("records")]
+    order = (RISES, STAYS, FALLS, CANNOT_TELL)
+    return min(tests, key=lambda test: order.index(test.outcome), default=HeldOutTest(NOT_SIMULATED))
+
+
+def _outcome(row: Mapping[str, float]) -> str:
+    if row["fall_low"] > 0.0:
+        return FALLS
+    if row["fall_high"] < 0.0:
+        return RISES
+    return CANNOT_TELL if row["fall_high"] >= row["fall_expected"] else STAYS
 
 
 def share_closed(before: float, after: float) -> float:
@@ -177,26 +288,31 @@ def _gaps(
 
 @dataclass(frozen=True)
 class _Squares:
-    """Mean squared whitened residuals of a series, columns before and after: as they are, and of bootstrap samples."""
+    """Mean squared whitened residuals of a series, columns before and after: as they are, and of bootstrap samples; and
+    the mean square of what lies between the two."""
 
     mean: np.ndarray
     drawn: np.ndarray
+    between: float
     samples: int
 
 
 def _squares(series: pd.DataFrame, random: np.random.Generator, settings: ConfirmationSettings) -> _Squares:
-    squared = series[["whitened_base", "whitened_augmented"]].to_numpy() ** 2
+    whitened = series[["whitened_base", "whitened_augmented"]].to_numpy()
+    squared, between = whitened**2, float(np.mean((whitened[:, 0] - whitened[:, 1]) ** 2))
     blocks = np.array_split(squared, min(settings.blocks, len(squared)))
     means, sizes = np.array([block.mean(axis=0) for block in blocks]), np.array([len(block) for block in blocks])
     chosen = random.integers(len(blocks), size=(settings.draws, len(blocks)))
     weights = sizes[chosen][..., None]
     drawn = (means[chosen] * weights).sum(axis=1) / weights.sum(axis=1)
-    return _Squares(squared.mean(axis=0), drawn, len(squared))
+    return _Squares(squared.mean(axis=0), drawn, between, len(squared))
 
 
 def _row(run: str, role: str, channel: str, parts: list[_Squares]) -> dict[str, object]:
     before, after = np.sqrt(np.mean([part.mean for part in parts], axis=0))
-    low, high = np.quantile(np.sqrt(np.mean([part.drawn for part in parts], axis=0)), _ENDS, axis=0)
+    drawn = np.mean([part.drawn for part in parts], axis=0)
+    low, high = np.quantile(np.sqrt(drawn), _ENDS, axis=0)
+    fall_low, fall_high = np.quantile(drawn[:, 0] - drawn[:, 1], _ENDS)
     return {
         "run": run,
         "role": role,
@@ -208,5 +324,8 @@ def _row(run: str, role: str, channel: str, parts: list[_Squares]) -> dict[str, 
         "before_high": high[0],
         "after_low": low[1],
         "after_high": high[1],
+        "fall_low": fall_low,
+        "fall_high": fall_high,
+        "fall_expected": np.mean([part.between for part in parts]),
         "closed": share_closed(before, after),
     }

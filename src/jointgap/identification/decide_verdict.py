@@ -1,6 +1,7 @@
 """From fits to a verdict: is something missing, what is it, and can the data tell.
 
-`decide` is the one place where this is decided. It asks in this order, and the first line that holds is the verdict:
+This table is the one place where that is decided. `decide` asks lines 1 to 8 of the fits alone, in this order, and the
+first line that holds is the verdict of the fits:
 
 ===  ==========================================================================  ===============================
      what holds                                                                  verdict
@@ -10,28 +11,52 @@
   2  no admissible hypothesis gains enough, the model leaves noise alone with     ``no_disagreement``
      all parameters at nominal, and fitting them hardly gains
   3  no admissible hypothesis gains enough                                        ``parameters_only``
-  4  others fit as well as the best, which is good                                ``ambiguous``
-  5  others fit as well as the best, which is poor                                ``unexplained``
+  4  others are as good as the best, and good                                     ``ambiguous``
+  5  others are as good as the best, and poor                                     ``unexplained``
   6  the best leaves noise alone                                                  ``named``
-  7  the best explains nearly all, and more than it would if the effect most      ``named_with_remaining_misfit``
-     like it were the cause
+  7  the best explains all but a percent; or nearly all, and more than it would   ``named_with_remaining_misfit``
+     if the effect most like it were the cause; or the base itself hardly shows
   8  otherwise                                                                    ``unexplained``
 ===  ==========================================================================  ===============================
 
+`final_verdict` puts what lines 4, 6 and 7 name, or a force law that was found after line 8, to the data that took no
+part, and to what is known of the channels. Again the first line that holds counts:
+
+===  ==========================================================================  ===============================
+     what holds                                                                  verdict
+===  ==========================================================================  ===============================
+  9  a channel contradicts others, and what is named holds no fault of that very  ``unexplained``
+     sensor
+ 10  what is left is large, on the data used for fitting or on those held out     ``unexplained``
+ 11  the gap of the held-out data does not fall, though it would show there       ``unexplained``
+ 12  the base hardly shows, and no fall of the held-out gap confirms the name     ``unexplained``
+ 13  the fits leave noise alone, the held-out data more                           ``named_with_remaining_misfit``
+ 14  otherwise                                                                    as the fits say
+===  ==========================================================================  ===============================
+
+Lines 11 to 13 are not asked of ``ambiguous``. Wherever the verdict is ``unexplained`` and one hypothesis gains enough,
+`Decision.best_known` holds the best one: shown, not named.
+
 "Gains" are differences of the Bayesian information criterion (BIC); "leaves noise alone" means that chi2 stays below
 what campaigns with nothing hidden leave (`Thresholds.omnibus`); the numbers stand in `settings.DecisionSettings`.
-A hypothesis is admissible if its fit did not fail and every one of its effects is there and is more than a nuisance
-within its range.
+A hypothesis is admissible if its fit did not fail, every one of its effects is there (its size is significant, and at
+no bound but that at which the effect is absent or nothing is left of what it changes) and is more than a nuisance
+within its range. Others are as good as the best where their BIC is not far behind; and, where the best leaves more than
+noise, where they explain nearly all too and leave hardly more than it does: a rest that is no noise says little of BIC.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
+from jointgap.identification.confirmation import FALLS, RISES, STAYS, Confirmed
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.problem import Hypothesis
+from jointgap.identification.protocol import Candidate
 from jointgap.identification.settings import DEFAULT_SETTINGS, DecisionSettings
+from jointgap.identification.significance import chance
 from jointgap.identification.thresholds import Thresholds
 
 NO_DISAGREEMENT, PARAMETERS_ONLY = "no_disagreement", "parameters_only"
@@ -85,6 +110,8 @@ class Decision:
     thresholds : Thresholds
     because : str
         The reason in a sentence.
+    best_known : Fit or None
+        Where the verdict is ``unexplained``: the best explanation that gains enough over the base, which is not proven.
     """
 
     verdict: str
@@ -94,6 +121,34 @@ class Decision:
     ranking: list[Ranked] = field(default_factory=list)
     thresholds: Thresholds | None = None
     because: str = ""
+    best_known: Fit | None = None
+
+    @property
+    def proposed(self) -> Fit | None:
+        """What the held-out data are asked about: the explanation named, else the first of those that are as good, else
+        the best known; None where nothing is proposed."""
+        return proposal(self.chosen, self.equivalent, self.best_known)
+
+
+def proposal(chosen: Fit, equivalent: Sequence[Fit], best_known: Fit | None) -> Fit | None:
+    """The explanation that a verdict puts to the held-out data: `chosen` where that has effects, else the first that is
+    `equivalent`, else the `best_known`; the attributes of `Decision`.
+    """
+    return chosen if chosen.hypothesis else next(iter(equivalent), best_known)
+
+
+def certain_effects(equivalent: Sequence[Fit]) -> list[Candidate]:
+    """Effects that all of several explanations hold, in the order of the first: what is certain though the rest is not.
+
+    Parameters
+    ----------
+    equivalent : sequence of Fit
+        Explanations that the data cannot tell apart.
+    """
+    if not equivalent:
+        return []
+    shared = set.intersection(*({candidate.label for candidate in fit.hypothesis} for fit in equivalent))
+    return [candidate for candidate in equivalent[0].hypothesis if candidate.label in shared]
 
 
 def decide(
@@ -107,7 +162,7 @@ def decide(
     second_effect_gain: float = 0.0,
     settings: DecisionSettings = DEFAULT_SETTINGS.decision,
 ) -> Decision:
-    """Choose among fitted explanations, by the table of the module.
+    """Choose among fitted explanations, by lines 1 to 8 of the table of the module.
 
     Parameters
     ----------
@@ -127,17 +182,20 @@ def decide(
         `limits.max_gain_threshold`.
     settings : DecisionSettings
     """
-    ranking = rank(base, fits, limits, nuisance_bounds)
+    ranking = rank(base, fits, limits, nuisance_bounds, settings)
     # The base is a rival too, and the best of many candidates gains something by chance alone.
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
     best = _best(ranking, max(needed, second_effect_gain))
 
-    def decided(verdict: str, because: str, chosen: Fit = base, equivalent: Sequence[Fit] = ()) -> Decision:
-        return Decision(verdict, chosen, base, list(equivalent), ranking, limits, because)
+    def decided(
+        verdict: str, because: str, chosen: Fit = base, equivalent: Sequence[Fit] = (), best_known: Fit | None = None
+    ) -> Decision:
+        return Decision(verdict, chosen, base, list(equivalent), ranking, limits, because, best_known)
 
     # 1 to 3: nothing is called missing
+    slight = max(limits.omnibus, settings.tolerated_reduced_chi2)
     if best is None or best.delta_bic <= needed:
-        if reduced_chi2(base) > max(limits.omnibus, settings.tolerated_reduced_chi2):
+        if reduced_chi2(base) > slight:
             return decided(UNEXPLAINED, "no candidate explains the disagreement")
         # Numerical noise alone lets one of two fits gain: parameters off nominal have to gain more.
         fitting_gain = nominal.bic - base.bic
@@ -146,41 +204,125 @@ def decide(
         return decided(PARAMETERS_ONLY, "with parameters within their ranges the model leaves noise alone")
 
     # 4 and 5: something is missing, but the data do not say what
+    label = best.fit.label
     explains_nearly_all = best.share >= settings.min_explained_share
+    # A share of what hardly shows says nothing; what is left of it would not be called missing either.
+    hardly_shows = reduced_chi2(base) <= slight
+    good = best.passes or explains_nearly_all or hardly_shows
     apart = settings.min_delta_bic + limits.numerical_noise
     rivals = [
         ranked.fit
         for ranked in ranking
         if ranked.admissible
-        and _is_rival(ranked.fit, best.fit, apart)
+        and _is_other(ranked.fit, best.fit)
+        and (ranked.fit.bic - best.fit.bic < apart or (not best.passes and _leaves_as_little(ranked, best, settings)))
         and not is_special_case(best.fit.hypothesis, ranked.fit.hypothesis)
     ]
-    if rivals and (best.passes or explains_nearly_all):
-        because = "several explanations fit the data equally well"
-        return decided(AMBIGUOUS, because, equivalent=[best.fit, *rivals])
+    if rivals and good:
+        return decided(AMBIGUOUS, "several explanations fit the data equally well", equivalent=[best.fit, *rivals])
     if rivals:
-        return decided(UNEXPLAINED, "several explanations are equally poor")
+        return decided(UNEXPLAINED, "several explanations are equally poor", best_known=best.fit)
 
     # 6 to 8: one explanation is the best
     if best.passes:
         return decided(NAMED, "with it the model leaves noise alone", best.fit)
-    label = best.fit.label
-    if not explains_nearly_all:
+    if not good:
         explains = f"explains {best.share:.1%} only" if np.isfinite(best.share) else "leaves as much"
-        return decided(UNEXPLAINED, f"the best, {label}, {explains}")
+        return decided(UNEXPLAINED, f"the best, {label}, {explains}", best_known=best.fit)
+    if not explains_nearly_all:
+        because = "it is far ahead of all others, of a disagreement that hardly shows"
+        return decided(NAMED_WITH_REMAINING_MISFIT, because, best.fit)
+    if best.share >= settings.sure_explained_share:
+        because = "it explains all but a small rest, and no other explanation does"
+        return decided(NAMED_WITH_REMAINING_MISFIT, because, best.fit)
     # Were the effect most like it the cause, it would still explain `similarity` of the misfit: then its name would be
     # wrong.
     left_if_wrong = 1.0 - similarity.get(label, 0.0)
     if 1.0 - best.share < settings.max_share_of_wrong_misfit * left_if_wrong:
         because = "it explains nearly all, and more than it could if the nearest other effect were the cause"
         return decided(NAMED_WITH_REMAINING_MISFIT, because, best.fit)
-    return decided(
-        UNEXPLAINED, f"{label} explains {best.share:.1%}, as it also would if a similar effect were the cause"
-    )
+    because = f"{label} explains {best.share:.1%}, as it also would if a similar effect were the cause"
+    return decided(UNEXPLAINED, because, best_known=best.fit)
+
+
+_Decided = TypeVar("_Decided")
+
+
+def final_verdict(
+    decision: _Decided,
+    confirmed: Confirmed,
+    doubted_channels: Collection[str] = (),
+    settings: DecisionSettings = DEFAULT_SETTINGS.decision,
+) -> _Decided:
+    """The verdict with the held-out data heard, by lines 9 to 14 of the table of the module.
+
+    Parameters
+    ----------
+    decision : Decision, or another record with its attributes verdict, because, chosen, base, equivalent, best_known
+        What the fits say.
+    confirmed : Confirmed
+        What all runs say of the model with `Decision.proposed`.
+    doubted_channels : collection of str
+        Channels that contradict others: their readings are no evidence of physics.
+    settings : DecisionSettings
+
+    Returns
+    -------
+    Decision
+        Or a record as `decision` is.
+    """
+    if decision.verdict not in (NAMED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS):
+        return decision
+    proposed = proposal(decision.chosen, decision.equivalent, decision.best_known)
+
+    def withheld(because: str) -> _Decided:
+        return replace(
+            decision,
+            verdict=UNEXPLAINED,
+            because=because,
+            chosen=decision.base,
+            equivalent=[],
+            best_known=proposed,
+        )
+
+    # 9
+    explanations = decision.equivalent or [decision.chosen]
+    if doubted_channels and not _explained(doubted_channels, confirmed.channels, explanations):
+        names = " and ".join(channel.replace("_", " ") for channel in doubted_channels)
+        verb = "reads contradicts" if len(doubted_channels) == 1 else "read contradicts"
+        return withheld(f"what {names} {verb} other channels, so no effect can be told from it")
+    # 10
+    for role, where in (("identify", "the data used for fitting"), ("confirm", "the held-out data")):
+        if confirmed.rest(role, settings.max_gap_left, settings.max_share_of_signal_left) > 1.0:
+            gap = confirmed.gap(role)
+            return withheld(f"the best, {proposed.label}, leaves a gap of {gap:.3g} on {where}: no small rest")
+    if decision.verdict == AMBIGUOUS:
+        return decision
+    # 11 and 12
+    test = confirmed.test
+    if test.outcome in (STAYS, RISES):
+        return withheld(f"with {proposed.label} the gap on the held-out data does not fall: {test.words}")
+    excess = decision.base.chi2 - (decision.base.residual.size - len(decision.base.parameters))
+    share = (decision.base.chi2 - proposed.chi2) / excess if excess > 0.0 else np.nan
+    poor = decision.verdict == NAMED_WITH_REMAINING_MISFIT and not share >= settings.min_explained_share
+    if poor and test.outcome != FALLS:
+        return withheld(
+            f"the best, {proposed.label}, is far ahead of all others, but of a disagreement that hardly shows, and no "
+            "held-out data confirm it"
+        )
+    # 13
+    if decision.verdict == NAMED and test.after > settings.max_gap_of_noise:
+        because = "it leaves noise alone on the data used for fitting, but more on the held-out data"
+        return replace(decision, verdict=NAMED_WITH_REMAINING_MISFIT, because=because)
+    return decision
 
 
 def rank(
-    base: Fit, fits: Sequence[Fit], limits: Thresholds, nuisance_bounds: Mapping[str, tuple[float, float, float]]
+    base: Fit,
+    fits: Sequence[Fit],
+    limits: Thresholds,
+    nuisance_bounds: Mapping[str, tuple[float, float, float]],
+    settings: DecisionSettings = DEFAULT_SETTINGS.decision,
 ) -> list[Ranked]:
     """All explanations, best BIC first, the failed ones last.
 
@@ -191,9 +333,11 @@ def rank(
     limits : Thresholds
     nuisance_bounds : mapping of name to (nominal, low, high)
         Ranges [SI] of the nuisances that effects may replace.
+    settings : DecisionSettings
     """
     ranking = [
-        weigh(base, fit, limits, "" if fit.status == FAILED else _objection(fit, nuisance_bounds)) for fit in fits
+        weigh(base, fit, limits, "" if fit.status == FAILED else _objection(fit, nuisance_bounds, settings))
+        for fit in fits
     ]
     return sorted(ranking, key=lambda ranked: (ranked.fit.status == FAILED, -ranked.delta_bic))
 
@@ -221,7 +365,7 @@ def reduced_chi2(fit: Fit) -> float:
     return fit.chi2 / max(fit.residual.size - len(fit.parameters), 1)
 
 
-def _objection(fit: Fit, nuisance_bounds: Mapping[str, tuple[float, float, float]]) -> str:
+def _objection(fit: Fit, nuisance_bounds: Mapping[str, tuple[float, float, float]], settings: DecisionSettings) -> str:
     """Why an explanation claims an effect that is not there; empty where it does not.
 
     An effect that replaces a nuisance (a mass other than nominal) is none as long as the nuisance stays within its
@@ -236,6 +380,8 @@ def _objection(fit: Fit, nuisance_bounds: Mapping[str, tuple[float, float, float
         }
         if not any(amplitudes.values()):
             return f"{candidate.label} is fitted with no size"
+        if key := _drawn_to_a_bound(fit, candidate):
+            return f"{candidate.label} is drawn to the bound of {key}: what it explains is something else"
         # Where it leaves the rest of a shared nuisance to be fitted, the effect is that the two differ.
         if not candidate.replaces or candidate.replaces.keys() & {p.name for p in candidate.coordinates}:
             continue
@@ -248,6 +394,24 @@ def _objection(fit: Fit, nuisance_bounds: Mapping[str, tuple[float, float, float
             for amplitude, value in amplitudes.items()
         ):
             return f"{candidate.label} is {' and '.join(candidate.replaces)} within its range: a parameter, no effect"
+    for candidate in fit.hypothesis:
+        if chance(fit, candidate) > settings.max_chance_of_size:
+            return f"{candidate.label} may as well be absent: the interval of its size holds 0"
+    return ""
+
+
+def _drawn_to_a_bound(fit: Fit, candidate: Candidate) -> str:
+    """The amplitude of an effect that ended at a bound at which the effect is there; empty where none did.
+
+    At the lower bound of a change of something known nothing is left of that, which is a size like others. Shapes may
+    end at bounds: an exponent that is 1, an order that is the first.
+    """
+    for p, value in zip(fit.parameters, fit.values, strict=True):
+        key = p.key.removeprefix(f"{candidate.label}.")
+        if key == p.key or key not in candidate.amplitudes or value == 0.0:
+            continue
+        if value >= p.high or (value <= p.low and not candidate.is_perturbation):
+            return key
     return ""
 
 
@@ -271,11 +435,29 @@ def _best(ranking: Sequence[Ranked], needed: float) -> Ranked | None:
     return best
 
 
-def _is_rival(fit: Fit, best: Fit, apart: float) -> bool:
-    """Whether `fit` is another explanation as good as `best`: BIC less than `apart` behind, and of no more effects.
+def _is_other(fit: Fit, best: Fit) -> bool:
+    """Whether `fit` is another explanation than `best`, and of no more effects.
 
     One that merely adds to the best, or leaves something out of it, is no other.
     """
     labels, best_labels = ({candidate.label for candidate in each.hypothesis} for each in (fit, best))
-    is_other = not labels >= best_labels and not labels < best_labels
-    return fit.bic - best.bic < apart and is_other and len(labels) <= len(best_labels)
+    return not labels >= best_labels and not labels < best_labels and len(labels) <= len(best_labels)
+
+
+def _leaves_as_little(ranked: Ranked, best: Ranked, settings: DecisionSettings) -> bool:
+    """Whether another explanation explains nearly all too, and the best one leaves no clearly smaller rest."""
+    if not ranked.share >= settings.min_explained_share:
+        return False
+    return 1.0 - best.share >= settings.max_share_of_wrong_misfit * (1.0 - ranked.share)
+
+
+def _explained(doubted: Collection[str], channels: Collection[str], explanations: Sequence[Fit]) -> bool:
+    """Whether every explanation holds a fault of the sensor of each doubted channel.
+
+    A fault that is none of the compared `channels` by itself, such as a wrong zero of the crank angle, is one of all.
+    """
+    for fit in explanations:
+        sites = {candidate.site for candidate in fit.hypothesis if candidate.sensor}
+        if not set(doubted) <= sites and sites <= set(channels):
+            return False
+    return True

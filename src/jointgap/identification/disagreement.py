@@ -37,6 +37,8 @@ class DisagreementMap:
         amplitude [unit], share, p.
     scaling : DataFrame
         Per channel, how the disagreement grows with speed: exponent, low, high (90 % interval), runs.
+    remark : str
+        Of which runs and channels there is no map, since no phase is known of them; empty where there is one of all.
     """
 
     chi2: float
@@ -48,6 +50,7 @@ class DisagreementMap:
     orders: pd.DataFrame
     standout: pd.DataFrame
     scaling: pd.DataFrame
+    remark: str = ""
 
 
 def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: float = 0.01) -> DisagreementMap:
@@ -64,7 +67,7 @@ def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: fl
     Returns
     -------
     DisagreementMap
-        Channels without crank angle have tests but no bins.
+        Channels without crank angle have tests but no bins, which its remark says.
     """
     settings = problem.settings.disagreement
     tests = pd.DataFrame([_test(part, residual[part.place], settings.ljung_box_lags) for part in problem.parts])
@@ -86,6 +89,21 @@ def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: fl
         order_spectrum(problem, residual),
         standout_orders(problem, residual, false_discovery),
         speed_scaling(problem, residual),
+        _remark(problem, bins),
+    )
+
+
+def _remark(problem: Problem, bins: pd.DataFrame) -> str:
+    mapped = set(zip(bins["run"], bins["channel"], strict=True))
+    without = [
+        f"{channel} of run {run}"
+        for run, channel in (part.series.key for part in problem.parts)
+        if (run, channel) not in mapped
+    ]
+    if not without:
+        return ""
+    return (
+        f"No map of {', '.join(without)}: no phase is known there. The tests by run and channel say how far it is off."
     )
 
 

@@ -84,6 +84,8 @@ class Fit:
         The first angle of a run whose drive is the measured angle changes nothing, nor does a mass where no force is
         read.
         """
+        if self.status == FAILED:  # nothing is known of its derivatives
+            return np.ones(len(self.parameters), bool)
         low, high = bounds_of(self.parameters)
         steps = np.array([p.step for p in self.parameters])
         reach = np.where(np.isfinite(high - low), high - low, steps)

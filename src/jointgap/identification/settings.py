@@ -473,12 +473,33 @@ class DecisionSettings:
     max_share_of_wrong_misfit : float
         [1] Such an explanation must leave less than this part of what it would leave if the effect most like it were
         the cause: half way between right and wrong.
+    sure_explained_share : float
+        [1, of the misfit] From here on the fits of other explanations decide, not how alike signatures look: what is
+        left is within a tenth, root mean square, of what is missing, as of a force law. Below, a law that is not on the
+        list explains as much by one that is: the cube of the speed by its square and a force that swings 98.4 %.
+    max_chance_of_size : float
+        [1] An effect whose size chance alone makes more often is not there: outside of a 90 % interval about it lies 0.
+    max_gap_left : float
+        [standard deviations of the noise] Up to this gap, root mean square, a channel's rest is small. Right names
+        leave 0.9 to 1.1 in blind trials, up to 1.4 where numerics decide; three can be seen with the naked eye.
+    max_share_of_signal_left : float
+        [1, of what a channel varies by] So it is where it is at most this share, root mean square: of a sensor that is
+        better than any model of the machine, noise is no measure. The one real machine of the examples, named rightly,
+        leaves a gap of 5 to 7 that is 4 %.
+    max_gap_of_noise : float
+        [standard deviations of the noise] Gap on held-out data that still counts as noise: another seed of noise, and a
+        run's own speed and angle found from fewer samples, move it by less.
     """
 
     min_delta_bic: float = 10.0
     min_explained_share: float = 0.95
     tolerated_reduced_chi2: float = 1.1
     max_share_of_wrong_misfit: float = 0.5
+    sure_explained_share: float = 0.99
+    max_chance_of_size: float = 0.1
+    max_gap_left: float = 3.0
+    max_share_of_signal_left: float = 0.1
+    max_gap_of_noise: float = 1.2
 
 
 @dataclass(frozen=True)

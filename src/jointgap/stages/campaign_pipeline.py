@@ -74,7 +74,7 @@ def _remove_conclusions(folder: ResultsFolder) -> None:
     result.
     """
     tables = [folder.place(ADVICE), folder.place(OPTIMUM)]
-    tables += [folder.place(DECISION, stage) for stage in ("decide", "regress")]
+    tables += [folder.place(DECISION, stage) for stage in ("decide", "regress", "verdict")]
     pages = [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]
     figures = [folder.path / "figures" / f"{name}{ending}" for name in CATALOGUE for ending in _ENDINGS]
     for path in (*tables, *pages, *figures):

@@ -264,31 +264,40 @@ def regress(state: "CampaignState") -> None:
 _REGRESSED = (*_DECIDED, *CAMPAIGN_STAGES.written_by("regress"))
 
 
-@CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(RESIDUALS, GAPS))
+@CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(RESIDUALS, GAPS, *_of("verdict", OUTCOME_TABLES)))
 def confirm(state: "CampaignState") -> None:
-    """Predict the held-out runs with and without what was found."""
+    """Predict the held-out runs with and without what was found, and come to the final verdict."""
     from jointgap.campaign.clockwise import residuals_as_read
+    from jointgap.campaign.tables_of_identification import with_places
     from jointgap.identification import confirmation
+    from jointgap.identification.decide_verdict import final_verdict
 
     outcome = state.outcome("regress")
-    named = outcome.chosen if outcome.chosen.hypothesis else None
-    plain = outcome.base if named else outcome.chosen  # nominal values where these are enough
-    prediction = confirmation.confirm(state.model, state.noise_with_numerics, plain, named, state.seed, state.settings)
+    proposed = outcome.proposed
+    plain = outcome.base if proposed else outcome.chosen  # nominal values where these are enough
+    prediction = confirmation.confirm(
+        state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings
+    )
     state.folder.write(RESIDUALS, residuals_as_read(prediction.residuals, state.clockwise))
     state.folder.write(GAPS, prediction.gaps)
+    final = final_verdict(outcome, prediction, state.doubted_channels, state.settings.decision)
+    state.write_outcome(with_places(final), "verdict")
 
 
-@CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(MISSING_FORCE,), files=(MECHANISM,))
+_CONFIRMED = (*_DECIDED, *CAMPAIGN_STAGES.written_by("confirm"))
+
+
+@CAMPAIGN_STAGES.stage(reads=_CONFIRMED, writes=(MISSING_FORCE,), files=(MECHANISM,))
 def augment(state: "CampaignState") -> None:
     """Write the mechanism file with what was found, for every other stage."""
     from jointgap.campaign.augment import augment as augmented
 
-    text, force = augmented(state.campaign, state.outcome("regress"))
+    text, force = augmented(state.campaign, state.outcome("verdict"))
     tables.write_text(state.folder.path / MECHANISM, text)
     state.folder.write(MISSING_FORCE, force)
 
 
-@CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(OPTIMUM,))
+@CAMPAIGN_STAGES.stage(reads=_CONFIRMED, writes=(OPTIMUM,))
 def reoptimise(state: "CampaignState") -> None:
     """Optimise the link lengths for the model before and after: does the missing effect move the optimum?
 
@@ -302,7 +311,7 @@ def reoptimise(state: "CampaignState") -> None:
     augmented = load_mechanism(state.folder.path / MECHANISM)
     # the transmission angle of ideal joints follows from the lengths alone, whatever acts on the slider
     loose = state.campaign.mechanism.applied().loose or augmented.applied().loose
-    outcome = state.outcome("regress") if loose else None
+    outcome = state.outcome("verdict") if loose else None
     if outcome is None or all(candidate.sensor for candidate in outcome.chosen.hypothesis):
         state.folder.write(OPTIMUM, pd.DataFrame(columns=OPTIMUM.names))
         return
@@ -319,8 +328,8 @@ def reoptimise(state: "CampaignState") -> None:
 
 @CAMPAIGN_STAGES.stage(
     reads=(
-        *_REGRESSED,
-        *CAMPAIGN_STAGES.written_by("preflight", "locate", "confirm", "augment", "reoptimise"),
+        *_CONFIRMED,
+        *CAMPAIGN_STAGES.written_by("preflight", "locate", "augment", "reoptimise"),
     ),
     files=(VERDICT, *SUMMARIES, "figures/gaps.png"),
 )
@@ -332,7 +341,7 @@ def conclude(state: "CampaignState") -> None:
     concluding.show(state)
 
 
-@CAMPAIGN_STAGES.stage(reads=(*_of("regress", OUTCOME_TABLES), GAPS, RESIDUALS))
+@CAMPAIGN_STAGES.stage(reads=(*_of("verdict", OUTCOME_TABLES), GAPS, RESIDUALS))
 def track_campaign(state: "CampaignState", store: Path, published: Path) -> None:
     """Publish a campaign's verdict, fits and figures to MLflow; nothing twice.
 

@@ -264,8 +264,8 @@ RESIDUALS = Table(
         Column(
             "augmented",
             "SI",
-            "predicted with the effects of the verdict; the base's where there are none; null where they cannot be "
-            "simulated",
+            "predicted with the effects of the verdict, or with the best explanation known where none is named; the "
+            "base's where there is neither; null where they cannot be simulated",
             nullable=True,
         ),
         Column("whitened_base", "1", "whitened residual of the base"),
@@ -299,7 +299,11 @@ GAPS = Table(
         Column("samples", "1", "residuals counted", "int"),
         Column("before", "1", "root mean square of the whitened residual with no effect added"),
         Column(
-            "after", "1", "the same with the effects of the verdict; null where they cannot be simulated", nullable=True
+            "after",
+            "1",
+            "the same with the effects of the verdict, or with the best explanation known where none is named; null "
+            "where they cannot be simulated",
+            nullable=True,
         ),
         *(
             Column(
@@ -307,6 +311,13 @@ GAPS = Table(
             )
             for when in ("before", "after")
             for end, words in (("low", "lower"), ("high", "upper"))
+        ),
+        *(
+            Column(f"fall_{end}", "1", f"{words} end of that of the fall of the squared gap", nullable=True)
+            for end, words in (("low", "lower"), ("high", "upper"))
+        ),
+        Column(
+            "fall_expected", "1", "mean square of what the effects change: the fall if they are true", nullable=True
         ),
         Column("closed", "1", "share of the excess closed, 1 - (after^2 - 1) / (before^2 - 1)", nullable=True),
         Column("remark", "", "why there is no gap after", "text", nullable=True),

@@ -136,7 +136,7 @@ RANKING = Table(
         Column("explained_share", "1", "share of the base's chi2 beyond noise that is gone", nullable=True),
         Column("passes", "", "leaves no more than null campaigns do", "bool"),
         Column("admissible", "", "all its effects are there, and none is a nuisance within its range", "bool"),
-        Column("place", "", "named, equivalent, or empty", "text"),
+        Column("place", "", "named, equivalent, best_known, or empty", "text"),
         Column("remark", "", "why it is not admissible, or what the fit says", "text", nullable=True),
     ),
     path="{stage}/ranking.parquet",
