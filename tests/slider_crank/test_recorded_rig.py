@@ -7,9 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from jointgap.campaign import analyse
 from jointgap.errors import InputError
 from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.noise_model import estimate_noise
+from jointgap.identification.noise_model import estimate_noise, noise_of_model
 from jointgap.identification.problem import Problem
 from jointgap.identification.whitening import Noise
 from jointgap.recordings import read_measurements
@@ -240,3 +241,38 @@ def test_gaps_in_both_channels_are_no_data_and_cost_nothing_else(tmp_path):
     assert np.isnan(value).sum() == 40
     away = read(model, "r0", **true_values(rig, 0), encoder_lag=rig.lag)["slider_position"] - value
     assert np.sqrt(np.nanmean(away**2)) < 5e-5
+
+
+SHORT = Rig(rpm=(55.0, 80.0, 110.0, 75.0), zeros_deg=(-1.6, 4.1, 2.2, 1.3), position_zeros=(0.0121,) * 4)
+"""Three runs and one held out, with everything that a rig adds."""
+
+
+@pytest.mark.slow  # eight campaigns, each fitted from nominal
+def test_intervals_of_lengths_hold_the_truth_where_the_offset_is_free(tmp_path):
+    inside = []
+    for seed in range(1, 9):
+        own = recorded_rig.campaign(
+            tmp_path, SHORT, {"nuisance": recorded_rig.NUISANCE | {"encoder_lag": "20 ms"}}, seed
+        )
+        model = build_model(own, read_measurements(own))
+        fit = fit_hypothesis(Problem(model, noise_of_model(model)))
+        sd = np.sqrt(np.diag(np.linalg.inv(fit.jacobian.T @ fit.jacobian)))
+        sds = {p.key: one for p, one in zip(fit.parameters, sd, strict=True)}
+        true = {"crank_length": SHORT.crank, "rod_length": SHORT.rod, "slider_offset": SHORT.offset}
+        inside += [abs(fit.mapping[key] - value) < 1.645 * sds[key] for key, value in true.items()]
+    assert np.mean(inside) >= 0.8  # of 24, of which nine in ten should be
+
+
+@pytest.mark.slow  # a whole campaign, some 45 s
+def test_six_runs_as_recorded_are_named_by_the_lag_with_zeros_as_parameters_and_a_small_held_out_gap(tmp_path):
+    rig = Rig()
+    document = analyse(recorded_rig.write(tmp_path, rig), tmp_path / "found")
+    assert document["verdict"] == "named"
+    assert [effect["name"] for effect in document["effects"]] == ["encoder_lag"]
+    low, high = document["effects"][0]["parameters"]["lag_s"]["interval_90"]
+    assert low - 1e-4 < rig.lag < high + 1e-4
+    assert document["gap"]["confirm"]["after"] < 1.3
+    for run in range(5):
+        zero = document["nuisances"][f"encoder_zero@r{run}"]["value"]
+        assert math.degrees(zero) == pytest.approx(rig.zeros_deg[run], abs=0.15)
+    assert not {key for key in document["nuisances"] if key.startswith(("speed", "first_angle"))}

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import PPoly, make_smoothing_spline, splrep
+from scipy.interpolate import CubicSpline, PPoly, make_smoothing_spline, splrep
 from scipy.optimize import brentq
 
 from jointgap.config import Simulate
@@ -15,6 +15,10 @@ from jointgap.quantities import unit_factor
 
 _LEAST = 12  # samples that a smooth angle needs
 _TURN = 2 * math.pi
+_ORDERS = np.arange(1, 5)  # of what repeats in every turn: a gear's or a joint's are left to the spline
+_DRIFT_TERMS = 12  # of the polynomial beside them, at most
+_LEAST_TURNS = 3  # below, a drift and what repeats look alike
+_FIXED_POINTS = 12  # the speed varies by half at most, so that each leaves half the error of the one before
 
 
 def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
@@ -87,6 +91,36 @@ def running_on(angle: np.ndarray) -> np.ndarray:
     return angle + _TURN * np.append(0.0, np.cumsum(back))
 
 
+def repeated_part(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cosine and sine parts [rad] of the first orders by which a crank is ahead of a rotation that drifts slowly.
+
+    Parameters
+    ----------
+    time, angle : (n,) arrays
+        [s, rad].
+
+    Returns
+    -------
+    cosine, sine : (m,) arrays
+        Of orders 1 to m; empty where turns or samples are too few to tell them from a drift.
+    """
+    turns = (angle[-1] - angle[0]) / _TURN
+    terms = int(min(turns, _DRIFT_TERMS)) + 1
+    if turns < _LEAST_TURNS or angle.size < 4 * (terms + 2 * _ORDERS.size):
+        return np.empty(0), np.empty(0)
+    drift = np.polynomial.legendre.legvander(2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0, terms)
+    phases = _ORDERS * angle[:, None]
+    basis = np.column_stack([drift, np.cos(phases), np.sin(phases)])
+    weights = np.linalg.lstsq(basis, angle, rcond=None)[0]
+    return tuple(weights[terms + 1 :].reshape(2, -1))
+
+
+def _of_orders(parts: tuple[np.ndarray, np.ndarray], angle: np.ndarray) -> np.ndarray:
+    """By how much [rad] `repeated_part` is ahead at crank angles (n,) [rad]."""
+    phases = np.arange(1, parts[0].size + 1) * angle[:, None]
+    return np.cos(phases) @ parts[0] + np.sin(phases) @ parts[1]
+
+
 def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) -> PPoly:
     """Smooth spline through a measured angle.
 
@@ -94,7 +128,7 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
     encoder, and by three standard errors of that, lest ties be followed: the mean square of n roundings scatters by
     sqrt(0.8 / n) of itself. Else a cubic whose smoothness cross-validation chooses (G. Wahba, Spline models for
     observational data, 1990), which takes some 0.5 ms a sample. Both are made for what is left beside a steady
-    rotation.
+    rotation, the cubic also beside what repeats in every turn, which smoothing would flatten.
 
     At the very ends, where samples lie on one side alone, the accelerations are weak: some ten times as far off as
     inside, and those of the cubic are zero there. Let a record begin and end some samples beyond what is simulated.
@@ -113,8 +147,9 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
     """
     steady = np.polyfit(time, angle, 1)
     rest, scale = angle - np.polyval(steady, time), time[-1] / (time.size - 1)
+    parts = repeated_part(time, angle) if resolution is None else (np.empty(0), np.empty(0))
     if resolution is None:
-        spline = make_smoothing_spline(time / scale, rest)
+        spline = make_smoothing_spline(time / scale, rest - _of_orders(parts, angle))
     else:
         squares = time.size * resolution**2 / 12 * (1 + 3 * math.sqrt(0.8 / time.size))
         # compiled, unlike make_splrep, which takes 30 times as long for 8000 samples
@@ -131,6 +166,12 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
     pieces = PPoly(found.c[:, inside] / powers, scale * found.x[np.append(inside, inside[-1] + 1)])
     pieces.c[-1] += np.polyval(steady, pieces.x[:-1])
     pieces.c[-2] += steady[0]
+    if parts[0].size:
+        mean = pieces(pieces.x)
+        whole = mean
+        for _ in range(_FIXED_POINTS):
+            whole = mean + _of_orders(parts, whole)
+        pieces.c[-4:] += CubicSpline(pieces.x, whole - mean).c
     return pieces
 
 
