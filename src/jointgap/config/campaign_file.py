@@ -21,8 +21,10 @@ from jointgap.config.nuisance_bounds import (
 from jointgap.config.scenario import MotorDrive
 from jointgap.errors import did_you_mean
 from jointgap.joints import PINS
-from jointgap.quantities import Angle, PositiveAngularSpeed
+from jointgap.quantities import Angle, PositiveAngle, PositiveAngularSpeed, PositiveTime
 from jointgap.section import Section
+
+_STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 
 RESERVED_IDS = ("all", "look", "measured", "remarks", "config_snapshot")
 """No run may be called so: a sum over runs is, and the tables that stand beside the pictures of the runs are."""
@@ -38,6 +40,28 @@ Word = Annotated[Name, AfterValidator(_is_a_word)]
 """A name that files or folders get."""
 
 
+class Start(Section):
+    """Where the motion began before the first sample: at an angle of the crank, or so far or so long before.
+
+    It began as in the paper, with coincident joint centres and the velocities of the ideal mechanism.
+    """
+
+    angle: Angle | None = Field(
+        None,
+        description="crank angle at which the motion began: where it was passed nearest to turned or ran, or last",
+    )
+    turned: PositiveAngle | None = Field(None, description="how far the crank had turned by the first sample: 3 turn")
+    ran: PositiveTime | None = Field(None, description="how long it had run by the first sample: 0.5 s")
+
+    @model_validator(mode="after")
+    def _says_one_thing(self):
+        if self.turned is not None and self.ran is not None:
+            raise ValueError("how far it had turned and how long it ran are both given; remove turned or ran")
+        if self.angle is None and self.turned is None and self.ran is None:
+            raise ValueError("says nothing; give angle, turned or ran, such as {angle: 40 deg, turned: 3 turn}")
+        return self
+
+
 class CampaignRun(Section):
     """One file of samples, measured at one speed."""
 
@@ -48,8 +72,8 @@ class CampaignRun(Section):
         description="identify: for fitting and choosing; confirm: takes no part in either; split: its last third "
         "does not"
     )
-    start: Literal["settled", "at_rest", "dead_centre", "unknown"] = Field(
-        "settled", description="how the motion began before the first sample"
+    start: Literal["settled", "at_rest", "dead_centre", "unknown"] | Start = Field(
+        "settled", description="how the motion began before the first sample, or where and how long before"
     )
     first_angle: Angle | None = Field(
         None, description="crank angle at the first sample, where no channel has it; null: found with the nuisances"
@@ -57,6 +81,16 @@ class CampaignRun(Section):
     direction: Literal["counter_clockwise", "clockwise"] = Field(
         "counter_clockwise", description="how the crank turns; a clockwise crank's falling angle is mirrored"
     )
+
+    @field_validator("start", mode="before")
+    @classmethod
+    def _is_a_start(cls, given: Any) -> Any:
+        if isinstance(given, dict | Start):
+            return Start.model_validate(given)
+        if given not in _STARTS:
+            known = ", ".join(_STARTS)
+            raise ValueError(f"is {given!r}; give {known}, or a mapping such as {{angle: 40 deg, turned: 3 turn}}")
+        return given
 
     @field_validator("id")
     @classmethod
@@ -181,6 +215,12 @@ class Campaign(Section):
         needed = {"constant_speed": set(), "measured_angle": {"time", "crank_angle"}, "motor": {"time"}}[self.drive]
         if missing := sorted(needed - has):
             raise ValueError(f"channels: drive {self.drive} needs the channel {' and '.join(missing)}; add it")
+        for run in self.runs:
+            if self.drive == "measured_angle" and isinstance(run.start, Start):
+                raise ValueError(
+                    f"runs: '{run.id}' has a start before its record, through which no measured angle leads; give "
+                    "settled or dead_centre, or drive constant_speed"
+                )
         inputs = {"time"} if self.drive != "measured_angle" and "time" in has else {"time", "crank_angle"}
         if not has - inputs:
             raise ValueError("channels: there is nothing to compare; add a channel such as crank_torque")

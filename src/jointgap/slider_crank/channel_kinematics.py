@@ -1,7 +1,7 @@
 """Channels of a slider-crank at given crank angles, in as few operations as a fit's thousands of simulations need."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import tau
 
 import numpy as np
@@ -12,10 +12,13 @@ from jointgap.dynamics.compilation import compiled
 from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.model.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
 from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
-from jointgap.dynamics.simulation import VELOCITY_TIME, IntegrationResult, integrate_to_angles
+from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.joints import JOINTS
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SimulationSettings
+
+Columns = Mapping[str, np.ndarray]
+"""Channels of a motion (n,), by column."""
 
 
 def tolerance_for(mechanism: Mechanism, settings: SimulationSettings = DEFAULT_SETTINGS.simulation) -> float:
@@ -59,6 +62,7 @@ def channels_at(
     tolerance: float,
     perturbation: np.ndarray | None = None,
     settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
+    change: Callable[[Columns, Columns], float] | None = None,
 ) -> dict[str, np.ndarray]:
     """All channels at crank angles, by column of `jointgap.dynamics.solver.sampling`, with the ``time`` [s].
 
@@ -72,6 +76,9 @@ def channels_at(
     perturbation : (6,) array, optional
         Clearance vectors at the start [m]; zero by default.
     settings : SimulationSettings
+    change : function, optional
+        How far what is read of a motion is from what is read a revolution later, from all channels (n,) of both [1].
+        With it one settled revolution may stand for the record; without it the whole record is simulated.
     """
     if _is_kinematic(p):
         return _sampled(p, angles, lambda sorted_angles: _kinematic_motion(p, sorted_angles))
@@ -81,32 +88,25 @@ def channels_at(
         return integrate_to_angles(p, start, sorted_angles, tolerance)
 
     settled = angles.min() > p.drive.start_angle + settings.transient_revolutions * tau
-    if perturbation is None and _may_repeat(p) and settled:
-        # One settled revolution stands for all of them, if its ends agree.
-        begin = p.drive.start_angle + settings.settling_revolutions * tau
-        within = begin + np.mod(angles - begin, tau)
-        ends_agree = settings.repeats_share_of_clearance, settings.min_clearance_m
-        sampled = _sampled(p, np.append(within, [begin, begin + tau]), integrate, ends_agree)
-        if sampled is not None:
-            kept = {name: values[:-2] for name, values in sampled.items()}
-            return kept | {"crank_angle": angles, "time": _times(p, angles)}
+    if change is not None and perturbation is None and _may_repeat(p) and settled:
+        # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
+        for dropped in settings.settled_after:
+            begin = p.drive.start_angle + dropped * tau
+            within = begin + np.mod(angles - begin, tau)
+            both = _sampled(p, np.append(within - tau, within), integrate)
+            before = {name: values[: angles.size] for name, values in both.items()}
+            kept = {name: values[angles.size :] for name, values in both.items()}
+            if change(before, kept) < settings.settled_length:
+                return kept | {"crank_angle": angles, "time": _times(p, angles)}
     return _sampled(p, angles, integrate)
 
 
 def _sampled(
-    p: Parameters,
-    angles: np.ndarray,
-    integrate: Callable[[np.ndarray], IntegrationResult],
-    ends_agree: tuple[float, float] | None = None,
-) -> dict[str, np.ndarray] | None:
-    """Channels at `angles`; None where the states at the last two differ by more than `ends_agree`, if given.
-
-    `ends_agree` is a share [1] of the least clearance, and what stands for that clearance at least [m].
-    """
+    p: Parameters, angles: np.ndarray, integrate: Callable[[np.ndarray], IntegrationResult]
+) -> dict[str, np.ndarray]:
+    """Channels at `angles`."""
     sorted_angles, places = np.unique(np.append(p.drive.start_angle, angles), return_inverse=True)
     motion = integrate(sorted_angles)
-    if ends_agree is not None and _state_distance(p, motion, *places[-2:], ends_agree[1]) > ends_agree[0]:
-        return None
     columns = motion.observed(p) | {"time": motion.times}
     return {name: values[places[1:]] for name, values in columns.items()}
 
@@ -122,17 +122,6 @@ def _may_repeat(p: Parameters) -> bool:
     fluctuating = p.drive.kind == FLUCTUATING and p.drive.order == round(p.drive.order)
     steady = p.drive.kind == CONSTANT or fluctuating
     return bool(steady and not p.effects.harmonic and not p.slider_formula.length and not p.crank_formula.length)
-
-
-def _state_distance(p: Parameters, motion: IntegrationResult, sample: int, other: int, min_clearance: float) -> float:
-    """Distance of two states over the least clearance [1]; velocities count as lengths over `VELOCITY_TIME`."""
-    state = motion.states[sample] - motion.states[other]
-    auxiliary = motion.auxiliary_states[sample] - motion.auxiliary_states[other]
-    lengths = np.concatenate([state[:4], auxiliary[[0, 1, 3]]])
-    rates = np.concatenate([state[4:], auxiliary[[4, 5, 7]]])
-    clearances = [getattr(p, joint).clearance for joint in JOINTS if getattr(p, joint).loose]
-    distance = max(np.abs(lengths).max(), VELOCITY_TIME * np.abs(rates).max())
-    return float(distance / max(min(clearances, default=0.0), min_clearance))
 
 
 def _is_kinematic(p: Parameters) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from jointgap.config import Mechanism
-from jointgap.config.campaign_file import Campaign, CampaignRun
+from jointgap.config.campaign_file import Campaign, CampaignRun, Start
 from jointgap.config.nuisance_bounds import MOTOR_LINE
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.measured_drive import smooth_angle
@@ -49,10 +49,23 @@ def starts_with_record(run: CampaignRun) -> bool:
     return run.start in ("at_rest", "dead_centre")
 
 
-def _settling_revolutions(run: CampaignRun, mechanism: Mechanism, speed: float, settings: SimulationSettings) -> int:
+def began_anywhere(run: CampaignRun) -> bool:
+    """Whether nobody knows where the motion began, as long before the first sample as it takes to settle."""
+    return run.start in ("settled", "unknown")
+
+
+def _turned_before(run: CampaignRun, start: Start, first: float, speed: float) -> float:
+    """How far the crank turned [rad] from a stated start to the `first` angle [rad], at `speed` [rad/s]."""
+    turned = start.turned or (start.ran or 0.0) * speed
+    if start.angle is None:
+        return turned
+    angle = -start.angle if run.direction == "clockwise" else start.angle  # of its mirror image, as the others
+    part = float(np.mod(first - angle, tau))
+    return part + tau * max(round((turned - part) / tau), 0)
+
+
+def _settling_revolutions(mechanism: Mechanism, speed: float, settings: SimulationSettings) -> int:
     """Revolutions to simulate before the first sample: more than usual where a bending rod rings for long."""
-    if starts_with_record(run):
-        return 0
     bending = mechanism.effect("rod_flexibility")
     if bending is None:
         return settings.settling_revolutions
@@ -69,6 +82,7 @@ def constant_speed_run(
     offset: float,
     tolerance: float,
     settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
+    earlier: float = 0.0,
 ) -> DrivenRun:
     """A crank of prescribed speed, steady or fluctuating.
 
@@ -85,9 +99,15 @@ def constant_speed_run(
     tolerance : float
         Local error of a step [m].
     settings : SimulationSettings
+    earlier : float
+        How far the crank turns [rad] beyond what is usual before the first sample.
     """
     first, speed = values.get("first_angle", samples.first_angle) - offset, values.get("speed", samples.speed)
-    back = tau * _settling_revolutions(run, mechanism, speed, settings)
+    back = earlier
+    if isinstance(run.start, Start):
+        back += _turned_before(run, run.start, first, speed)
+    elif not starts_with_record(run):
+        back += tau * _settling_revolutions(mechanism, speed, settings)
     if not samples.timed:
         angles = samples.angle + (first - samples.first_angle)
         p = parameters(mechanism, options_of(speed, angles.min() - back, tolerance))
@@ -194,6 +214,7 @@ def motor_run(
     offset: float,
     tolerance: float,
     settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
+    earlier: float = 0.0,
 ) -> DrivenRun:
     """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean.
 
@@ -201,7 +222,7 @@ def motor_run(
     ----------
     campaign : Campaign
         Has the motor's data, which ``stall_torque`` [N m] and ``no_load_speed`` [rad/s] among `values` replace.
-    mechanism, run, samples, values, offset, tolerance, settings
+    mechanism, run, samples, values, offset, tolerance, settings, earlier
         As for `constant_speed_run`.
     """
     line = {key: values[key] for key in MOTOR_LINE if key in values}
@@ -210,6 +231,8 @@ def motor_run(
     start_speed, back = speed, 0.0
     if run.start == "at_rest":
         start_speed = settings.rest_speed_rad_s
+    elif isinstance(run.start, Start):
+        back = _turned_before(run, run.start, first, speed)
     elif not starts_with_record(run):
         crank = mechanism.crank
         reciprocating = (
@@ -218,7 +241,7 @@ def motor_run(
         inertia = motor.inertia + crank.inertia + crank.mass * crank.mass_centre**2 + reciprocating
         settling_time = settings.settling_time_constants * inertia * motor.no_load_speed / motor.stall_torque
         needed = max(settings.settling_revolutions, math.ceil(settling_time * speed / tau))
-        back = tau * min(needed, settings.max_settling_revolutions)
+        back = tau * min(needed, settings.max_settling_revolutions) + earlier
     p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
     # a little more than the crank turns at no load, the fastest that it can be
     reach = 1.05 * max(samples.elapsed[-1] * motor.no_load_speed, tau)

@@ -19,7 +19,7 @@ from jointgap.slider_crank.chaotic_channels import (
     simulated_statistics,
 )
 from jointgap.slider_crank.nuisances import run_nuisances, shared_nuisances
-from jointgap.slider_crank.run_simulation import NUMERICS, RunPlan, channels_read
+from jointgap.slider_crank.run_simulation import RunPlan, channels_read, numerics_for
 from jointgap.slider_crank.sensor_faults import sensor_candidates
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
 
@@ -62,7 +62,7 @@ class SliderCrankModel:
             for p in run_nuisances(campaign, plan.run, plan.samples, run in searched, settings.nuisances)
         ]
         self.nuisances: tuple[Parameter, ...] = (*shared_nuisances(campaign, settings.nuisances), *own)
-        self.numerics = NUMERICS
+        self.numerics = numerics_for(campaign)
         self._chaotic = {}
         for run, plan in plans.items():
             values = self.nominal(run)

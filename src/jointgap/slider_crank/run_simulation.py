@@ -1,5 +1,6 @@
 """What the sensors of one run read: from values of nuisances and effects over the motion to the channels."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import tau
@@ -12,9 +13,10 @@ from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.dynamics.model.parameters import Parameters
 from jointgap.identification.protocol import Effects
 from jointgap.joints import JOINTS
+from jointgap.recordings.recording import noise_of
 from jointgap.slider_crank import driven_run as drives
 from jointgap.slider_crank import sensors
-from jointgap.slider_crank.channel_kinematics import channels_at, tolerance_for
+from jointgap.slider_crank.channel_kinematics import Columns, channels_at, tolerance_for
 from jointgap.slider_crank.modified_mechanism import mirrored, simulated_effects, with_effects, with_nuisances
 from jointgap.slider_crank.sample_grid import SampleGrid
 from jointgap.slider_crank.sensor_faults import Faults
@@ -23,8 +25,16 @@ from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
 NUMERICS = (
     "friction regularised by Threlfall's law",
     "a tenth of the tolerance",
+    "another start",
 )
-"""Other numerics that are as good as the usual ones, in words: what they change in a prediction is no disagreement."""
+"""Other numerics that are as good as the usual ones, in words: what they change in a prediction is no disagreement. The
+last one is for joints that are loose and a start that nobody knows."""
+
+
+def numerics_for(campaign: Campaign) -> tuple[str, ...]:
+    """Those of `NUMERICS` that can change anything in a campaign."""
+    free = campaign.drive != "measured_angle" and any(drives.began_anywhere(run) for run in campaign.runs)
+    return NUMERICS if free and campaign.mechanism.applied().loose else NUMERICS[:-1]
 
 
 @dataclass(frozen=True)
@@ -100,7 +110,9 @@ def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> d
         mechanism = mirrored(mechanism)
     finer, change = other_numerics(numerics)
     tolerance = finer * tolerance_for(mechanism, plan.settings.simulation)
-    driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance)
+    another = numerics == len(NUMERICS) and drives.began_anywhere(plan.run)
+    earlier = plan.settings.simulation.other_start_revolutions * tau if another else 0.0
+    driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier)
     change(driven.numbers)
     harmonic = driven.numbers.effects
     # phases of forces count from the record's time 0, that of the simulation is earlier
@@ -124,14 +136,18 @@ def _threlfall(p: Parameters) -> None:
             joint.friction_speed *= other.slope_at_zero / usual.slope_at_zero  # the same slope at zero speed
 
 
-def _driven_run(campaign, plan, mechanism: Mechanism, values, faults: Faults, tolerance) -> drives.DrivenRun:
+def _driven_run(
+    campaign, plan, mechanism: Mechanism, values, faults: Faults, tolerance, earlier: float
+) -> drives.DrivenRun:
     settings = plan.settings.simulation
     if plan.pieces is not None:
         return drives.measured_angle_run(mechanism, plan.samples, plan.pieces, faults.offset, faults.lag, tolerance)
     offset = faults.offset - faults.lag * values.get("speed", plan.samples.speed)  # an encoder that lags reads less
     if campaign.drive == "motor":
-        return drives.motor_run(mechanism, campaign, plan.run, plan.samples, values, offset, tolerance, settings)
-    return drives.constant_speed_run(mechanism, plan.run, plan.samples, values, offset, tolerance, settings)
+        return drives.motor_run(
+            mechanism, campaign, plan.run, plan.samples, values, offset, tolerance, settings, earlier
+        )
+    return drives.constant_speed_run(mechanism, plan.run, plan.samples, values, offset, tolerance, settings, earlier)
 
 
 def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, np.ndarray]:
@@ -145,8 +161,9 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, 
     if corners or any(map(faults.need_grid, channels)):
         grid = _filter_times(plan, driven, corners)
         angles = np.append(angles, driven.at(grid))
-    true = channels_at(driven.numbers, angles, tolerance, perturbation, plan.settings.simulation)
     count = driven.angles.size
+    change = _change_over_noise(campaign, plan, count) if drives.began_anywhere(plan.run) else None
+    true = channels_at(driven.numbers, angles, tolerance, perturbation, plan.settings.simulation, change)
     elapsed = true["time"][:count] - driven.begin
     readings = {}
     for name, channel in channels.items():
@@ -169,6 +186,25 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, 
             read = read + sensors.at_times(elapsed, grid, change)
         readings[name] = faults.after_filter(name, read)
     return readings
+
+
+def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int) -> Callable[[Columns, Columns], float]:
+    """Length of the change of what is read at the first `count` places, over its noise.
+
+    Where the noise is not stated, it is taken for a share of what the channel varies by. Filters and faults are left
+    out: they make it no larger.
+    """
+    stated, share = noise_of(campaign, plan.run.id), plan.settings.chaos.unstated_noise_share
+    channels = [name for name in plan.channels if name != "crank_angle"]
+
+    def change(one: Columns, other: Columns) -> float:
+        square = 0.0
+        for name in channels:
+            sd = stated.get(name) or share * float(np.std(one[name][:count])) or 1e-300
+            square += float(np.sum(((one[name][:count] - other[name][:count]) / sd) ** 2))
+        return math.sqrt(square)
+
+    return change
 
 
 def _filter_times(plan: RunPlan, driven: drives.DrivenRun, corners: list[float]) -> np.ndarray:

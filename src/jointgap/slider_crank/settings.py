@@ -32,11 +32,16 @@ class SimulationSettings:
         The most, for slow transients (a bending rod, a motor): a guard against simulations without end.
     settling_time_constants : float
         [1] Length of a slow transient: exp(-7) is a thousandth.
-    repeats_share_of_clearance : float
-        [1, of the least clearance] The ends of a settled revolution may differ by this for it to stand for all later
-        ones. Whitened channels are off by about 1 in length then; a later record is not nearer to the settled motion.
-    min_clearance_m : float
-        [m] Stands for the least clearance there where none is as large.
+    settled_length : float
+        [1] A revolution stands for all later ones if what is read changed by less than this from the one before it: the
+        length, over all samples and channels, of the change over the noise. A parameter is then off by a standard error
+        at most, and by much less as a rule, for each change is a small part of the one before.
+    settled_after : tuple of int
+        Revolutions dropped before the one that is kept, in turn. After three all but a few motions have settled; what
+        has not after six is simulated as long as the record, which is hardly longer.
+    other_start_revolutions : float
+        [revolutions] How much earlier the motion begins for another start: one, and the part of the next that meets no
+        symmetry of a slider-crank (the golden section).
     transient_revolutions : float
         A record that begins earlier than this after the start is simulated in full: its user wants to see how the
         motion settles.
@@ -52,8 +57,9 @@ class SimulationSettings:
     settling_revolutions: int = 2
     max_settling_revolutions: int = 30
     settling_time_constants: float = 7.0
-    repeats_share_of_clearance: float = 2e-3
-    min_clearance_m: float = 1e-5
+    settled_length: float = 1.0
+    settled_after: tuple[int, ...] = (3, 6)
+    other_start_revolutions: float = 1.382
     transient_revolutions: float = 1.5
     motor_samples_per_revolution: int = 60
     rest_speed_rad_s: float = 1e-3
