@@ -1,0 +1,64 @@
+"""What both pins share beyond the range that a campaign states is found, named and told with its value."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.identification.baseline import other_numerics, recalibrate
+from jointgap.identification.hypothesis_fits import fit_singles
+from jointgap.identification.model_selection import refit_and_decide
+from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.thresholds import thresholds
+from jointgap.identification.whitening import Noise
+from jointgap.joints import PINS
+from jointgap.recordings import Measurements
+from jointgap.slider_crank import build_model
+from tests.slider_crank.rigs import campaign, mechanism, recorded
+
+CHANNELS = ("time", "crank_angle", "crank_torque", "slider_acceleration")
+RANGES = {"joint_friction": [0.05, 0.15], "restitution": [0.3, 0.9]}
+FRICTION = {"joint_friction": 0.1, "restitution": 0.03}  # with much friction pins hardly leave their bearings
+
+
+def measured(nuisance, value):
+    """A campaign with both pins loose, what its sensors read where the nuisance has this value, and the noise."""
+    ranges = {nuisance: RANGES[nuisance]}
+    own = campaign(mechanism(PINS, FRICTION[nuisance]), CHANNELS, nuisance=ranges)
+    recordings, random, noises = recorded(own).runs, np.random.default_rng(8), {}
+    model = build_model(own, Measurements(recordings))
+    for run, recording in recordings.items():
+        read = model.simulate(run, model.nominal(run) | {nuisance: value})
+        channels = {}
+        for channel in ("crank_torque", "slider_acceleration"):
+            sd = 0.005 * float(np.std(read[channel]))
+            noises[run, channel] = Noise(np.full(read[channel].size, sd))
+            channels[channel] = read[channel] + sd * random.standard_normal(read[channel].size)
+        recordings[run] = replace(recording, channels=channels)
+    model = build_model(own, Measurements(recordings))
+    for series in model.series:
+        noises.setdefault(series.key, Noise(np.full(series.value.size, 1e-3)))
+    return model, noises
+
+
+@pytest.mark.parametrize(
+    ("nuisance", "value", "label"),
+    [
+        # a base in a valley of its own is fitted by way of smoothed residuals
+        pytest.param("restitution", 0.2, "common_pin_restitution", marks=pytest.mark.slow),
+        ("joint_friction", 0.21, "common_pin_friction"),
+    ],
+)
+def test_both_pins_beyond_the_range_are_one_effect(nuisance, value, label):
+    model, noises = measured(nuisance, value)
+    model.candidates = tuple(
+        one for one in model.candidates if one.name in ("common_pin_restitution", "common_pin_friction", "pin_friction")
+    )
+    base = recalibrate(model, noises)
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    decision = refit_and_decide(base, signatures, fit_singles(base, signatures, limits)[0], limits)
+    assert (decision.verdict, decision.chosen.label) == ("named", label)
+    candidate = decision.chosen.hypothesis[0]
+    found = candidate.parameters({"change": decision.chosen.mapping[f"{label}.change"]})
+    assert found["coefficient"] == pytest.approx(value, abs=0.02)
