@@ -283,6 +283,7 @@ def rows_of(*rows) -> pd.DataFrame:
     frame = pd.DataFrame([dict(zip(names, row, strict=True)) for row in rows])
     numbers = {"error": 0.1, "covered": 0.5, "closed": 0.9, "gap_after": 1.1, "seconds": 1.0}
     numbers |= {"windows": 4.0, "false_windows": 1.0, "bins_off": 10.0, "missed_bins": 3.0}
+    numbers |= {"nuisances": 8.0, "nuisances_covered": 7.0}
     return frame.assign(hidden="gravity", told=False, named="gravity", greedy="wrong", sparse="not asked", **numbers)
 
 
@@ -335,6 +336,7 @@ def test_every_rate_counts_the_trials_that_it_says():
         "undetectable, as preflight says": (1, 9),
         "failed": (1, 15),
         "size within the 90 % interval": (2, 5),  # five halves, to the even number
+        "nuisance within its 90 % interval": (105, 120),
         "false windows": (15, 60),
         "bins missed": (45, 150),
         "greedy BIC: right name": (0, 5),
@@ -431,3 +433,19 @@ def test_the_rates_of_wrongly_wired_data_are_by_base_and_damage():
     table = rates(pd.DataFrame(rows).reindex(columns=[column.name for column in TRIALS.columns]))
     told = table[table["what"] == "told which channel, data wired wrongly"].set_index("group")
     assert told.loc[["all", "base ideal", "sign", "gain"], "value"].tolist() == [0.5, 0.5, 1.0, 0.0]
+
+
+def test_nuisances_count_where_the_model_is_right_and_an_interval_is_stated():
+    stated = {
+        "slider_mass": {"value": 0.5, "sd": 0.1, "interval_90": [0.4, 0.6]},
+        "rod_mass": {"value": 0.7, "sd": None, "interval_90": [0.65, 0.7], "remark": "at its bound"},
+        "rod_inertia": {"value": 0.1, "sd": None, "interval_90": [None, None], "remark": "changes nothing"},
+        "first_angle@slow": {"value": 0.1, "sd": 0.1, "interval_90": [0.0, 0.2]},
+    }
+    known = truth(DRAG) | {"nuisances": {"slider_mass": 0.58, "rod_mass": 0.8, "rod_inertia": 0.1}}
+    found = analysis(effects=[named(DRAG)])
+    found["verdict"]["nuisances"] = stated
+    row = score_trial(known, found)
+    assert (row["nuisances"], row["nuisances_covered"]) == (2.0, 1.0)
+    found["verdict"]["effects"] = [named(SPRING)]
+    assert math.isnan(score_trial(known, found)["nuisances"])

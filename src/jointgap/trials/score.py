@@ -67,6 +67,8 @@ _NUMBERS = {
     "seconds": ("s", "time that the analysis took"),
     "error": ("1", "relative error of the effect's size, where it is named right"),
     "covered": ("1", "share of sizes within their 90 % interval"),
+    "nuisances": ("1", "nuisances for which the verdict states an interval, where it is right and not ambiguous"),
+    "nuisances_covered": ("1", "of these, within their 90 % interval"),
     "gap_before": ("1", "gap of the held-out run before"),
     "gap_after": ("1", "gap of the held-out run after"),
     "closed": ("1", "share of the held-out excess closed, where the gap before is over 1.5"),
@@ -181,6 +183,8 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     if "damage" in truth:
         return row
     sizes = _size_errors(truth, verdict) if row["outcome"] == "right" else {}
+    if row["outcome"] == "right" and verdict["verdict"] != "ambiguous":
+        sizes |= _nuisances_covered(truth, verdict)
     return row | sizes | _held_out_gaps(verdict) | _windows(truth, verdict)
 
 
@@ -296,6 +300,17 @@ def _size_errors(truth: Mapping, verdict: Mapping) -> dict[str, float]:
         low, high = estimate["interval_90"]
         covered.append(float(low is not None and low <= true <= high))
     return {"error": float(np.mean(errors)), "covered": float(np.mean(covered))} if errors else {}
+
+
+def _nuisances_covered(truth: Mapping, verdict: Mapping) -> dict[str, float]:
+    """How many nuisances have an interval, and how many true values lie in it."""
+    inside = []
+    for key, estimate in verdict.get("nuisances", {}).items():
+        low, high = estimate.get("interval_90") or (None, None)
+        true = truth.get("nuisances", {}).get(key)
+        if low is not None and true is not None:
+            inside.append(low <= true <= high)
+    return {"nuisances": float(len(inside)), "nuisances_covered": float(sum(inside))} if inside else {}
 
 
 def _held_out_gaps(verdict: Mapping) -> dict[str, float]:

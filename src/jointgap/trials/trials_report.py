@@ -74,6 +74,10 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         _outcomes("failed", trials, "failed"),
         _median("error of the size", single["error"]),
         _share_of_values("size within the 90 % interval", single["covered"]),
+        *(
+            _share_of_sums("nuisance within its 90 % interval", own["nuisances_covered"], own["nuisances"], group)
+            for group, own in {"all": trials, **{f"base {b}": trials[trials["base"] == b] for b in BASES}}.items()
+        ),
         _median("share of the excess closed", single["closed"]),
         _median("gap after", single.loc[single["outcome"] == "right", "gap_after"]),
         _share_of_sums("false windows", trials["false_windows"], trials["windows"]),
@@ -132,8 +136,8 @@ def _share_of_values(what: str, values: pd.Series) -> dict:
     return _share_of_counts(what, "all", round(defined.sum()), len(defined))
 
 
-def _share_of_sums(what: str, part: pd.Series, total: pd.Series) -> dict:
-    return _share_of_counts(what, "all", int(part.sum()), int(total.sum()))
+def _share_of_sums(what: str, part: pd.Series, total: pd.Series, group: str = "all") -> dict:
+    return _share_of_counts(what, group, int(part.sum()), int(total.sum()))
 
 
 def _median(what: str, values: pd.Series, group: str = "all") -> dict:
