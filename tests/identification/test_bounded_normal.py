@@ -151,3 +151,14 @@ def test_with_parameters_held_at_their_bounds_intervals_hold_too_rarely():
         sd = np.sqrt(np.diag(fit.covariance()))
         inside += list((np.abs(fit.values - truth) <= 1.645 * sd)[sd > 0.0])
     assert np.mean(inside) < 0.8
+
+
+def test_of_two_parameters_that_change_the_same_the_ranges_say_what_the_data_do_not():
+    rng = np.random.default_rng(1)
+    one = rng.normal(size=(40, 1))
+    jacobian = np.hstack([1e4 * one, 3e4 * one])
+    low, high = -np.ones(2), np.ones(2)
+    known = bounded_normal(jacobian, np.zeros(2), 30.0, np.array([-1.0, 0.0]), low, high, np.empty((0, 2)))
+    assert np.isfinite(known.covariance).all()
+    assert np.all(known.draws >= low)
+    assert np.all(known.draws <= high)

@@ -107,11 +107,12 @@ def _gibbs(
 ) -> np.ndarray:
     """Draws (s, k) of the density exp(pull x - x precision x / 2) from `low` to `high` (k,), along `axes` (a, k)."""
     generator = np.random.default_rng(0)
+    least = 1e-12 * np.trace(precision)  # of what changes nothing, rounding may leave less than none
     x = np.zeros((settings.chains, low.size))
     kept = []
     for sweep in range(settings.settling_sweeps + settings.sweeps):
         for axis in axes:
-            curvature = float(axis @ precision @ axis)
+            curvature = max(float(axis @ precision @ axis), least)
             moving = np.abs(axis) > 1e-12
             with np.errstate(invalid="ignore"):
                 ends = (low - x)[:, moving] / axis[moving], (high - x)[:, moving] / axis[moving]
