@@ -62,7 +62,8 @@ class SliderCrank:
     Parameters
     ----------
     mechanism : Mechanism
-        Loose joints have the law lankarani_nikravesh and no friction or ambrosio's without dead band; no effects.
+        Loose joints have the law lankarani_nikravesh and no friction or ambrosio's without dead band; no effects. What
+        a contact with memory that fades is damped by beyond the published law is a user function, without friction.
     speed, start_angle : float
         Of the crank [rad/s, rad].
     perturbation : dict of str to (x, y)
@@ -178,9 +179,14 @@ class SliderCrank:
             markers = {body: centres[name][body]() for body in BODIES[name]}
             journal = markers.pop(joint.journal)
             (bearing,) = markers.values()
-            contact = self.parts.clearance_joint(joint, journal, bearing)
+            contact = self.parts.clearance_joint(joint, journal, bearing, self._mass_beyond(name))
             for variable in ("DisplacementLocal", "Force") if recorded else ():
                 self.sensors[name, variable] = self.parts.sensor(contact, variable)
+
+    def _mass_beyond(self, joint: str) -> float:
+        """Mass [kg] of all that moves beyond a joint."""
+        mass = self.mechanism.rod.mass + self.mechanism.slider.mass
+        return mass + self.mechanism.crank.mass if joint == "crank_pivot" else mass
 
     def _crank(self):
         crank, loose = self.mechanism.crank, "crank_pivot" in self.loose

@@ -27,6 +27,55 @@ def hertz_stiffness(journal_radius: float, bearing_radius: float, youngs_modulus
     return 4 / (6 * compliance) * math.sqrt(bearing_radius * journal_radius / (bearing_radius - journal_radius))
 
 
+MEMORY = 2.5
+"""Durations of the slowest elastic impact after which a contact begins to forget, and in which it does."""
+
+
+def slowest_impact(stiffness: float, exponent: float, mass: float, speed: float) -> float:
+    """Duration [s] of an elastic impact of `mass` [kg] at `speed` [m/s]."""
+    depth = ((exponent + 1) * mass * speed**2 / (2 * stiffness)) ** (1 / (exponent + 1))
+    first, half = 1 / (exponent + 1), 0.5
+    beta = math.gamma(first) * math.gamma(half) / math.gamma(first + half)
+    return 2 * depth / speed * beta / (exponent + 1)
+
+
+class FadingDamping:
+    """What a contact that lasts is damped by beyond Exudyn's own law, which keeps the approach speed: a user function.
+
+    Parameters
+    ----------
+    numbers : dict
+        Of Exudyn's contact, by its own names.
+    duration, reference : float
+        Of the slowest elastic impact [s]; approach speed as whose impact a lasting contact is damped [m/s].
+    """
+
+    def __init__(self, numbers: dict, duration: float, reference: float):
+        self.numbers, self.duration, self.reference = numbers, duration, reference
+        self.approach, self.begin = 0.0, math.inf
+
+    def begin_step(self, time: float, approach: float):
+        """A contact began where Exudyn's approach speed is another one than before; it ends a step there."""
+        if approach != self.approach:
+            self.approach, self.begin = approach, time
+
+    def force(self, mbs, time, item, displacement, velocity, *_):
+        """Exudyn's user function for the force in a spring from the journal's centre to the bearing's."""
+        share = min((time - self.begin) / (MEMORY * self.duration) - 1, 1)
+        distance = math.hypot(*displacement)
+        radii = self.numbers["spheresRadii"]
+        depth = distance - (radii[1] - radii[0])
+        if share <= 0 or depth <= 0:
+            return [0.0, 0.0, 0.0]
+        faded = share**5 * sum(math.comb(4 + k, k) * (1 - share) ** k for k in range(5))
+        normal = [component / distance for component in displacement]
+        rate = sum(n * v for n, v in zip(normal, velocity, strict=True))
+        elastic = self.numbers["contactStiffness"] * depth ** self.numbers["contactStiffnessExponent"]
+        chi = 1.5 * (1 - self.numbers["restitutionCoefficient"])
+        size = faded * (chi / self.reference - chi / self.approach) * elastic * rate
+        return [size * n for n in normal]
+
+
 class Parts:
     """An empty Exudyn system and what can be put into it; everything is addressed by Exudyn's numbers."""
 
@@ -37,6 +86,7 @@ class Parts:
         self.exudyn, self.items = exudyn, exudyn.utilities
         self.container = exudyn.SystemContainer()
         self.system = self.container.AddSystem()
+        self.fading = []
 
     def body(self, mass: float, inertia: float, position, velocity) -> tuple[int, int]:
         """Body in the plane with x, y [m], angle [rad] of its mass centre and their rates: object and node."""
@@ -91,29 +141,55 @@ class Parts:
             self.items.MarkerKinematicTreeRigid(objectNumber=chain, linkNumber=link, localPosition=[along, 0.0, 0.0])
         )
 
-    def clearance_joint(self, joint, journal: int, bearing: int) -> int:
-        """Contact of the journal with its bearing, each given by the marker at its centre; `joint` is the package's."""
+    def clearance_joint(self, joint, journal: int, bearing: int, mass: float) -> int:
+        """Contact of the journal with its bearing, each given by the marker at its centre; `joint` is the package's.
+
+        `mass` [kg] is that of all that moves beyond the joint. A contact that forgets its impact is to be without friction.
+        """
         contact = joint.contact
         node = self.system.AddNode(
             self.items.NodeGenericData(initialCoordinates=[1.0, 0.0, 0.0, 0.0], numberOfDataCoordinates=4)
         )
+        stiffness = contact.stiffness or hertz_stiffness(
+            joint.journal_radius, joint.bearing_radius, contact.youngs_modulus, contact.poisson_ratio
+        )
+        numbers = {
+            "spheresRadii": [joint.journal_radius, joint.bearing_radius],
+            "contactStiffness": stiffness,
+            "contactStiffnessExponent": contact.exponent,
+            "restitutionCoefficient": (1 + contact.restitution**2) / 2,
+        }
+        if contact.reference_speed is not None:
+            duration = slowest_impact(stiffness, contact.exponent, mass, contact.least_approach_speed)
+            self._forget(FadingDamping(numbers, duration, contact.reference_speed), node, journal, bearing)
         return self.system.AddObject(
             self.items.ObjectContactSphereSphere(
                 markerNumbers=[journal, bearing],
                 nodeNumber=node,
-                spheresRadii=[joint.journal_radius, joint.bearing_radius],
                 isHollowSphere1=True,
-                contactStiffness=contact.stiffness
-                or hertz_stiffness(
-                    joint.journal_radius, joint.bearing_radius, contact.youngs_modulus, contact.poisson_ratio
-                ),
-                contactStiffnessExponent=contact.exponent,
                 impactModel=1,
-                restitutionCoefficient=(1 + contact.restitution**2) / 2,
                 dynamicFriction=contact.friction,
                 frictionProportionalZone=contact.friction_speed,
+                **numbers,
             )
         )
+
+    def _forget(self, damping: FadingDamping, node: int, journal: int, bearing: int):
+        """Add the forces of `damping`; the contact keeps its approach speed in the third number of its data `node`."""
+        self.system.AddObject(
+            self.items.ObjectConnectorCartesianSpringDamper(
+                markerNumbers=[journal, bearing], springForceUserFunction=damping.force
+            )
+        )
+        self.fading.append((damping, node))
+        coordinates = self.exudyn.OutputVariableType.Coordinates
+
+        def begin_step(mbs, time):
+            for one, at in self.fading:
+                one.begin_step(time, mbs.GetNodeOutput(at, coordinates)[2])
+            return True
+
+        self.system.SetPreStepUserFunction(begin_step)
 
     def sensor(self, item: int, variable: str) -> int:
         """Sensor that keeps `variable` of an object at every step."""

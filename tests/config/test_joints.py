@@ -9,6 +9,8 @@ from jointgap.config import Scenario, hertz_stiffness, parse_options, validate
 from jointgap.errors import InputError
 from tests.config.mechanisms import PIVOT, mechanism, paper, with_contact
 
+PENALTY = {"law": "penalty", "restitution": None, "penalty_damping": 1e3, "penalty_depth": "0.1 mm"}
+
 
 def test_the_papers_mechanism_has_two_loose_joints_and_an_ideal_pivot():
     assert paper().loose == ("crank_pin", "piston_pin")
@@ -161,3 +163,27 @@ def test_what_is_given_for_a_friction_law_is_taken():
     }
     given = with_contact(friction_law="lugre", **keys).joint("crank_pin").contact.friction_parameters()
     assert {key: given[key] for key in keys} == keys
+
+
+def test_a_contact_forgets_the_impact_that_it_began_with_unless_it_is_as_published():
+    assert with_contact().joint("crank_pin").contact.reference_speed == 0.05
+    assert with_contact(memory="fading").joint("crank_pin").contact.reference_speed == 0.05
+    faster = with_contact(reference_approach_speed="20 cm/s").joint("crank_pin").contact
+    assert faster.reference_speed == pytest.approx(0.2)
+    assert with_contact(memory="published").joint("crank_pin").contact.reference_speed is None
+    assert with_contact(**PENALTY).joint("crank_pin").contact.reference_speed is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"memory": "published", "reference_approach_speed": 0.1}, "memory published does not read reference_approach"),
+        ({"memory": "fading"} | PENALTY, "law penalty does not read memory"),
+        ({"reference_approach_speed": 0.1} | PENALTY, "law penalty does not read reference_approach_speed"),
+        ({"memory": "fade"}, "'fading' or 'published'"),
+        ({"reference_approach_speed": 0}, "reference_approach_speed"),
+    ],
+)
+def test_keys_of_memory_that_contradict_each_other_are_refused(keys, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        with_contact(**keys)

@@ -46,7 +46,7 @@ def test_memory_and_fading_last_as_long_as_is_documented():
         duration = impact_duration(numbers.stiffness, 1.5, mass, 1e-3)
         assert numbers.memory_time == pytest.approx(2.5 * duration, rel=1e-9)
         assert numbers.fading_time == pytest.approx(2.5 * duration, rel=1e-9)
-        assert numbers.lasting_damping == numbers.damping / 0.1
+        assert numbers.lasting_damping == numbers.damping / 0.05
 
 
 def test_the_published_form_and_the_penalty_form_never_fade():

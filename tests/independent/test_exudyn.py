@@ -52,6 +52,19 @@ def test_on_an_offset_slide_too(loose):
     assert max(found[90], found[180]) < 1e-10
 
 
+# Exudyn calls Python at every stage: seconds for two loose pins, a quarter of a minute and more for the rest.
+@pytest.mark.parametrize(
+    "loose", [SUBSETS[0], *(pytest.param(other, marks=pytest.mark.slow) for other in SUBSETS[1:])], ids=" ".join
+)
+def test_a_contact_that_forgets_its_impact_moves_alike_with_that_law_as_a_user_function(loose):
+    fading = mechanism(loose, memory="fading", reference_approach_speed=0.01)
+    found = differences(fading, 1e-12)
+    assert max(found[90], found[180]) < 1e-11
+    assert max(found.values()) < 1e-10
+    forgotten = np.abs(positions(fading) - positions(mechanism(loose)))[[90, 180]].max()
+    assert forgotten > 1e-8  # what the two forms differ by
+
+
 @pytest.mark.parametrize("loose", SUBSETS, ids=" ".join)
 def test_with_friction_the_motion_agrees_to_what_exudyn_can_do(loose):
     assert max(differences(mechanism(loose, **friction()), 1e-11).values()) < 1e-7

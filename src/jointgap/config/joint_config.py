@@ -38,7 +38,7 @@ FIRM_FORCE, FIRM_PENETRATION = 1e3, 1e-9
 Atoms are a fifth of it apart: a contact that yields less is rigid for all that continuum mechanics can say."""
 
 
-REFERENCE_APPROACH_SPEED = 0.1
+REFERENCE_APPROACH_SPEED = 0.05
 """Default of `reference_approach_speed` [m/s]."""
 
 
