@@ -144,7 +144,7 @@ class Parts:
     def clearance_joint(self, joint, journal: int, bearing: int, mass: float) -> int:
         """Contact of the journal with its bearing, each given by the marker at its centre; `joint` is the package's.
 
-        `mass` [kg] is that of all that moves beyond the joint. A contact that forgets its impact is to be without friction.
+        `mass` [kg] is that of all that moves beyond the joint. One that forgets its impact is to have no friction.
         """
         contact = joint.contact
         node = self.system.AddNode(
