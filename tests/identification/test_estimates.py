@@ -1,11 +1,13 @@
 """Estimates as a verdict states them: value, standard error, 90 % interval, and a remark where there is none."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import truncnorm
 
+from jointgap.identification.bounded_normal import BoundedNormal
 from jointgap.identification.estimates import (
     AT_BOUND,
     CHANGES_NOTHING,
@@ -122,3 +124,26 @@ def test_what_follows_from_a_coordinate_at_its_bound_has_an_interval_to_one_side
     found = effect_estimates(fit_of(stretch, 0.0, covariance=np.array([[0.04]])), stretch)["double"]
     assert found["sd"] is None and found["remark"] == AT_BOUND
     assert found["interval_90"] == pytest.approx([0.0, 2.0 * truncnorm(0.0, math.inf, 0.0, 0.2).ppf(0.9)], abs=0.03)
+
+
+def drawn(candidate, value, draws):
+    """A fit of one coordinate that is distributed as these draws."""
+    known = BoundedNormal(np.array([[np.var(draws)]]), np.array(draws, float)[:, None])
+    (p,) = candidate.coordinates
+    parameter = Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high)
+    return SimpleNamespace(parameters=(parameter,), values=np.array([value]), distribution=known)
+
+
+def test_no_end_of_an_interval_is_infinite():
+    force = Candidate("force", "slider", (Parameter("force_N", 0.0, 0.0, step=0.1),), ("force_N",))
+    found = effect_estimates(drawn(force, 9.0, np.linspace(0.0, 1.0, 101)), force)["force_N"]  # beyond all draws
+    assert found["interval_90"] == pytest.approx([0.1, 9.0])
+
+    def stiffness(values):
+        return {"stiffness": 1.0 / values["compliance"] if values["compliance"] else math.inf}
+
+    soft = Parameter("compliance", 0.0, 0.0, 1.0, step=0.1)
+    rod = Candidate("rod", "rod", (soft,), ("compliance",), parameters=stiffness)
+    found = effect_estimates(drawn(rod, 1.0, [0.0] * 20 + [1.0] * 80), rod)["stiffness"]
+    assert found["interval_90"] == [1.0, None]
+    assert found["remark"] == AT_BOUND

@@ -107,17 +107,21 @@ def _at_bound(
         return {"value": float(value), "sd": None, "interval_90": [None, None], "remark": AT_BOUND}
     draws = known.draws[:: max(len(known.draws) // DEFAULT_SETTINGS.intervals.mapped_draws, 1), columns]
     mapped = np.array([candidate.parameters(dict(zip(keys, map(float, row), strict=True)))[name] for row in draws])
-    return _from_draws(float(value), mapped, float(np.std(mapped)), float(mapped.min()), float(mapped.max()), True)
+    return _from_draws(float(value), mapped, np.nan, float(mapped.min()), float(mapped.max()), True)
 
 
 def _from_draws(value: float, draws: np.ndarray, sd: float, low: float, high: float, at_bound: bool) -> dict[str, Any]:
     """The estimate of a `value` that is distributed as its `draws` (s,) between `low` and `high`."""
-    ends = np.quantile(draws, [0.05, 0.95])
-    if value < ends[0]:
-        ends = [low, np.quantile(draws, 0.9)]
-    elif value > ends[1]:
-        ends = [np.quantile(draws, 0.1), high]
-    estimate = {"value": value, "sd": None if at_bound else sd, "interval_90": [float(end) for end in ends]}
+    with np.errstate(invalid="ignore"):  # some draws may be infinite
+        tail_low, inner_low, inner_high, tail_high = np.quantile(draws, [0.05, 0.1, 0.9, 0.95])
+    ends = [tail_low, tail_high]
+    if value < tail_low:
+        ends = [low if np.isfinite(low) else min(value, draws.min()), inner_high]
+    elif value > tail_high:
+        ends = [inner_low, high if np.isfinite(high) else max(value, draws.max())]
+    # what grows without end at a bound, as the frequency of a rod that does not bend, has no end there
+    interval = [float(end) if np.isfinite(end) else None for end in ends]
+    estimate = {"value": value, "sd": None if at_bound else sd, "interval_90": interval}
     return estimate | {"remark": AT_BOUND} if at_bound else estimate
 
 
