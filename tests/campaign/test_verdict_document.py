@@ -11,10 +11,13 @@ import pytest
 from scipy.stats import truncnorm
 
 from jointgap.campaign import verdict
-from jointgap.campaign.tables_of_identification import Outcome
+from jointgap.campaign.tables_of_identification import Outcome, outcome_with_law, ranking_frame
 from jointgap.errors import InputError
+from jointgap.identification.decide_verdict import weigh
 from jointgap.identification.fit import Fit
+from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.identification.thresholds import Thresholds
 
 SAMPLES = 100
 LN = float(np.log(SAMPLES))
@@ -253,3 +256,25 @@ def test_what_is_best_but_not_proven_stands_with_its_end_its_test_and_its_neares
     alone = document(replace(outcome, ranking=ranking.head(1)))["best_known"]
     assert alone["rival"] is None
     assert document(replace(outcome, best_known=None))["best_known"] is None
+
+
+@pytest.mark.parametrize(
+    ("chi2", "known", "shown"),
+    [
+        (50.0, 60.0, "law"),
+        (70.0, 60.0, "effect"),
+        (880.0, None, "law"),  # ahead of the base by 900 - 880 less ln n
+        (890.0, None, None),
+    ],
+)
+def test_a_formula_that_is_not_named_is_best_known_where_it_is_better_than_every_effect(chi2, known, shown):
+    base, law = fitted([], [1.0], 900.0), fitted([CUBE], [1.5, -2.5], chi2)
+    effect = None if known is None else fitted([FRICTION], [1.5, 20.0], known)
+    limits = Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=12.0)
+    found = Outcome("unexplained", "it is poor", base, base, [], ranking_frame([]), effect)
+    proposed = ForceLawResult(law, False, "it explains little", ranking=[weigh(base, law, limits)])
+    outcome = outcome_with_law(found, proposed)
+    best = {"law": law, "effect": effect, None: None}[shown]
+    assert outcome.best_known is best
+    (row,) = outcome.ranking.to_dict("records")
+    assert row["place"] == ("best_known" if shown == "law" else "")

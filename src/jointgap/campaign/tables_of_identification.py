@@ -20,6 +20,7 @@ from jointgap.identification.noise_model import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import LinearizedFit, Signature, Signatures
+from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.tables.results_folder import Frames
 
 JOINED = " + "
@@ -400,7 +401,8 @@ def with_places(outcome: Outcome) -> Outcome:
 
 
 def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
-    """The outcome with a force law for what is missing, where one is accepted and has no rival.
+    """The outcome with a force law for what is missing, where one is accepted and has no rival; else with the better
+    one of the law and of what is best known.
 
     Parameters
     ----------
@@ -410,7 +412,12 @@ def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
     """
     ranking = pd.concat([outcome.ranking, ranking_frame(proposed.ranking)], ignore_index=True)
     if not proposed.named:
-        return replace(outcome, because=f"{outcome.because}; {proposed.reason}", ranking=ranking)
+        known = outcome.best_known
+        enough = outcome.base.bic - DEFAULT_SETTINGS.decision.min_delta_bic if known is None else known.bic
+        if proposed.fit is not None and proposed.fit.bic < enough:
+            known = proposed.fit
+        because = f"{outcome.because}; {proposed.reason}"
+        return with_places(replace(outcome, because=because, ranking=ranking, best_known=known))
     return with_places(Outcome(proposed.verdict, proposed.reason, proposed.fit, outcome.base, [], ranking))
 
 
