@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jointgap.campaign.phrasing import effect_in_words, explanation_in_words, explanation_label_in_words, is_fault
-from jointgap.identification.confirmation import HeldOutTest, share_closed
+from jointgap.identification.confirmation import STAYS, HeldOutTest, share_closed
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.report.plain_words import joined, percent, rounded_gap
 
@@ -43,6 +43,11 @@ def _closed(verdict: Mapping[str, Any], unmet: str) -> str:
     before, after = (verdict["gap"]["identify"][when] for when in ("before", "after"))
     if after**2 <= _DECISION.tolerated_reduced_chi2 and unmet:
         return "With it the model meets the data used for fitting within the noise."
+    if after**2 <= _DECISION.tolerated_reduced_chi2 and verdict["held_out_test"] == STAYS:
+        return (
+            "With it the model meets the data used for fitting within the noise; on the held-out data the gap falls by "
+            "less than noise leaves open, so they do not confirm it."
+        )
     part = "most" if share_closed(before, after) > _MOST_LEFT else "part"
     where = " on the data used for fitting" if unmet else ""
     return (
