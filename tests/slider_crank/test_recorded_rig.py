@@ -74,6 +74,32 @@ def test_the_encoders_zero_acts_in_every_drive_as_the_candidate_that_all_runs_sh
     ]
 
 
+def test_a_zero_in_each_run_is_a_candidate_where_it_is_no_nuisance():
+    sensors = {"crank_angle": {"resolution": 1e-5}}
+    own = campaign(mechanism(), drive="measured_angle", sensors=sensors)
+    model = build_model(own, recorded(own))
+    zeros = next(c for c in model.candidates if c.label == "encoder_zeros")
+    assert zeros.amplitudes == ("zero_rad@slow", "zero_rad@fast")
+    moved = read(model, "slow", [("encoder_zeros", {"zero_rad": 0.05})])
+    offset = read(model, "slow", [("encoder_offset", {"offset_rad": 0.05})])
+    for channel in moved:
+        np.testing.assert_array_equal(moved[channel], offset[channel])
+    listed = campaign(mechanism(), sensors=sensors, nuisance={"encoder_zero": "5 deg"})
+    assert "encoder_zeros" not in {c.label for c in build_model(listed, recorded(listed)).candidates}
+
+
+@pytest.mark.slow
+def test_zeros_that_differ_from_run_to_run_are_named_where_nobody_listed_them(tmp_path):
+    rig = replace(Rig(), lag=0.0)
+    nuisance = {key: value for key, value in recorded_rig.NUISANCE.items() if key != "encoder_zero"}
+    found = analyse(recorded_rig.write(tmp_path, rig, {"nuisance": nuisance}), tmp_path / "results")
+    assert [effect["name"] for effect in found["effects"]] == ["encoder_zeros"]
+    for run in range(5):
+        low, high = found["effects"][0]["parameters"][f"zero_rad@r{run}"]["interval_90"]
+        assert low - 5e-4 < math.radians(rig.zeros_deg[run]) < high + 5e-4
+    assert found["gap"]["confirm"]["after"] < 1.3
+
+
 def test_the_zero_of_a_clockwise_cranks_encoder_has_the_files_sign():
     own = campaign(mechanism(), run={"direction": "clockwise"}, nuisance={"encoder_zero": "5 deg"})
     model = build_model(own, recorded(own))

@@ -63,7 +63,7 @@ def unit_of(name: str, site: str, parameter: str) -> str:
     """SI unit of a `parameter` of the effect `name` at `site`: ``1`` for a pure number, empty for text and unknown
     ones.
     """
-    unit = _units(name).get(parameter, "")
+    unit = _units(name).get(parameter.partition("@")[0], "")
     return CHANNELS.get(site, "SI") if unit == _OF_CHANNEL else unit
 
 

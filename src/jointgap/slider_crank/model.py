@@ -156,7 +156,7 @@ class SliderCrankModel:
         drives = self.campaign.drive == "measured_angle"
         return (
             *physical_candidates(context),
-            *sensor_candidates(spreads, encoder, speed, drives, context.nuisances.keys()),
+            *sensor_candidates(spreads, encoder, speed, drives, {p.name for p in self.nuisances}, tuple(self.plans)),
         )
 
     def simulate(

@@ -1,8 +1,8 @@
 """Faults of sensors as effects that could be missing: one record each in `FAULTS`."""
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True)
 class SensorFault:
-    """One way in which a sensor can err, by one parameter.
+    """One way in which a sensor can err, by one parameter, or one in each run.
 
     Attributes
     ----------
@@ -34,6 +34,8 @@ class SensorFault:
         SI; empty for the unit of the channel.
     bounds : function
         From a `Reading` to step, low and high of the parameter in a fit.
+    of_each_run : bool
+        Whether each run has a parameter of its own.
     trial : function or None
         From a rig of the blind trials and a channel to the parameter to begin with, and the largest; None where trials
         do not hide it.
@@ -53,23 +55,27 @@ class SensorFault:
     words: str
     bounds: Callable[[Reading], tuple[float, float, float]]
     trial: Callable[[Any, str], tuple[float, float]] | None = None
+    of_each_run: bool = False
     steady: bool = False
     either_sign: bool = True
     before_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     after_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     over_time: Callable[[np.ndarray, float, float], np.ndarray] | None = None
 
-    def candidate(self, site: str, reading: Reading, replaces: Mapping[str, str] | None = None) -> Candidate:
+    def candidate(
+        self, site: str, reading: Reading, replaces: Mapping[str, str] | None = None, runs: Sequence[str] = ()
+    ) -> Candidate:
         """The fault at a `site`, a channel or the encoder, whose `reading` sets the steps of a fit; `replaces` as of a
-        `Candidate`.
+        `Candidate`; `runs` are those of the campaign.
         """
         step, low, high = self.bounds(reading)
         coordinate = amplitude(self.parameter, step, self.unit or reading.unit, low, high)
+        coordinates = tuple(replace(coordinate, run=run) for run in runs) if self.of_each_run else (coordinate,)
         return Candidate(
             self.name,
             site,
-            (coordinate,),
-            (self.parameter,),
+            coordinates,
+            tuple(each.key for each in coordinates),
             replaces=replaces or {},
             sensor=True,
             has_site=self.name not in ENCODER_FAULTS,
@@ -78,7 +84,8 @@ class SensorFault:
 
 ENCODER_OFFSET = "encoder_offset"
 ENCODER_LAG = "encoder_lag"
-ENCODER_FAULTS = (ENCODER_OFFSET, ENCODER_LAG)
+ENCODER_ZEROS = "encoder_zeros"
+ENCODER_FAULTS = (ENCODER_OFFSET, ENCODER_ZEROS, ENCODER_LAG)
 """Faults of the one sensor that reads the crank angle, on which the motion is laid: they have no channel to choose."""
 
 _INF = math.inf
@@ -93,6 +100,14 @@ FAULTS = {
             "an offset of the encoder",
             bounds=lambda reading: (2e-3, -math.pi, math.pi),
             trial=lambda rig, channel: (0.005, 0.5),
+        ),
+        SensorFault(
+            ENCODER_ZEROS,
+            "zero_rad",
+            "rad",
+            "a zero of the encoder that is another one in each run",
+            bounds=lambda reading: (2e-3, -math.pi, math.pi),
+            of_each_run=True,
         ),
         SensorFault(
             ENCODER_LAG,
@@ -142,6 +157,7 @@ def sensor_candidates(
     turning: float,
     drives: bool = False,
     nuisances: Collection[str] = (),
+    runs: Sequence[str] = (),
 ) -> list[Candidate]:
     """Faults that the sensors could have.
 
@@ -156,14 +172,21 @@ def sensor_candidates(
     drives : bool
         Whether the angle read is what drives the crank, so that its lag shows.
     nuisances : collection of str
-        Names of those that all runs share.
+        Names of those that the campaign has.
+    runs : sequence of str
+        Of the campaign; zeros of the encoder are a fault of several, unless they are nuisances.
     """
-    faults = (ENCODER_OFFSET, ENCODER_LAG) if encoder and drives else (ENCODER_OFFSET,) if encoder else ()
+    present = {
+        ENCODER_OFFSET: encoder,
+        ENCODER_ZEROS: encoder and len(runs) > 1 and "encoder_zero" not in nuisances,
+        ENCODER_LAG: encoder and drives,
+    }
     at_encoder = [
         FAULTS[name].candidate(
-            "sensor", Reading(0.0, "rad", turning), {name: FAULTS[name].parameter} if name in nuisances else {}
+            "sensor", Reading(0.0, "rad", turning), {name: FAULTS[name].parameter} if name in nuisances else {}, runs
         )
-        for name in faults
+        for name, is_present in present.items()
+        if is_present
     ]
     return at_encoder + [
         fault.candidate(channel, Reading(spread, unit, turning))
@@ -207,6 +230,8 @@ class Faults:
         for candidate, values in effects:
             if candidate.name == ENCODER_OFFSET:
                 self.offset += side * values["offset_rad"]
+            elif candidate.name == ENCODER_ZEROS:
+                self.offset += side * values["zero_rad"]
             elif candidate.name == ENCODER_LAG:
                 self.lag += values["lag_s"]
             elif candidate.sensor:
