@@ -20,6 +20,9 @@ DATA = (
     "crank_pin_clearance",
     "piston_pin_clearance",
     "pin_friction",
+    "common_pin_friction",
+    "pin_restitution",
+    "common_pin_restitution",
 )
 
 
@@ -64,6 +67,9 @@ def test_every_effect_has_a_law_a_reference_and_explained_parameters(name):
         ("gas_pressure", "exponent", (1, 1.4), (0.9, 1.5)),
         ("harmonic_force", "force_N", (0,), (-1,)),
         ("pin_friction", "coefficient", (0, 0.6), (-0.1, 0.7)),
+        ("common_pin_friction", "coefficient", (0, 0.6), (-0.1, 0.7)),
+        ("pin_restitution", "coefficient", (1e-3, 0.999), (0, 1)),
+        ("common_pin_restitution", "coefficient", (1e-3, 0.999), (0, 1)),
         ("crank_coulomb_friction", "torque_N_m", (0,), (-1,)),
         ("crank_viscous_friction", "damping_N_m_s", (0,), (-1,)),
         ("crank_unbalance", "unbalance_kg_m", (0,), (-1,)),

@@ -1,5 +1,6 @@
 """Which hypotheses are fitted, and what a second effect has to gain: limits met from both sides by made-up fits."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from jointgap.identification.model_selection import (
     shortlist_singles,
     swap_one_effect,
     two_effect_thresholds,
+    without_repetitions,
 )
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.screening import Signature, Signatures
@@ -201,3 +203,23 @@ def test_nothing_is_swapped_where_no_pair_is_best():
     assert swap_one_effect(SimpleNamespace(), None, []) == []
     fits = [fitted(100.0, COULOMB), fitted(400.0, COULOMB, SPRING), fitted(1.0, COULOMB, SPRING, status=FAILED)]
     assert swap_one_effect(SimpleNamespace(), None, fits) == []
+
+
+# Explanations that are one
+
+
+@pytest.mark.parametrize(("apart", "left"), [(9.9, ["force"]), (10.1, ["force", "soft spring"])])
+def test_a_limit_that_predicts_the_same_stands_for_both(apart, left):
+    """A soft spring that differs from a constant force by less than the data can decide is that force."""
+    force, spring = fitted(300.0, effect("force")), fitted(300.0, effect("soft spring"), effect("preload"))
+    spring = replace(spring, hypothesis=(effect("soft spring"),), residual=force.residual.copy())
+    spring.residual[0] += np.sqrt(apart)
+    best = {frozenset([fit.label]): fit for fit in (spring, force)}
+    found = without_repetitions(best, lambda special, general: special == (effect("force"),), 10.0)
+    assert sorted(fit.label for fit in found.values()) == left
+
+
+def test_effects_that_predict_the_same_and_are_no_limits_of_each_other_stay_two():
+    spring, inertia = fitted(300.0, effect("spring")), fitted(300.0, effect("inertia"), effect("more"))
+    best = {frozenset([fit.label]): fit for fit in (spring, inertia)}
+    assert without_repetitions(best, lambda special, general: False, 10.0) == best

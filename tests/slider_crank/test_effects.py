@@ -14,8 +14,8 @@ from tests.slider_crank.rigs import campaign, mechanism, recorded, worst
 FILE_EFFECTS = {
     "slider_coulomb_friction": ({"force_N": 5.0}, {"force_N": 5.0}),
     "slider_spring": (
-        {"stiffness_N_m": 200.0, "force_at_middle_N": 3.0},
-        {"stiffness_N_m": 200.0, "rest_position_m": 0.564 + 3.0 / 200.0},
+        {"farthest_out_N_m": 120.0, "farthest_in_N_m": 80.0},
+        {"stiffness_N_m": 200.0, "rest_position_m": 0.564 + 0.2 * 0.9},
     ),
     "gas_pressure": (
         {"force_N": 9.0, "dead_length_m": 0.05, "exponent": 1.3},
@@ -98,8 +98,10 @@ def test_every_candidate_changes_something_and_nothing_at_zero_size(loose):
 
 
 def test_every_physical_effect_of_the_catalogue_is_a_candidate_where_it_can_act():
-    loose = build_model(campaign(mechanism(PINS), speeds=(30.0, 31.0)))
-    names = {one.name for one in loose.candidates if not one.sensor}
+    shared = {"joint_friction": [0.05, 0.15], "restitution": [0.3, 0.9]}
+    own = {"restitution_crank_pin": [0.3, 0.9]}
+    loose = [build_model(campaign(mechanism(PINS), nuisance=each, speeds=(30.0, 31.0))) for each in (shared, own)]
+    names = {one.name for model in loose for one in model.candidates if not one.sensor}
     assert names == {name for name in EFFECTS if not name.startswith("discovered")}
 
 
@@ -148,7 +150,12 @@ def test_nuisances_are_the_mechanisms_data():
 def test_an_effect_that_is_a_nuisances_own_parameter_replaces_it():
     own = campaign(
         mechanism(PINS),
-        nuisance={"slider_mass": "5 %", "crank_pin_clearance": "20 %", "joint_friction": [0.0, 0.2]},
+        nuisance={
+            "slider_mass": "5 %",
+            "crank_pin_clearance": "20 %",
+            "joint_friction": [0.0, 0.2],
+            "restitution": [0.3, 0.9],
+        },
         speeds=(30.0, 31.0),
     )
     replaces = {one.label: one.replaces for one in build_model(own).candidates if one.replaces}
@@ -157,7 +164,29 @@ def test_an_effect_that_is_a_nuisances_own_parameter_replaces_it():
         "crank_pin_clearance": {"crank_pin_clearance": "change_m"},
         "pin_friction:crank_pin": {"joint_friction": "change"},
         "pin_friction:piston_pin": {"joint_friction": "change"},
+        "common_pin_friction": {"joint_friction": "change"},
+        "common_pin_restitution": {"restitution": "change"},
     }
+
+
+def test_what_both_pins_share_beyond_its_range_is_one_effect_of_both():
+    nuisance = {"joint_friction": [0.05, 0.15], "restitution": [0.3, 0.9]}
+    own = campaign(mechanism(PINS), nuisance=nuisance, speeds=(30.0, 31.0))
+    model = build_model(own)
+    effects = [("common_pin_friction", "friction", 0.2), ("common_pin_restitution", "restitution", -0.21)]
+    for name, key, change in effects:
+        candidate = chosen(model, name)
+        made = augmented_mechanism(own.mechanism, (candidate,), {f"{name}.change": change})
+        contacts = [made.applied().joint(pin).contact for pin in PINS]
+        nominal = getattr(own.mechanism.joint("crank_pin").contact, key)
+        assert [getattr(contact, key) for contact in contacts] == pytest.approx([nominal + change] * 2)
+        assert candidate.parameters({"change": change}) == pytest.approx({"coefficient": nominal + change})
+
+
+def test_of_one_loose_pin_the_restitution_beyond_its_range_is_an_effect_of_that_pin():
+    own = campaign(mechanism(("piston_pin",)), nuisance={"restitution": [0.3, 0.9]}, speeds=(30.0, 31.0))
+    labels = {one.label for one in build_model(own).candidates if "restitution" in one.replaces}
+    assert labels == {"pin_restitution:piston_pin"}
 
 
 def test_friction_in_one_pin_leaves_the_nuisance_to_the_other():
@@ -175,8 +204,8 @@ def test_the_file_has_the_effects_and_can_be_read_again():
     values = {
         "slider_mass": 0.46,
         "speed@slow": 29.0,
-        "slider_spring.stiffness_N_m": 100.0,
-        "slider_spring.force_at_middle_N": 0.0,
+        "slider_spring.farthest_out_N_m": 50.0,
+        "slider_spring.farthest_in_N_m": 50.0,
         "gravity.acceleration_m_s2": 9.8,
         "sensor_bias:crank_torque.bias": 0.1,
     }

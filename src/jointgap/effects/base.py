@@ -10,6 +10,7 @@ from pydantic import Field, create_model
 
 from jointgap.errors import InputError
 from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.joints import PINS
 from jointgap.quantities import quantity
 from jointgap.section import Section
 
@@ -332,6 +333,18 @@ def joint_data(data: dict[str, Any], effect: str, joint: str) -> dict[str, Any]:
             "bearing_radius and contact, and 'loose: false' where it is to be ideal otherwise"
         )
     return entry
+
+
+def data_of_pins(data: dict[str, Any], effect: str) -> list[dict[str, Any]]:
+    """The data of those pins in a mechanism file's `data` that have any, which the `effect` changes.
+
+    Raises
+    ------
+    InputError
+        Neither has.
+    """
+    described = [pin for pin in PINS if data["joints"][pin] != "ideal"] or PINS
+    return [joint_data(data, effect, pin) for pin in described]
 
 
 def page(order: int) -> Callable[[type[Effect]], type[Effect]]:

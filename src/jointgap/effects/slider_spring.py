@@ -2,8 +2,8 @@
 
 from jointgap.effects.base import Candidates, Effect, FitContext, TrialContext, TrialSize, amplitude, page, parameter
 
-_SOFTEST = 1e-9
-"""Least stiffness over the one that noise could just hide."""
+_FARTHEST_STROKES = 3.0
+"""How far from mid-stroke a spring may rest [strokes]: farther away it is a constant force, to a sixth of it."""
 
 
 @page(order=70)
@@ -24,17 +24,19 @@ class SliderSpring(Effect):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         scale = context.scale
-        # Force at mid-stroke in place of the rest position: the motion depends on both amplitudes linearly.
+        # Two springs that rest at either end of where one may rest do what any one between them does, and the motion
+        # depends on both stiffnesses linearly.
+        farthest = _FARTHEST_STROKES * 2.0 * scale.stroke
         coordinates = (
-            amplitude("stiffness_N_m", scale.force / scale.stroke, "N/m", 0.0),
-            amplitude("force_at_middle_N", scale.force, "N"),
+            amplitude("farthest_out_N_m", scale.force / farthest, "N/m", 0.0),
+            amplitude("farthest_in_N_m", scale.force / farthest, "N/m", 0.0),
         )
 
         def parameters(values):
-            # A constant force is a soft spring whose rest position is far away.
-            stiffness = max(values["stiffness_N_m"], _SOFTEST * scale.force / scale.stroke)
-            rest = scale.middle + values["force_at_middle_N"] / stiffness
-            return {"stiffness_N_m": stiffness, "rest_position_m": rest}
+            outer, inner = values["farthest_out_N_m"], values["farthest_in_N_m"]
+            stiffness = outer + inner
+            share = (outer - inner) / stiffness if stiffness > 0.0 else 0.0
+            return {"stiffness_N_m": stiffness, "rest_position_m": scale.middle + share * farthest}
 
         yield cls.candidate(*coordinates, parameters=parameters)
 

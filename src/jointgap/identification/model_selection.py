@@ -1,6 +1,6 @@
 """From a base to a decision: which hypotheses are worth a fit, and how fits are made comparable."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from jointgap.identification.decide_verdict import Decision, decide, reduced_chi
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.nesting import chi2_without_effects, labels_of, moved, not_above_its_parts
-from jointgap.identification.problem import Problem
+from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
@@ -173,6 +173,7 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
                         best[labels] = moved(baseline.problem, baseline.differences, best[labels], deeper)
         best = none_above_its_parts(baseline, [base, *best.values()])
     subspaces = SignatureSubspaces(signatures, baseline.problem.settings.screening)
+    best = without_repetitions(best, subspaces.is_special_case, settings.min_delta_bic)
     similarity = {
         fit.label: subspaces.nearest(fit.hypothesis)[1]
         for fit in best.values()
@@ -227,6 +228,35 @@ def none_above_its_parts(baseline: Baseline, fits: Sequence[Fit]) -> dict[frozen
     for fit in sorted(fits, key=lambda fit: len(fit.hypothesis)):
         done.append(not_above_its_parts(baseline.problem, baseline.differences, fit, done))
     return {labels_of(fit.hypothesis): fit for fit in done if fit.hypothesis}
+
+
+def without_repetitions(
+    best: Mapping[frozenset[str], Fit], is_special_case: Callable[[Hypothesis, Hypothesis], bool], apart: float
+) -> dict[frozenset[str], Fit]:
+    """The fits but those that predict what a simpler one does that is a limit of theirs: both are one explanation.
+
+    A spring so soft that its force hardly changes is a constant force.
+
+    Parameters
+    ----------
+    best : mapping of labels to Fit
+    is_special_case : function
+        Whether one hypothesis is a special case of another.
+    apart : float
+        [chi2] Squared length of the difference of two predictions, in standard deviations, that the data cannot decide.
+    """
+    sound = [fit for fit in best.values() if fit.status != FAILED]
+
+    def repeats(fit: Fit, simpler: Fit) -> bool:
+        return (
+            simpler.bic < fit.bic + apart
+            and simpler.active.sum() < fit.active.sum()
+            and float(np.sum(np.square(fit.residual - simpler.residual))) < apart
+            and is_special_case(simpler.hypothesis, fit.hypothesis)
+        )
+
+    repeated = {id(fit) for fit in sound if any(repeats(fit, simpler) for simpler in sound)}
+    return {labels: fit for labels, fit in best.items() if id(fit) not in repeated}
 
 
 def _where_effects_are(baseline: Baseline, ranked: Sequence[Fit], needed: float) -> Fit:
