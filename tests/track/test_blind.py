@@ -21,7 +21,9 @@ def made_up(right: int, count: int = 4) -> pd.DataFrame:
     numbers = {column.name: 1.0 for column in TRIALS.columns if column.kind == "float"}  # every figure is known
     text = {column.name: "-" for column in TRIALS.columns if column.kind == "text"}
     frame = pd.DataFrame([text | numbers | {"base": "ideal", "size": 5.0, "seconds": 2.0} | row for row in rows])
-    return frame.assign(detectable=frame["kind"] == "single", foreseen=False, id=[f"trial{i}" for i in frame.index])
+    return frame.assign(
+        detectable=frame["kind"] == "single", told=False, foreseen=False, id=[f"trial{i}" for i in frame.index]
+    )
 
 
 def scored(folder, trials: pd.DataFrame):

@@ -26,7 +26,7 @@ from jointgap.section import Section
 
 _STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 
-RESERVED_IDS = ("all", "look", "measured", "remarks", "config_snapshot")
+RESERVED_IDS = ("all", "look", "measured", "remarks", "contradictions", "config_snapshot")
 """No run may be called so: a sum over runs is, and the tables that stand beside the pictures of the runs are."""
 
 
