@@ -12,6 +12,7 @@ from jointgap.joints import PINS
 from jointgap.slider_crank.modified_mechanism import (
     augmented_mechanism,
     friction_speed,
+    lasting_damping,
     mirrored,
     simulated_effects,
     with_effects,
@@ -151,6 +152,29 @@ def test_the_speed_of_friction_is_not_asked_of_a_joint_without_friction():
     content["contacts"]["other"] = {"restitution": 0.6, "friction": 0.1, "friction_speed": 4e-3}
     content["joints"]["crank_pin"]["contact"] = "other"
     assert friction_speed(Mechanism.model_validate(content)) == 4e-3
+
+
+def test_the_damping_of_a_lasting_contact_is_a_logarithm_of_its_own_for_each_loose_joint():
+    assert lasting_damping(made(loose=("piston_pin",))) == {"piston_pin": "lasting_damping_piston_pin"}
+    changed = with_nuisances(made(), {"lasting_damping_piston_pin": math.log(2.0)})
+    assert changed.joint("piston_pin").contact.reference_speed == pytest.approx(0.025, rel=1e-12)
+    assert changed.joint("crank_pin").contact.reference_speed == 0.05
+    assert with_nuisances(changed, {"lasting_damping_piston_pin": -math.log(2.0)}).joint(
+        "piston_pin"
+    ).contact.reference_speed == pytest.approx(0.05, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "contact",
+    [
+        {"restitution": 0.46, "memory": "published"},
+        {"law": "penalty", "restitution": None, "penalty_damping": 1e3, "penalty_depth": 1e-4},
+    ],
+)
+def test_a_contact_that_never_fades_has_no_such_nuisance(contact):
+    content = mechanism(JOINTS)
+    content["contacts"]["steel"] |= contact
+    assert lasting_damping(Mechanism.model_validate(content)) == {}
 
 
 # Effects

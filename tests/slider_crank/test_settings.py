@@ -32,7 +32,10 @@ def test_settings_are_frozen_and_say_what_each_number_means():
 def test_a_model_carries_its_settings_into_its_plans_and_nuisances():
     settings = varied("sample_grid", planned_revolutions=2, planned_samples_per_revolution=50)
     settings = dataclasses.replace(
-        settings, nuisances=dataclasses.replace(settings.nuisances, step_share_of_bounds=0.1, friction_speed_factor=2.0)
+        settings,
+        nuisances=dataclasses.replace(
+            settings.nuisances, step_share_of_bounds=0.1, friction_speed_factor=2.0, lasting_damping_factor=3.0
+        ),
     )
     own = campaign(mechanism(("piston_pin",)), nuisance={"slider_mass": [0.4, 0.5]}, speeds=(30.0, 31.0))
     model = build_model(own, settings=settings)
@@ -43,6 +46,9 @@ def test_a_model_carries_its_settings_into_its_plans_and_nuisances():
     assert by_name["slider_mass"].step == pytest.approx(0.01, rel=1e-12)
     assert by_name["friction_speed"].high == pytest.approx(2.0 * by_name["friction_speed"].nominal, rel=1e-12)
     assert by_name["friction_speed"].low == pytest.approx(0.5 * by_name["friction_speed"].nominal, rel=1e-12)
+    damping = by_name["lasting_damping_piston_pin"]
+    assert (damping.low, damping.nominal, damping.high) == pytest.approx((-math.log(3.0), 0.0, math.log(3.0)))
+    assert "lasting_damping_crank_pin" not in by_name
 
 
 def test_a_film_and_a_small_clearance_ask_for_a_smaller_tolerance():

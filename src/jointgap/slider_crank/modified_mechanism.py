@@ -1,5 +1,6 @@
 """A mechanism with other values of its nuisances and with effects, as a simulation and a mechanism file see it."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,6 +21,19 @@ def friction_speed(mechanism: Mechanism) -> float | None:
     """
     contacts = [mechanism.joint(pin).contact for pin in mechanism.loose]
     return next((contact.friction_speed for contact in contacts if contact.friction > 0), None)
+
+
+def lasting_damping(mechanism: Mechanism) -> dict[str, str]:
+    """Name of the nuisance by loose joint whose contact has a memory that fades: the damping of its lasting contact.
+
+    Nobody measures it, and how each reversal of load rings down depends on it. The nuisance is the natural logarithm of
+    damping over what the contact says, on which readings depend about linearly; on the damping itself less so.
+    """
+    return {
+        pin: f"lasting_damping_{pin}"
+        for pin in mechanism.loose
+        if mechanism.joint(pin).contact.reference_speed is not None
+    }
 
 
 def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
@@ -49,6 +63,8 @@ def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechani
             contact["friction_speed"] = (
                 joint.contact.friction_speed * values["friction_speed"] / friction_speed(mechanism)
             )
+        if (name := f"lasting_damping_{pin}") in values:
+            contact["reference_approach_speed"] = joint.contact.reference_speed * math.exp(-values[name])
         change: dict[str, Any] = {"contact": joint.contact.model_copy(update=contact)}
         if f"{pin}_clearance" in values:
             change["bearing_radius"] = joint.journal_radius + values[f"{pin}_clearance"]

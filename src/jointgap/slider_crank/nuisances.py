@@ -1,5 +1,6 @@
 """The nuisances of a campaign as parameters of a fit."""
 
+import math
 from collections.abc import Mapping
 
 from jointgap.config import Mechanism
@@ -9,7 +10,7 @@ from jointgap.config.nuisance_bounds import NUISANCES, RUN_NUISANCES, nominal_va
 from jointgap.errors import InputError
 from jointgap.identification.protocol import Parameter
 from jointgap.joints import PINS
-from jointgap.slider_crank.modified_mechanism import friction_speed, with_nuisances
+from jointgap.slider_crank.modified_mechanism import friction_speed, lasting_damping, with_nuisances
 from jointgap.slider_crank.sample_grid import SampleGrid
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, NuisanceSettings
 
@@ -33,6 +34,9 @@ def shared_nuisances(
     if (width := friction_speed(campaign.mechanism)) is not None:
         low, high = width / settings.friction_speed_factor, width * settings.friction_speed_factor
         nuisances.append(_parameter(settings, "friction_speed", width, low, high, "m/s"))
+    reach = math.log(settings.lasting_damping_factor)
+    for name in lasting_damping(campaign.mechanism).values():
+        nuisances.append(_parameter(settings, name, 0.0, -reach, reach, "1"))
     return tuple(nuisances)
 
 
