@@ -211,7 +211,7 @@ def test_the_penalty_margins_rate_is_its_derivative_over_time(exponent, damping,
 
 def test_the_margin_of_a_restitution_law_is_what_is_missing_until_its_force_vanishes():
     law = joint(damping=0.8)
-    margin, its_rate = pushing_margin(law, 1e-5, -0.1, 42.0, 0.8 / 0.4, 0.0)
+    margin, its_rate = pushing_margin(law, 1e-5, -0.1, 42.0, 0.4 / 0.8, 0.0)
     assert normal_force(law, 1e-5, -0.1 - margin, 0.8 / 0.4) == pytest.approx(0.0, abs=1e-9)
     assert margin > 0 and its_rate == 42.0
 

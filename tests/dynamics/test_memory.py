@@ -8,8 +8,8 @@ from jointgap.dynamics.model.joint_forces import CONTACT, FLIGHT
 from jointgap.dynamics.model.normal_contact import (
     LAWS,
     damping_factor_at,
-    damping_factor_rate,
     elastic_duration,
+    force_free_speed,
     pushing_margin,
 )
 from jointgap.dynamics.simulation import integrate_to_angles, simulate
@@ -55,7 +55,8 @@ def test_the_published_form_and_the_penalty_form_never_fade():
         numbers = parameters(made, options()).crank_pin
         assert numbers.memory_time == np.inf
         assert damping_factor_at(numbers, APPROACH, 0.0, 1e6) == numbers.damping / APPROACH
-        assert damping_factor_rate(numbers, APPROACH, 0.0, 1e6) == 0.0
+        if numbers.damping > 0:
+            assert force_free_speed(numbers, APPROACH, 0.0, 1e6) == (APPROACH / numbers.damping, 0.0)
 
 
 @pytest.mark.parametrize("approach", (1e-3, 0.05, APPROACH, 10.0))
@@ -66,21 +67,20 @@ def test_the_damping_goes_over_as_a_smooth_step_of_ninth_order(approach):
     assert set(found[:201]) == {CHI / approach} and set(found[301:]) == {CHI / 0.05}
 
 
-def test_the_dampings_rate_is_its_derivative_over_time():
+def test_the_speed_at_which_the_force_vanishes_belongs_to_the_damping_and_its_rate_is_its_derivative():
     numbers, short = joint(**FADING), 1e-8
     for time in (1e-3, 2.1e-3, 2.5e-3, 2.9e-3, 3.5e-3):
-        ahead, behind = (damping_factor_at(numbers, APPROACH, 0.0, time + sign * short) for sign in (1, -1))
-        assert damping_factor_rate(numbers, APPROACH, 0.0, time) == pytest.approx(
-            (ahead - behind) / (2 * short), rel=1e-7, abs=1e-4
-        )
+        behind, here, ahead = (force_free_speed(numbers, APPROACH, 0.0, time + sign * short) for sign in (-1, 0, 1))
+        assert here[0] == pytest.approx(1 / damping_factor_at(numbers, APPROACH, 0.0, time), rel=1e-14)
+        assert here[1] == pytest.approx((ahead[0] - behind[0]) / (2 * short), rel=1e-6, abs=1e-6)
 
 
 def test_the_margin_until_the_force_vanishes_follows_the_faded_damping():
     numbers, short, curvature = joint(**FADING), 1e-8, 42.0
 
     def margin(time):
-        factors = (function(numbers, APPROACH, 0.0, time) for function in (damping_factor_at, damping_factor_rate))
-        return pushing_margin(numbers, 1e-5, -0.01 + curvature * (time - 2.4e-3), curvature, *factors)
+        free = force_free_speed(numbers, APPROACH, 0.0, time)
+        return pushing_margin(numbers, 1e-5, -0.01 + curvature * (time - 2.4e-3), curvature, *free)
 
     before, here, after = (margin(2.4e-3 + sign * short) for sign in (-1, 0, 1))
     assert here[0] == pytest.approx(-0.01 + 1 / faded_damping(numbers, APPROACH, 2.4e-3), rel=1e-12)

@@ -252,25 +252,39 @@ def damping_factor_at(joint, approach, begin, time) -> float:
     time : float
         [s].
     """
-    published = joint.damping / approach
-    share = (time - begin - joint.memory_time) / joint.fading_time
-    if not share > 0.0:
-        return published
-    if share >= 1.0:
+    fading = time - begin - joint.memory_time
+    if fading >= joint.fading_time:
         return joint.lasting_damping
+    published = joint.damping / approach
+    if not fading > 0.0:
+        return published
     # Ninth order: four derivatives are steady at both ends, enough for a method of fifth order to step across.
+    share = fading / joint.fading_time
     bend = 126.0 - share * (420.0 - share * (540.0 - share * (315.0 - share * 70.0)))
     return published + (joint.lasting_damping - published) * share**5 * bend
 
 
-@compiled
-def damping_factor_rate(joint, approach, begin, time):
-    """Time derivative [1/m] of the damping factor; arguments as in `damping_factor_at`."""
-    share = (time - begin - joint.memory_time) / joint.fading_time
-    if not 0.0 < share < 1.0:
-        return 0.0
+@inlined
+def force_free_speed(joint, approach, begin, time) -> tuple:
+    """Parting speed at which the force of a contact vanishes, 1 / `damping_factor_at`, and its time derivative.
+
+    Arguments as in `damping_factor_at`.
+
+    Returns
+    -------
+    tuple of 2 floats
+        [m/s], [m/s^2].
+    """
+    fading = time - begin - joint.memory_time
+    if not fading > 0.0:
+        return approach / joint.damping, 0.0
+    if fading >= joint.fading_time:
+        return 1.0 / joint.lasting_damping, 0.0
+    share = fading / joint.fading_time
     change = joint.lasting_damping - joint.damping / approach
-    return change * 630.0 * (share * (1.0 - share)) ** 4 / joint.fading_time
+    rate = change * 630.0 * (share * (1.0 - share)) ** 4 / joint.fading_time
+    speed = 1.0 / damping_factor_at(joint, approach, begin, time)
+    return speed, -rate * speed * speed
 
 
 @compiled
@@ -292,7 +306,7 @@ def normal_force(joint, penetration, rate, damping_factor):
 
 
 @compiled
-def pushing_margin(joint, penetration, rate, curvature, damping_factor, damping_rate):
+def pushing_margin(joint, penetration, rate, curvature, free_speed, free_rate):
     """How far a contact is from pulling: positive while its force pushes, zero where the force vanishes.
 
     Parameters
@@ -300,13 +314,13 @@ def pushing_margin(joint, penetration, rate, curvature, damping_factor, damping_
     joint : JointParameters
     penetration, rate, curvature : float
         d [m], d' [m/s] and d'' [m/s^2].
-    damping_factor, damping_rate : float
-        See `damping_factor_at` and `damping_factor_rate`; the penalty form does without.
+    free_speed, free_rate : float
+        See `force_free_speed`; the penalty form does without.
 
     Returns
     -------
     tuple of 2 floats
-        Parting speed [m/s] that is still missing until the force vanishes, d' + 1 / damping_factor or
+        Parting speed [m/s] that is still missing until the force vanishes, d' + free_speed or
         d' + K d^n / c(d), and its time derivative [m/s^2]. Constants where the force cannot vanish, or only at
         `PULL_FAR_OFF`.
     """
@@ -324,4 +338,4 @@ def pushing_margin(joint, penetration, rate, curvature, damping_factor, damping_
         return rate + balance, curvature + rate * balance * power / penetration
     if joint.damping == 0.0:
         return 1.0, 0.0
-    return rate + 1.0 / damping_factor, curvature - damping_rate / damping_factor**2
+    return rate + free_speed, curvature + free_rate

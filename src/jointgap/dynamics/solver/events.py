@@ -19,7 +19,7 @@ import numpy as np
 
 from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.joint_forces import CLAMPED, CONTACT, FLIGHT
-from jointgap.dynamics.model.normal_contact import damping_factor_at, damping_factor_rate, pushing_margin
+from jointgap.dynamics.model.normal_contact import force_free_speed, pushing_margin
 from jointgap.dynamics.model.relative_motion import relative_motion
 from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, ds_for, elapsed_time, instant, instant_in_place, step
 from jointgap.joints import JOINTS
@@ -66,9 +66,8 @@ def conditions(joint, mode, approach, begin, time, relative) -> tuple:
     rate = vx * nx + vy * ny
     curvature = ax * nx + ay * ny + (vy * nx - vx * ny) ** 2 / r
     depth = r - joint.clearance
-    damping_factor = damping_factor_at(joint, approach, begin, time)
-    damping_rate = damping_factor_rate(joint, approach, begin, time)
-    margin, margin_rate = pushing_margin(joint, depth, rate, curvature, damping_factor, damping_rate)
+    free_speed, free_rate = force_free_speed(joint, approach, begin, time)
+    margin, margin_rate = pushing_margin(joint, depth, rate, curvature, free_speed, free_rate)
     if mode == CONTACT:
         return depth, rate, curvature, margin, margin_rate
     return depth, rate, curvature, -margin, -margin_rate

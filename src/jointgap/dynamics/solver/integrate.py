@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from jointgap.dynamics.compilation import compiled
+from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.model.joint_forces import FLIGHT
 from jointgap.dynamics.model.parameters import MOTOR
@@ -80,8 +80,8 @@ def least_approach(p, joint):
     return p.piston_pin.least_approach if joint == 1 else p.crank_pivot.least_approach
 
 
-@compiled
-def time_to_knot(p, here, resolution):
+@inlined
+def time_to_knot(p, here, resolution) -> float:
     """Time [s] from `here` until the memory of a contact begins or ends to fade, where a step has to end.
 
     Parameters
