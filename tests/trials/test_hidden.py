@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 import yaml
 
-from jointgap.config import EFFECTS
-from jointgap.config.load import load_campaign
+from jointgap.config import EFFECTS, Mechanism
+from jointgap.config.load import load_campaign, validate
 from jointgap.recordings import read_measurements
+from jointgap.slider_crank.modified_mechanism import with_nuisances
 from jointgap.trials.batches import cached_record, folder_digest
 from jointgap.trials.injected_effects import LISTED, OFF_LIST, InjectedEffect
 from jointgap.trials.make_trial import ar1_noise, draw_trial, make_trial, parameters_beyond_nominal
 from jointgap.trials.sensor_readings import CrankRun, faulty_reading, noise_free_readings, simulate_signals
 from jointgap.trials.size_calibration import GAP_TOLERANCE, SIZING_NUMERICS, SizeCalibrator, calibrate_size
 from jointgap.trials.trial_plan import EXUDYN_EFFECTS, TARGET_GAPS, TrialPlan, TrialSet, batch_count, plan_trials
-from jointgap.trials.virtual_rig import draw_rig, with_drawn_starts
+from jointgap.trials.virtual_rig import draw_rig, with_drawn_damping, with_drawn_starts
 
 SET = TrialSet(seed=3, single=60, nothing=50, pairs=10, off_list=11, exudyn=4, batch=9)
 
@@ -227,8 +228,38 @@ def test_runs_with_loose_joints_begin_at_angles_of_their_own_and_nothing_else_of
             assert crank.times is own.times
 
 
-def test_where_no_joint_is_loose_the_start_is_not_drawn(rig):
+def test_where_no_joint_is_loose_neither_start_nor_damping_changes_the_rig(rig):
     assert with_drawn_starts(rig[0], np.random.default_rng(1)) is rig[0]
+    assert with_drawn_damping(rig[0], np.random.default_rng(1)) == rig[0]
+
+
+def test_the_drawn_damping_of_a_lasting_contact_is_the_nuisance_that_a_fit_would_call_it(loose_rig):
+    drawn = with_drawn_damping(loose_rig, np.random.default_rng(1))
+    values = {f"lasting_damping_{joint}": drawn.nuisance_values[f"lasting_damping_{joint}"] for joint in drawn.loose}
+    assert all(0.0 < abs(value) <= math.log(4.0) for value in values.values())
+    assert drawn.nominal == loose_rig.nominal
+    true, undrawn = (validate(Mechanism, rig.true, "a rig") for rig in (drawn, loose_rig))
+    fitted = with_nuisances(undrawn, values)
+    for joint in drawn.loose:
+        contact = true.joint(joint).contact
+        assert contact.reference_speed == pytest.approx(fitted.joint(joint).contact.reference_speed, rel=1e-12)
+        assert contact.friction == undrawn.joint(joint).contact.friction
+        assert contact.restitution == undrawn.joint(joint).contact.restitution
+
+
+def test_readings_of_loose_joints_depend_on_the_drawn_damping_beyond_what_numerics_change(loose_rig):
+    drawn = with_drawn_damping(loose_rig, np.random.default_rng(1))
+    run = next(iter(loose_rig.runs.values()))
+    finer = replace(SIZING_NUMERICS, tolerance=0.1 * SIZING_NUMERICS.tolerance)
+    torque, finer_torque, drawn_torque = (
+        simulate_signals(content, run, numerics)["crank_torque"]
+        for content, numerics in (
+            (loose_rig.true, SIZING_NUMERICS),
+            (loose_rig.true, finer),
+            (drawn.true, SIZING_NUMERICS),
+        )
+    )
+    assert np.std(drawn_torque - torque) > 10.0 * np.std(finer_torque - torque)
 
 
 def test_a_run_passes_its_phase_at_time_zero_wherever_it_began(loose_rig):

@@ -31,7 +31,7 @@ from jointgap.trials.size_calibration import (
     calibrate_size,
 )
 from jointgap.trials.trial_plan import TrialPlan
-from jointgap.trials.virtual_rig import VirtualRig, draw_rig, with_drawn_starts
+from jointgap.trials.virtual_rig import VirtualRig, draw_rig, with_drawn_damping, with_drawn_starts
 from jointgap.trials.wiring import NEED_ENCODER, damage_campaign
 
 _MOST_RIGS = 4
@@ -85,20 +85,21 @@ def make_trial(plan: TrialPlan, seed: int, folder: Path) -> dict:
     return truth
 
 
-def draw_trial(plan: TrialPlan, rng: np.random.Generator, starts: np.random.Generator) -> TrialDraw:
+def draw_trial(plan: TrialPlan, rng: np.random.Generator, unmeasured: np.random.Generator) -> TrialDraw:
     """Draw rigs until one shows the effects of a plan as large as asked for.
 
     Parameters
     ----------
     plan : TrialPlan
-    rng, starts : numpy.random.Generator
-        The second one draws how the runs begin, the first one all else.
+    rng, unmeasured : numpy.random.Generator
+        The second one draws how the runs begin and how contacts that last are damped, the first one all else.
     """
     catalogue = OFF_LIST if plan.kind == "off_list" else LISTED
     film = [name.partition(":")[2] for name in plan.effects if name.startswith("lubricated_joint")]
     encoder = "encoder_offset" in plan.effects or plan.damage in NEED_ENCODER
     for number in range(_MOST_RIGS):
-        rig = with_drawn_starts(draw_rig(rng, plan.base, film[0] if film else "", encoder), starts)
+        rig = with_drawn_starts(draw_rig(rng, plan.base, film[0] if film else "", encoder), unmeasured)
+        rig = with_drawn_damping(rig, unmeasured)
         calibrator = (StatisticsSizeCalibrator if plan.base == "chaotic" else SizeCalibrator)(rig, rig.identify_runs)
         scales = rig.scales(calibrator.spread())
         effects = [catalogue[name](scales, rng) for name in plan.effects]

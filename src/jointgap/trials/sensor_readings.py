@@ -75,11 +75,9 @@ class CrankRun:
 
 def _compile(content: Mapping, run: CrankRun, numerics: Numerics) -> Parameters:
     """The numbers of the equations of motion for a mechanism file's `content`, turned as in a run."""
-    steel = content["contacts"]["steel"] | {
-        "friction_law": numerics.friction_law,
-        "friction_speed": numerics.friction_speed,
-    }
-    mechanism = validate(Mechanism, {**content, "contacts": {"steel": steel}}, "a rig that was drawn")
+    friction = {"friction_law": numerics.friction_law, "friction_speed": numerics.friction_speed}
+    contacts = {name: law | friction for name, law in content["contacts"].items()}
+    mechanism = validate(Mechanism, {**content, "contacts": contacts}, "a rig that was drawn")
     wave = mechanism.effect("speed_fluctuation")
     mean = run.speed / math.sqrt(1 - wave.ratio**2) if wave else run.speed  # the law's w0 is the mean over the angle
     p = parameters(mechanism, Simulate(speed=mean, start_angle=run.start_angle, tolerance=1e-12))

@@ -9,6 +9,7 @@ from scipy.optimize import lsq_linear
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.whitening import Noise, whiten
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS
 from jointgap.trials.injected_effects import InjectedEffect
 from jointgap.trials.sensor_readings import CrankRun, InjectedEffects, Numerics, noise_free_readings
 from jointgap.trials.virtual_rig import VirtualRig, with_nuisances
@@ -119,6 +120,10 @@ class SizeCalibrator:
         free = {
             key: (rig.nuisance_values[key], *bounds) for key, bounds in rig.nuisance_bounds.items() if key != "speed"
         }
+        reach = math.log(DEFAULT_SETTINGS.nuisances.lasting_damping_factor)
+        for joint in rig.loose:
+            key = f"lasting_damping_{joint}"
+            free[key] = (rig.nuisance_values.get(key, 0.0), -reach, reach)
         for run in self.runs:
             crank = rig.runs[run]
             if "speed" in rig.nuisance_bounds:
