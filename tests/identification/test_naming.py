@@ -20,6 +20,7 @@ from jointgap.identification.model_selection import (
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.screening import SignatureRegression, simulate_signatures
+from jointgap.identification.signature_subspaces import SignatureSubspaces
 from jointgap.identification.thresholds import thresholds
 from tests.identification.toy import CANDIDATES, RINGING, Toy, ringing, stated_noise, toy
 
@@ -79,10 +80,43 @@ def test_a_fit_from_a_finite_size_begins_at_the_size_that_the_secant_says(size):
     assert found.start["quadratic.drag_N_s2_m2"] == pytest.approx(size, rel=0.1)
 
 
-@pytest.mark.parametrize(("sizes", "starts"), [(("a", "b"), {"a": 1.0}), (("a",), {"a": -1.0})])
-def test_finite_starts_are_of_a_single_size_above_zero(sizes, starts):
+@pytest.mark.parametrize("size", [-0.02, -0.01, 0.015])
+def test_a_fit_may_begin_at_a_told_size_of_either_sign(size):
+    bias = next(one for one in CANDIDATES if one.label == "sensor_bias:torque")
+    told = replace(bias, initial_guesses=({}, {"bias": 0.8 * size}))
+    model = replace(toy({"sensor_bias:torque": {"bias": size}}, seed=2), candidates=(told,))
+    base = recalibrate(model, stated_noise(model))
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    assert [one.is_secant for one in signatures.entries] == [False, True]
+    alone = replace(signatures, entries=[one for one in signatures.entries if one.is_secant])
+    (found,) = SignatureRegression(alone).singles()
+    assert found.start["sensor_bias:torque.bias"] == pytest.approx(size, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "starts", "grid"),
+    [
+        (("a", "b"), {"a": 1.0}, ()),
+        (("a",), {"a": 0.0}, ()),
+        (("a",), {}, (-1.0, 1.0)),
+        (("a", "b"), {}, (1.0, 1.35)),
+    ],
+)
+def test_finite_starts_are_of_a_single_size_that_is_not_zero_and_grids_above_it(sizes, starts, grid):
     with pytest.raises(ValueError, match="single amplitude"):
-        Candidate("odd", "slider", tuple(Parameter(key, 0.0) for key in sizes), sizes, (starts,))
+        Candidate("odd", "slider", tuple(Parameter(key, 0.0) for key in sizes), sizes, (starts,), grid=grid)
+
+
+def test_what_is_told_of_the_size_of_an_effect_makes_it_no_other_effect():
+    """Where a fit starts too is no further thing that a candidate can change."""
+    bias = next(one for one in CANDIDATES if one.label == "sensor_bias:torque")
+    model = toy(seed=2)
+    spaces = []
+    for told in (bias, replace(bias, initial_guesses=({}, {"bias": 0.01}))):
+        own = replace(model, candidates=(told,))
+        base = recalibrate(own, stated_noise(own))
+        spaces.append(SignatureSubspaces(simulate_signatures(base.problem, base.base, base.differences)))
+    assert [len(each.of["sensor_bias:torque"]) for each in spaces] == [1, 1]
 
 
 def test_the_change_of_something_known_has_finite_bounds():

@@ -103,15 +103,25 @@ class CampaignState:
         """What the stage measure read."""
         from jointgap.campaign.config_snapshot import check_unchanged
         from jointgap.recordings import from_frame
+        from jointgap.recordings.contradictions import Contradiction
 
         check_unchanged(self.campaign, self.folder.read(CONFIG_SNAPSHOT))
         remarks = tuple(self.folder.read(REMARKS)["remark"])
-        return from_frame(self.folder.read(MEASURED), self.campaign, remarks)
+        found = tuple(Contradiction(**row) for row in self.folder.read(CONTRADICTIONS).to_dict("records"))
+        return from_frame(self.folder.read(MEASURED), self.campaign, remarks, found)
 
     @cached_property
     def doubted_channels(self) -> tuple[str, ...]:
         """Channels that contradict others, by what the stage measure found."""
-        return tuple(self.folder.read(CONTRADICTIONS)["channel"].unique())
+        return tuple(dict.fromkeys(found.channel for found in self.measurements.contradictions))
+
+    def remaining_doubts(self, explanations: "Sequence[Fit]") -> tuple[str, ...]:
+        """Channels that contradict others even once the faults of sensors that `explanations` hold are taken out."""
+        if not self.doubted_channels:
+            return ()
+        from jointgap.slider_crank.remaining_doubts import remaining_doubts
+
+        return remaining_doubts(self.model, self.measurements, explanations)
 
     @cached_property
     def model(self) -> "Model":

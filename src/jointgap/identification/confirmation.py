@@ -68,11 +68,6 @@ class Confirmed:
     gaps: pd.DataFrame
 
     @property
-    def channels(self) -> set[str]:
-        """All channels that are compared."""
-        return set(self.residuals["channel"])
-
-    @property
     def test(self) -> HeldOutTest:
         """What the held-out data say of the effects."""
         return held_out_test(self.gaps)

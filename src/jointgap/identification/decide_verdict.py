@@ -25,8 +25,8 @@ part, and to what is known of the channels. Again the first line that holds coun
 ===  ==========================================================================  ===============================
      what holds                                                                  verdict
 ===  ==========================================================================  ===============================
-  9  a channel contradicts others, and what is named holds no fault of that very  ``unexplained``
-     sensor
+  9  a channel contradicts others, even once the faults of sensors that are       ``unexplained``
+     named are taken out of what was read
  10  what is left is large, on the data used for fitting or on those held out     ``unexplained``
  11  the gap of the held-out data rises, or does not fall at all though the       ``unexplained``
      effects would show there
@@ -265,7 +265,8 @@ def final_verdict(
     confirmed : Confirmed
         What all runs say of the model with `Decision.proposed`.
     doubted_channels : collection of str
-        Channels that contradict others: their readings are no evidence of physics.
+        Channels that contradict others, and would without the faults of sensors that the decision names: their readings
+        are no evidence of physics.
     settings : DecisionSettings
 
     Returns
@@ -288,8 +289,7 @@ def final_verdict(
         )
 
     # 9
-    explanations = decision.equivalent or [decision.chosen]
-    if doubted_channels and not _explained(doubted_channels, confirmed.channels, explanations):
+    if doubted_channels:
         names = " and ".join(channel.replace("_", " ") for channel in doubted_channels)
         verb = "reads contradicts" if len(doubted_channels) == 1 else "read contradicts"
         return withheld(f"what {names} {verb} other channels, so no effect can be told from it")
@@ -456,15 +456,3 @@ def _leaves_as_little(ranked: Ranked, best: Ranked, settings: DecisionSettings) 
     if not ranked.share >= settings.min_explained_share:
         return False
     return 1.0 - best.share >= settings.max_share_of_wrong_misfit * (1.0 - ranked.share)
-
-
-def _explained(doubted: Collection[str], channels: Collection[str], explanations: Sequence[Fit]) -> bool:
-    """Whether every explanation holds a fault of the sensor of each doubted channel.
-
-    A fault that is none of the compared `channels` by itself, such as a wrong zero of the crank angle, is one of all.
-    """
-    for fit in explanations:
-        sites = {candidate.site for candidate in fit.hypothesis if candidate.sensor}
-        if not set(doubted) <= sites and sites <= set(channels):
-            return False
-    return True

@@ -20,6 +20,32 @@ def label_of(hypothesis: Hypothesis) -> str:
     return " + ".join(candidate.label for candidate in hypothesis) or "base"
 
 
+def values_in_run(
+    model: Model, run: str, values: Mapping[str, float], hypothesis: Hypothesis = ()
+) -> tuple[dict[str, float], list[tuple[Candidate, dict[str, float]]]]:
+    """What `Model.simulate` asks for: values [SI] of a run's nuisances by name, and effects with theirs.
+
+    Parameters
+    ----------
+    model : Model
+    run : str
+    values : mapping of str to float
+        By key, as of `Problem.parameters`; absent nuisances are at nominal.
+    hypothesis : tuple of Candidate
+
+    Raises
+    ------
+    KeyError
+        No value of an effect in this run.
+    """
+    nuisances = {p.name: values.get(p.key, p.nominal) for p in model.nuisances if p.run in (None, run)}
+    effects = [
+        (candidate, {p.name: values[f"{candidate.label}.{p.key}"] for p in candidate.coordinates_in((run,))})
+        for candidate in hypothesis
+    ]
+    return nuisances, effects
+
+
 @dataclass(frozen=True)
 class Part:
     """Place of one series in the vector of residuals."""
@@ -117,13 +143,8 @@ class Problem:
         mapping of str to (n,) array
             By channel [unit of the channel].
         """
-        nuisances = {p.name: values.get(p.key, p.nominal) for p in self.model.nuisances if p.run in (None, run)}
-        effects = [
-            (candidate, {p.name: values[f"{candidate.label}.{p.key}"] for p in candidate.coordinates_in((run,))})
-            for candidate in hypothesis
-        ]
         self.simulations += 1
-        return self.model.simulate(run, nuisances, effects, numerics)
+        return self.model.simulate(run, *values_in_run(self.model, run, values, hypothesis), numerics)
 
     def residual(
         self,

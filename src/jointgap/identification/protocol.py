@@ -66,7 +66,8 @@ class Candidate:
     initial_guesses : tuple of mappings
         Values of all shape parameters to start from; one empty mapping where there are none. Where the motion is not
         about linear in an amplitude from 0 on, such as the clearance of a joint that was ideal, guesses hold the
-        amplitude too, if it is the only one: finite amplitudes are then simulated, and fits start there.
+        amplitude too, if it is the only one: finite amplitudes are then simulated, and fits start there. So do those of
+        an amplitude whose value something else has told.
     parameters : function
         From values of the coordinates to the parameters that a verdict states. The coordinates themselves by default.
     replaces : mapping of str to str
@@ -105,9 +106,10 @@ class Candidate:
         """Refuse finite amplitudes that nothing could be derived from."""
         finite = [*self.grid]
         finite += [guess[key] for guess in self.initial_guesses for key in self.amplitudes if key in guess]
-        if finite and (len(self.amplitudes) > 1 or min(finite) <= 0.0):
+        if finite and (len(self.amplitudes) > 1 or 0.0 in finite or min(self.grid, default=1.0) < 0.0):
             raise ValueError(
-                f"{self.name}: initial_guesses and grid hold values of a single amplitude, above 0; got {finite}"
+                f"{self.name}: initial_guesses and grid hold values of a single amplitude, none of them 0, those of a "
+                f"grid above 0; got {finite}"
             )
         if self.is_perturbation and not all(
             np.isfinite((p.low, p.high)).all() for p in self.coordinates if p.name in self.amplitudes

@@ -52,12 +52,18 @@ class Signature:
         """The coordinates that `columns` belong to."""
         return tuple(p for p in self.coordinates if p.key in self.candidate.amplitudes)
 
+    @property
+    def is_secant(self) -> bool:
+        """Whether `columns` are a secant to a finite amplitude."""
+        return any(key in self.shape_parameters for key in self.candidate.amplitudes)
+
     def valid_range(self, amplitude: Parameter) -> tuple[float, float]:
         """Between what values [SI] `columns` say what an amplitude changes."""
         if amplitude.key not in self.shape_parameters:
             return amplitude.low, amplitude.high
         secant = self.shape_parameters[amplitude.key]
-        return max(secant / self.secant_factor, amplitude.low), min(secant * self.secant_factor, amplitude.high)
+        low, high = sorted((secant / self.secant_factor, secant * self.secant_factor))
+        return max(low, amplitude.low), min(high, amplitude.high)
 
 
 @dataclass(frozen=True)

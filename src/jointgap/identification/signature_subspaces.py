@@ -22,7 +22,10 @@ class SignatureSubspaces:
         self._settings = settings
         self.nuisances = orthonormal(signatures.jacobian)
         self.of: dict[str, list[np.ndarray]] = {}
+        linear = {signature.candidate.label for signature in signatures.entries if not signature.is_secant}
         for signature in signatures.entries:
+            if signature.is_secant and signature.candidate.label in linear:
+                continue  # from where a fit starts too; what it can change is what small amplitudes do
             space = orthonormal(self.projected(signature.columns))
             self.of.setdefault(signature.candidate.label, []).append(space)
 

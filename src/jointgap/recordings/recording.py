@@ -103,7 +103,12 @@ def to_frame(measurements: Measurements) -> pd.DataFrame:
     return pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
 
 
-def from_frame(frame: pd.DataFrame, campaign: Campaign, remarks: tuple[str, ...] = ()) -> Measurements:
+def from_frame(
+    frame: pd.DataFrame,
+    campaign: Campaign,
+    remarks: tuple[str, ...] = (),
+    contradictions: "tuple[Contradiction, ...]" = (),
+) -> Measurements:
     """The measurements in a table that `to_frame` made.
 
     Parameters
@@ -112,8 +117,8 @@ def from_frame(frame: pd.DataFrame, campaign: Campaign, remarks: tuple[str, ...]
         As `to_frame` returns it.
     campaign : Campaign
         States the noise.
-    remarks : tuple of str
-        Of `Measurements`.
+    remarks, contradictions
+        As of `Measurements`.
     """
     runs = {}
     for run, own in frame.groupby("run", sort=False, observed=True):
@@ -129,4 +134,4 @@ def from_frame(frame: pd.DataFrame, campaign: Campaign, remarks: tuple[str, ...]
             noise=noise_of(campaign, run),
             held_out=samples["held_out"].to_numpy(dtype=bool),
         )
-    return Measurements(runs, remarks)
+    return Measurements(runs, remarks, contradictions)

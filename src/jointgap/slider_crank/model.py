@@ -43,6 +43,8 @@ class SliderCrankModel:
     searched : frozenset of str
         Runs whose first angle was found by a search, so that a fit has to go on with it.
     settings : SliderCrankSettings
+    told_encoder_offset : float or None
+        [rad] What the encoder reads too much by what the other channels say.
     """
 
     def __init__(
@@ -54,7 +56,9 @@ class SliderCrankModel:
         held_out: Mapping[str, np.ndarray],
         searched: frozenset[str] = frozenset(),
         settings: SliderCrankSettings = DEFAULT_SETTINGS,
+        told_encoder_offset: float | None = None,
     ):
+        self.told_encoder_offset = told_encoder_offset
         self.campaign, self.plans, self.name, self.settings = campaign, plans, campaign.name, settings
         own = [
             p
@@ -153,10 +157,20 @@ class SliderCrankModel:
             tuple(self.plans),
         )
         encoder = "crank_angle" in self.campaign.channels
+        # in a single run for fitting a zero of its own is the offset that all runs have
+        several = sum(plan.run.role != "confirm" for plan in self.plans.values()) > 1
         drives = self.campaign.drive == "measured_angle"
         return (
             *physical_candidates(context),
-            *sensor_candidates(spreads, encoder, speed, drives, {p.name for p in self.nuisances}, tuple(self.plans)),
+            *sensor_candidates(
+                spreads,
+                encoder,
+                speed,
+                drives,
+                {p.name for p in self.nuisances},
+                tuple(self.plans) if several else (),
+                self.told_encoder_offset,
+            ),
         )
 
     def simulate(

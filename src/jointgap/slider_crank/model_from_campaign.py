@@ -68,7 +68,9 @@ def build_model(
                 searched.add(run.id)
                 plan = _with_first_angle(campaign, plan, fitted)
         plans[run.id] = plan
-    return SliderCrankModel(campaign, plans, measured, noise, held_out, frozenset(searched), settings)
+    doubts = measurements.contradictions if measurements else ()
+    told = next((doubt.phase for doubt in doubts if (doubt.channel, doubt.kind) == ("crank_angle", "phase")), None)
+    return SliderCrankModel(campaign, plans, measured, noise, held_out, frozenset(searched), settings, told)
 
 
 def _resolution(campaign: Campaign) -> float:

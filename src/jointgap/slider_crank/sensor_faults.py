@@ -9,6 +9,7 @@ import numpy as np
 
 from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude
 from jointgap.identification.protocol import Candidate
+from jointgap.recordings.recording import Recording
 from jointgap.slider_crank.sensors import lagged
 
 
@@ -47,6 +48,8 @@ class SensorFault:
         From readings (n,) before or after the sensor's low-pass, and the parameter, to those with the fault.
     over_time : function, optional
         The same of filtered readings on a grid, with its interval [s] in between.
+    undone : function, optional
+        From readings (n,) with the fault, the parameter, and the times (n,) [s] of the samples, to those without it.
     """
 
     name: str
@@ -61,6 +64,7 @@ class SensorFault:
     before_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     after_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     over_time: Callable[[np.ndarray, float, float], np.ndarray] | None = None
+    undone: Callable[[np.ndarray, float, np.ndarray], np.ndarray] | None = None
 
     def candidate(
         self, site: str, reading: Reading, replaces: Mapping[str, str] | None = None, runs: Sequence[str] = ()
@@ -126,6 +130,7 @@ FAULTS = {
             trial=lambda rig, channel: (0.1 * rig.spread[channel], _INF),
             steady=True,
             after_filter=lambda values, bias: values + bias,
+            undone=lambda values, bias, times: values - bias,
         ),
         SensorFault(
             "sensor_gain",
@@ -135,6 +140,7 @@ FAULTS = {
             bounds=lambda reading: (DETECTABLE_SHARE, -0.9, 9.0),
             trial=lambda rig, channel: (0.05, 1.0),
             before_filter=lambda values, error: (1.0 + error) * values,
+            undone=lambda values, error, times: values / (1.0 + error),
         ),
         SensorFault(
             "sensor_lag",
@@ -145,6 +151,7 @@ FAULTS = {
             trial=lambda rig, channel: (0.02 / rig.speed, 0.02),
             either_sign=False,
             over_time=lambda values, interval, lag: lagged(values, interval, lag) if lag else values,
+            undone=lambda values, lag, times: values + lag * np.gradient(values, times),
         ),
     )
 }
@@ -158,6 +165,7 @@ def sensor_candidates(
     drives: bool = False,
     nuisances: Collection[str] = (),
     runs: Sequence[str] = (),
+    told_offset: float | None = None,
 ) -> list[Candidate]:
     """Faults that the sensors could have.
 
@@ -174,11 +182,13 @@ def sensor_candidates(
     nuisances : collection of str
         Names of those that the campaign has.
     runs : sequence of str
-        Of the campaign; zeros of the encoder are a fault of several, unless they are nuisances.
+        Of the campaign, if several are for fitting: zeros of the encoder are a fault of them, unless they are nuisances.
+    told_offset : float, optional
+        [rad] What the encoder reads too much by what the other channels say; a fit of its offset begins there too.
     """
     present = {
         ENCODER_OFFSET: encoder,
-        ENCODER_ZEROS: encoder and len(runs) > 1 and "encoder_zero" not in nuisances,
+        ENCODER_ZEROS: encoder and bool(runs) and "encoder_zero" not in nuisances,
         ENCODER_LAG: encoder and drives,
     }
     at_encoder = [
@@ -188,6 +198,13 @@ def sensor_candidates(
         for name, is_present in present.items()
         if is_present
     ]
+    if told_offset:
+        at_encoder = [
+            replace(each, initial_guesses=({}, {FAULTS[ENCODER_OFFSET].parameter: told_offset}))
+            if each.name == ENCODER_OFFSET
+            else each
+            for each in at_encoder
+        ]
     return at_encoder + [
         fault.candidate(channel, Reading(spread, unit, turning))
         for channel, (spread, unit) in spreads.items()
@@ -215,6 +232,9 @@ class Faults:
         By how much later than the other sensors it reads an angle [s].
     """
 
+    NUISANCES = ("encoder_zero", "encoder_lag", "slider_position_zero")
+    """Names of the nuisances that are faults of sensors."""
+
     def __init__(
         self,
         effects: Iterable[tuple[Candidate, Values]],
@@ -241,6 +261,22 @@ class Faults:
         """Functions that act on a channel at one place of its way, with their parameters."""
         own = [(getattr(fault, when), value) for fault, site, value in self._faults if site == channel]
         return [(act, value) for act, value in own if act is not None]
+
+    def __bool__(self) -> bool:
+        """Whether any sensor errs."""
+        return bool(self.offset or self.lag or self._faults)
+
+    def taken_out(self, recording: Recording) -> Recording:
+        """The `recording` of a run as its sensors would have read without the faults."""
+        angle = recording.crank_angle - self.offset
+        if self.lag and recording.has_time:
+            angle = angle + self.lag * np.gradient(recording.crank_angle, recording.time)
+        channels = dict(recording.channels)
+        for when in ("after_filter", "over_time", "before_filter"):  # the last one to act is the first to be undone
+            for fault, site, value in self._faults:
+                if getattr(fault, when) is not None and site in channels:
+                    channels[site] = fault.undone(channels[site], value, recording.time)
+        return replace(recording, crank_angle=angle, channels=channels)
 
     def need_grid(self, channel: str) -> bool:
         """Whether readings of a channel have to be known in between."""

@@ -280,7 +280,8 @@ def confirm(state: "CampaignState") -> None:
     )
     state.folder.write(RESIDUALS, residuals_as_read(prediction.residuals, state.clockwise))
     state.folder.write(GAPS, prediction.gaps)
-    final = final_verdict(outcome, prediction, state.doubted_channels, state.settings.decision)
+    doubted = state.remaining_doubts(outcome.equivalent or [outcome.chosen])
+    final = final_verdict(outcome, prediction, doubted, state.settings.decision)
     state.write_outcome(with_places(final), "verdict")
 
 
