@@ -76,7 +76,7 @@ def test_the_encoders_zero_acts_in_every_drive_as_the_candidate_that_all_runs_sh
 
 def test_a_zero_in_each_run_is_a_candidate_where_it_is_no_nuisance():
     sensors = {"crank_angle": {"resolution": 1e-5}}
-    own = campaign(mechanism(), drive="measured_angle", sensors=sensors, run={"role": "identify"})
+    own = campaign(mechanism(), drive="measured_angle", sensors=sensors, run={"role": "split"})
     model = build_model(own, recorded(own))
     zeros = next(c for c in model.candidates if c.label == "encoder_zeros")
     assert zeros.amplitudes == ("zero_rad@slow", "zero_rad@fast")
@@ -84,7 +84,7 @@ def test_a_zero_in_each_run_is_a_candidate_where_it_is_no_nuisance():
     offset = read(model, "slow", [("encoder_offset", {"offset_rad": 0.05})])
     for channel in moved:
         np.testing.assert_array_equal(moved[channel], offset[channel])
-    listed = campaign(mechanism(), sensors=sensors, run={"role": "identify"}, nuisance={"encoder_zero": "5 deg"})
+    listed = campaign(mechanism(), sensors=sensors, run={"role": "split"}, nuisance={"encoder_zero": "5 deg"})
     assert "encoder_zeros" not in {c.label for c in build_model(listed, recorded(listed)).candidates}
 
 

@@ -182,7 +182,7 @@ def sensor_candidates(
     nuisances : collection of str
         Names of those that the campaign has.
     runs : sequence of str
-        Of the campaign, if several are for fitting: zeros of the encoder are a fault of them, unless they are nuisances.
+        Of the campaign, if several are for fitting: zeros of the encoder are a fault of them, unless nuisances already.
     told_offset : float, optional
         [rad] What the encoder reads too much by what the other channels say; a fit of its offset begins there too.
     """
