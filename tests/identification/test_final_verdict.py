@@ -2,6 +2,8 @@
 made up for it.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from jointgap.identification.confirmation import Confirmed, HeldOutTest
 from jointgap.identification.decide_verdict import Decision, final_verdict
 from jointgap.identification.fit import Fit
-from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.identification.protocol import Candidate, Parameter, Series
 
 SAMPLES = 1000
 COULOMB = Candidate("coulomb", "slider", (Parameter("size", 0.0),), ("size",))
@@ -62,7 +64,8 @@ def confirmed(identify=1.0, confirm=1.0, before=2.0, fall=(2.0, 4.0), expected=3
             row | {"run": run, "channel": of, "fall_expected": expected} for run, of in ((role, channel), (role, "all"))
         ]
         gaps.append(gaps[-1] | {"run": "all"})
-    return Confirmed(pd.concat(frames, ignore_index=True), pd.DataFrame(gaps))
+    variation = {(role, channel): signal for role in ("identify", "confirm")}
+    return Confirmed(pd.concat(frames, ignore_index=True), pd.DataFrame(gaps), variation)
 
 
 def test_a_name_that_the_held_out_data_bear_out_stands():
@@ -122,7 +125,8 @@ def test_held_out_data_that_cannot_be_simulated_or_are_not_there_do_not_veto():
     lost.gaps.loc[lost.gaps["role"] == "confirm", ["after", "fall_low", "fall_high", "fall_expected"]] = np.nan
     lost.residuals.loc[lost.residuals["held_out"], ["augmented", "whitened_augmented"]] = np.nan
     assert lost.test.outcome == "not_simulated"
-    none = Confirmed(lost.residuals[~lost.residuals["held_out"]], lost.gaps[lost.gaps["role"] == "identify"])
+    fitted_alone = lost.residuals[~lost.residuals["held_out"]], lost.gaps[lost.gaps["role"] == "identify"]
+    none = Confirmed(*fitted_alone, lost.variation)
     assert none.test.outcome == "nothing_held_out"
     for held in (lost, none):
         assert final_verdict(decided("named", COULOMB), held).verdict == "named"
@@ -136,7 +140,7 @@ def test_of_held_out_runs_one_of_which_cannot_be_simulated_the_one_that_speaks_a
     )
     falls = rises.assign(run="c", after=1.0, fall_low=1.0, fall_high=2.0)
     for rows, outcome in (([falls], "falls"), ([falls, rises], "rises"), ([rises, falls], "rises")):
-        assert Confirmed(held.residuals, pd.concat([lost, *rows])).test.outcome == outcome
+        assert replace(held, gaps=pd.concat([lost, *rows])).test.outcome == outcome
 
 
 # An absolute end
@@ -151,7 +155,7 @@ def test_a_gap_of_three_is_left_at_most_on_fitted_and_on_held_out_data(role, whe
     found = final_verdict(decided("named_with_remaining_misfit", COULOMB), held)
     assert found.verdict == verdict
     if verdict == "unexplained":
-        assert found.because == f"the best, coulomb, leaves a gap of 3.01 on {where}: no small rest"
+        assert found.because == f"the best, coulomb, leaves a gap of 3.01 in torque on {where}: no small rest"
         assert found.best_known.label == "coulomb"
 
 
@@ -168,10 +172,33 @@ def test_explanations_that_all_leave_a_large_gap_are_not_called_equal(gap, verdi
     assert len(found.equivalent) == (2 if verdict == "ambiguous" else 0)
 
 
-def test_several_channels_count_by_the_root_mean_square_of_their_rests():
+def test_channels_that_are_met_make_up_for_none_that_is_not():
     near, far = confirmed(identify=1.0, channel="angle"), confirmed(identify=4.0)
-    both = pd.concat([near.residuals, far.residuals])
-    assert Confirmed(both, far.gaps).rest("identify", 3.0, 0.1) == pytest.approx(np.sqrt((1 / 9 + 16 / 9) / 2))
+    both = Confirmed(pd.concat([near.residuals, far.residuals]), far.gaps, near.variation | far.variation)
+    rest = both.worst_rest("identify", 3.0, 0.1)
+    assert (rest.channel, rest.gap) == ("torque", pytest.approx(4.0))
+    assert rest.over_small == pytest.approx(4.0 / 3.0)
+    eleven = [confirmed(channel=f"other_{number}").residuals for number in range(11)]
+    variation = far.variation | {key: 1.0 for frame in eleven for key in frame.groupby(["run", "channel"]).groups}
+    many = Confirmed(pd.concat([*eleven, far.residuals]), far.gaps, variation)
+    assert many.worst_rest("identify", 3.0, 0.1) == rest
+    assert final_verdict(decided("named", COULOMB), many).verdict == "unexplained"
+
+
+def test_runs_count_by_the_root_mean_square_of_their_rests():
+    near, far = confirmed(identify=1.0), confirmed(identify=4.0)
+    other = far.residuals.assign(run="other")
+    both = Confirmed(pd.concat([near.residuals, other]), far.gaps, near.variation | {("other", "torque"): 1.0})
+    assert both.worst_rest("identify", 3.0, 0.1).over_small == pytest.approx(np.sqrt((1 / 9 + 16 / 9) / 2))
+
+
+def test_a_crank_angle_varies_by_no_more_than_a_turn_however_long_it_ran():
+    angle = np.linspace(0.0, 60 * 2 * np.pi, 5000)
+    series = Series("run", "crank_angle", "rad", angle, angle, angle, angle > 0)
+    assert series.variation(angle) == pytest.approx(2 * np.pi / np.sqrt(12))
+    assert replace(series, unit="m").variation(angle) == pytest.approx(angle.std())
+    far = confirmed(identify=9.0, signal=series.variation(angle), channel="crank_angle")
+    assert final_verdict(decided("named", COULOMB), far).verdict == "unexplained"
 
 
 # A base that hardly shows
@@ -186,6 +213,26 @@ def test_half_of_a_gap_that_hardly_shows_is_named_only_if_the_held_out_gap_falls
     ended = final_verdict(found, confirmed(before=1.04, confirm=1.02, fall=fall, expected=0.04))
     assert ended.verdict == verdict
     assert (ended.best_known is None) == (verdict != "unexplained")
+
+
+@pytest.mark.parametrize(
+    ("base", "left"),
+    [(1080.0, 1000.0), (1030.0, 985.0)],
+    ids=["all of an excess that hardly shows", "an excess within what noise makes"],
+)
+def test_all_of_a_gap_that_hardly_shows_too(base, left):
+    found = decided("named_with_remaining_misfit", COULOMB, chi2=left, base=fitted(base))
+    unheard = confirmed(before=1.03, confirm=1.02, fall=(-0.01, 0.9), expected=0.5)
+    assert unheard.test.outcome == "cannot_tell"
+    assert final_verdict(found, unheard).verdict == "unexplained"
+    falls = confirmed(before=1.03, confirm=1.02, fall=(0.01, 0.02), expected=0.02)
+    assert final_verdict(found, falls).verdict == "named_with_remaining_misfit"
+
+
+def test_what_leaves_noise_alone_of_a_gap_that_hardly_shows_stands_by_what_it_gains():
+    found = decided("named", COULOMB, chi2=1000.0, base=fitted(1080.0))
+    unheard = confirmed(before=1.03, confirm=1.02, fall=(-0.01, 0.9), expected=0.5)
+    assert final_verdict(found, unheard).verdict == "named"
 
 
 # Channels that contradict others

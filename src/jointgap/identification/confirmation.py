@@ -1,6 +1,6 @@
 """How far the gap shrinks on data that took no part in fitting or choosing."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +53,25 @@ class HeldOutTest:
 
 
 @dataclass(frozen=True)
+class Rest:
+    """What the effects leave in one channel.
+
+    Attributes
+    ----------
+    channel : str
+        Empty where nothing can be simulated.
+    gap : float
+        [1] Root mean square over the runs.
+    over_small : float
+        [1] Over what counts as small.
+    """
+
+    channel: str
+    gap: float
+    over_small: float
+
+
+@dataclass(frozen=True)
 class Confirmed:
     """Residuals and gaps of all runs.
 
@@ -62,10 +81,13 @@ class Confirmed:
         Table `jointgap.tables.RESIDUALS`.
     gaps : DataFrame
         Table `jointgap.tables.GAPS`.
+    variation : mapping of (run, channel) to float
+        What each series varies by, as of `Series.variation` [unit].
     """
 
     residuals: pd.DataFrame
     gaps: pd.DataFrame
+    variation: Mapping[tuple[str, str], float]
 
     @property
     def test(self) -> HeldOutTest:
@@ -77,11 +99,12 @@ class Confirmed:
         rows = self.gaps.query("role == @role and channel != 'all'")["after"].dropna()
         return float(np.sqrt(np.mean(rows**2))) if len(rows) else np.nan
 
-    def rest(self, role: str, max_gap: float, max_share: float) -> float:
-        """How large what the effects leave is over what counts as small [1]: root mean square over runs and channels.
+    def worst_rest(self, role: str, max_gap: float, max_share: float) -> "Rest":
+        """The channel in which the effects leave most, over what counts as small.
 
         Of each channel of a run the smaller one counts of its rest in standard deviations of the noise over `max_gap`,
-        and as a share of what it varies by over `max_share`.
+        and as a share of what it varies by over `max_share`; of a channel the root mean square over the runs. Channels
+        that are met make up for none that is not.
 
         Parameters
         ----------
@@ -91,20 +114,21 @@ class Confirmed:
             [1]
         max_share : float
             [1]
-
-        Returns
-        -------
-        float
-            0 where nothing of that role can be simulated.
         """
         own = self.residuals[self.residuals["held_out"] == (role == "confirm")].dropna(subset=["augmented"])
-        rests = []
-        for _, series in own.groupby(["run", "channel"], sort=False):
+        rests, gaps = {}, {}
+        for (run, channel), series in own.groupby(["run", "channel"], sort=False):
             gap = np.sqrt(np.mean(series["whitened_augmented"] ** 2))
             left = np.sqrt(np.mean((series["measured"] - series["augmented"]) ** 2))
-            varies = max_share * np.std(series["measured"])
-            rests.append(min(gap / max_gap, left / varies if varies > 0.0 else np.inf))
-        return float(np.sqrt(np.mean(np.square(rests)))) if rests else 0.0
+            varies = max_share * self.variation[run, channel]
+            gaps.setdefault(channel, []).append(gap)
+            rests.setdefault(channel, []).append(min(gap / max_gap, left / varies if varies > 0.0 else np.inf))
+        found = [Rest(channel, _mean_square_root(gaps[channel]), _mean_square_root(rests[channel])) for channel in gaps]
+        return max(found, key=lambda rest: rest.over_small, default=Rest("", 0.0, 0.0))
+
+
+def _mean_square_root(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def held_out_test(gaps: pd.DataFrame) -> HeldOutTest:
@@ -196,7 +220,8 @@ def confirm(
         frames.append(frame.assign(role="confirm"))
     residuals = pd.concat(frames, ignore_index=True)
     gaps = _gaps(residuals, remarks, np.random.default_rng(seed), settings.confirmation)
-    return Confirmed(residuals.drop(columns="role"), gaps)
+    variation = {series.key: series.variation(series.value) for series in model.series}
+    return Confirmed(residuals.drop(columns="role"), gaps, variation)
 
 
 class _Alone:

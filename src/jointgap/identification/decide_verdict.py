@@ -27,10 +27,12 @@ part, and to what is known of the channels. Again the first line that holds coun
 ===  ==========================================================================  ===============================
   9  a channel contradicts others, even once the faults of sensors that are       ``unexplained``
      named are taken out of what was read
- 10  what is left is large, on the data used for fitting or on those held out     ``unexplained``
+ 10  what is left in a channel is large, on the data used for fitting or on       ``unexplained``
+     those held out
  11  the gap of the held-out data rises, or does not fall at all though the       ``unexplained``
      effects would show there
- 12  the base hardly shows, and no fall of the held-out gap confirms the name     ``unexplained``
+ 12  of a base that hardly shows, or of its excess not nearly all is explained,   ``unexplained``
+     more than noise is left, and no fall of the held-out gap confirms the name
  13  the fits leave noise alone, the held-out data more; or the held-out gap      ``named_with_remaining_misfit``
      falls by less than noise leaves open, though the effects would show there
  14  otherwise                                                                    as the fits say
@@ -295,9 +297,12 @@ def final_verdict(
         return withheld(f"what {names} {verb} other channels, so no effect can be told from it")
     # 10
     for role, where in (("identify", "the data used for fitting"), ("confirm", "the held-out data")):
-        if confirmed.rest(role, settings.max_gap_left, settings.max_share_of_signal_left) > 1.0:
-            gap = confirmed.gap(role)
-            return withheld(f"the best, {proposed.label}, leaves a gap of {gap:.3g} on {where}: no small rest")
+        rest = confirmed.worst_rest(role, settings.max_gap_left, settings.max_share_of_signal_left)
+        if rest.over_small > 1.0:
+            channel = rest.channel.replace("_", " ")
+            return withheld(
+                f"the best, {proposed.label}, leaves a gap of {rest.gap:.3g} in {channel} on {where}: no small rest"
+            )
     if decision.verdict == AMBIGUOUS:
         return decision
     # 11 and 12
@@ -306,10 +311,9 @@ def final_verdict(
     # that change's mean square. Where it falls at all, more of the change is there than not.
     if test.outcome == RISES or (test.outcome == STAYS and not test.after < test.before):
         return withheld(f"with {proposed.label} the gap on the held-out data does not fall: {test.words}")
-    excess = decision.base.chi2 - (decision.base.residual.size - len(decision.base.parameters))
-    share = (decision.base.chi2 - proposed.chi2) / excess if excess > 0.0 else np.nan
-    poor = decision.verdict == NAMED_WITH_REMAINING_MISFIT and not share >= settings.min_explained_share
-    if poor and test.outcome != FALLS:
+    hardly_shows = reduced_chi2(decision.base) <= settings.tolerated_reduced_chi2
+    doubtful = hardly_shows or not explained_share(decision.base, proposed) >= settings.min_explained_share
+    if decision.verdict == NAMED_WITH_REMAINING_MISFIT and doubtful and test.outcome != FALLS:
         return withheld(
             f"the best, {proposed.label}, is far ahead of all others, but of a disagreement that hardly shows, and no "
             "held-out data confirm it"
@@ -359,12 +363,21 @@ def weigh(base: Fit, fit: Fit, limits: Thresholds, objection: str = "") -> Ranke
     objection : str
         Why the explanation is not admissible; empty where it is.
     """
-    excess = base.chi2 - (base.residual.size - len(base.parameters))
-    # An excess within a standard deviation of chi2 may be noise: a share of it says nothing.
-    share = (base.chi2 - fit.chi2) / excess if excess > np.sqrt(2 * base.residual.size) else np.nan
     passes = bool(reduced_chi2(fit) <= limits.omnibus)
     admissible = fit.status != FAILED and not objection
-    return Ranked(fit, base.bic - fit.bic, share, passes, admissible, objection or fit.reason)
+    return Ranked(fit, base.bic - fit.bic, explained_share(base, fit), passes, admissible, objection or fit.reason)
+
+
+def explained_share(base: Fit, fit: Fit) -> float:
+    """Share [1] that an explanation takes of what exceeds the noise in the base; NaN where that may be noise itself.
+
+    Parameters
+    ----------
+    base, fit : Fit
+    """
+    excess = base.chi2 - (base.residual.size - len(base.parameters))
+    # within a standard deviation of chi2 it may be noise
+    return (base.chi2 - fit.chi2) / excess if excess > np.sqrt(2 * base.residual.size) else np.nan
 
 
 def reduced_chi2(fit: Fit) -> float:

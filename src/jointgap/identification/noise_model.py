@@ -136,7 +136,7 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
         if stated is None:
             raise InputError(f"run {series.run}, channel {series.channel}: statistics need a stated noise")
         return NoiseEstimate(stated, effective_samples=float(count))
-    least = max(settings.min_share_of_channel * _variation(series, value), series.rounding) if count else 0.0
+    least = max(settings.min_share_of_channel * series.variation(value), series.rounding) if count else 0.0
     rate = _rate(series, value - residual)
     shape, sd = _known_shape(series, residual, rate, least, settings)
     scatter, source = _scatter(series, residual / shape, settings)
@@ -189,12 +189,6 @@ def _scatter(series: Series, residual: np.ndarray, settings: NoiseSettings) -> t
     if (scatter := scatter_between_cycles(residual, series.angle, settings)) is not None:
         return scatter, "differences between neighbouring cycles"
     return scatter_between_samples(residual, settings), "differences between neighbouring samples"
-
-
-def _variation(series: Series, value: np.ndarray) -> float:
-    """What a channel varies by [unit]; of an angle that runs on, no more than over a turn, however long the record."""
-    varies = float(np.nanstd(value))
-    return min(varies, 2.0 * np.pi / np.sqrt(12.0)) if series.unit == "rad" else varies
 
 
 def _rate(series: Series, predicted: np.ndarray) -> np.ndarray:

@@ -173,6 +173,13 @@ class Series:
         """Run and channel."""
         return self.run, self.channel
 
+    def variation(self, values: np.ndarray) -> float:
+        """Standard deviation [unit] of `values` (n,); of an angle that runs on, no more than over a turn, however long
+        the record.
+        """
+        varies = float(np.nanstd(values))
+        return min(varies, 2.0 * math.pi / math.sqrt(12.0)) if self.unit == "rad" else varies
+
 
 Effects = Sequence[tuple[Candidate, Mapping[str, float]]]
 """Effects that act, each with the values of its coordinates by name."""

@@ -49,7 +49,8 @@ class SensorFault:
     over_time : function, optional
         The same of filtered readings on a grid, with its interval [s] in between.
     undone : function, optional
-        From readings (n,) with the fault, the parameter, and the times (n,) [s] of the samples, to those without it.
+        From readings (n,) with the fault, the parameter, and the times (n,) [s] of the samples, to those without it;
+        a fault that cannot be undone ends no doubt of its channel.
     """
 
     name: str
@@ -274,7 +275,7 @@ class Faults:
         channels = dict(recording.channels)
         for when in ("after_filter", "over_time", "before_filter"):  # the last one to act is the first to be undone
             for fault, site, value in self._faults:
-                if getattr(fault, when) is not None and site in channels:
+                if getattr(fault, when) is not None and fault.undone is not None and site in channels:
                     channels[site] = fault.undone(channels[site], value, recording.time)
         return replace(recording, crank_angle=angle, channels=channels)
 
