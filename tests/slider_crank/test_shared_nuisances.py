@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from jointgap.identification.baseline import other_numerics, recalibrate
+from jointgap.identification.decide_verdict import rank
+from jointgap.identification.fit import Fit
 from jointgap.identification.hypothesis_fits import fit_singles
 from jointgap.identification.model_selection import refit_and_decide
 from jointgap.identification.screening import simulate_signatures
-from jointgap.identification.thresholds import thresholds
+from jointgap.identification.thresholds import Thresholds, thresholds
 from jointgap.identification.whitening import Noise
 from jointgap.joints import PINS
 from jointgap.recordings import Measurements
@@ -53,3 +55,21 @@ def test_friction_of_both_pins_beyond_its_range_is_one_effect():
     candidate = decision.chosen.hypothesis[0]
     found = candidate.parameters({"change": decision.chosen.mapping[f"{label}.change"]})
     assert found["coefficient"] == pytest.approx(value, abs=0.02)
+
+
+@pytest.mark.parametrize("label", ["common_pin_friction", "common_pin_restitution"])
+def test_that_nothing_is_left_of_what_both_pins_share_is_a_size_like_others(label):
+    """Frictionless pins are named as those of one pin are; only the upper bound says that something else is meant."""
+    own = campaign(mechanism(PINS, friction=0.1), nuisance={"joint_friction": [0.05, 0.15], "restitution": [0.3, 0.9]})
+    (candidate,) = (one for one in build_model(own).candidates if one.label == label)
+    (change,) = candidate.coordinates
+    objections = {}
+    for end in (change.low, change.high):
+        parameters = (replace(change, name=f"{label}.change"),)
+        fit = Fit((candidate,), parameters, np.array([end]), np.zeros(100), np.ones((100, 1)), 1, "converged")
+        base = replace(fit, hypothesis=(), parameters=(), values=np.empty(0), jacobian=np.empty((100, 0)))
+        ranges = {"joint_friction": (0.1, 0.05, 0.15), "restitution": (0.46, 0.3, 0.9)}
+        (ranked,) = rank(base, [fit], Thresholds(0.01, 1.0, 0.0), ranges)
+        objections[end] = ranked.remark
+    assert "is drawn to the bound" not in objections[change.low]
+    assert "is drawn to the bound" in objections[change.high]

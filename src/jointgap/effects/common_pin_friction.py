@@ -43,4 +43,5 @@ class CommonPinFriction(Effect):
             amplitude("change", shared.step, "1", -nominal, LARGEST_COEFFICIENT - nominal),
             parameters=lambda values: {"coefficient": max(nominal + values["change"], 0.0)},
             replaces={"joint_friction": "change"},
+            is_perturbation=nominal > 0.0,
         )

@@ -39,6 +39,7 @@ class Restitution(Effect):
             site=site,
             parameters=lambda values: {"coefficient": nominal + values["change"]},
             replaces={nuisance.name: "change"},
+            is_perturbation=True,  # a contact that gives nothing back is one like others
         )
 
 
