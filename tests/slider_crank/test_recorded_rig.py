@@ -159,7 +159,7 @@ def test_zeros_lengths_and_lag_are_fitted_to_what_they_are_and_the_held_out_runs
 
 def scatter(stated: float | None, **options):
     """The noise of a position that scatters by 0.02 mm and by time stamps that are 0.7 ms off, and its truth."""
-    rig = Rig(rpm=(80.0, 90.0), noise=2e-5, seconds=40.0, **options)
+    rig = Rig(**{"rpm": (80.0, 90.0), "noise": 2e-5, "seconds": 40.0} | options)
     rng, time = np.random.default_rng(5), np.arange(2000) / 50.0
     angle = rig.angle(0, time)
     rate = np.gradient(rig.position(angle), time)
@@ -176,6 +176,21 @@ def test_noise_grows_with_a_channels_rate_as_time_stamps_make_it(jitter):
     noise, rig, rate = scatter(jitter)
     assert noise.sd == pytest.approx(np.hypot(rig.noise, rig.jitter * rate), rel=0.25, abs=2e-5)
     assert any("time stamps" in remark for remark in noise.remarks) == (jitter is None)
+
+
+@pytest.mark.parametrize("stated", [None, 1e-4])
+@pytest.mark.parametrize("white", [1e-7, 1e-6, 3e-6])
+def test_jitter_counts_though_the_white_part_is_less_than_a_sensor_can_have(white, stated):
+    noise, rig, rate = scatter(stated, noise=white, jitter=1e-4)
+    floor = 1e-4 * rig.crank / math.sqrt(2.0)  # a ten-thousandth of what the position varies by, a sine or nearly so
+    assert noise.sd == pytest.approx(np.hypot(max(white, floor), rig.jitter * rate), rel=0.25)
+    assert not any("no noise" in remark for remark in noise.remarks)
+    assert any("time stamps" in remark for remark in noise.remarks) == (stated is None)
+
+
+def test_what_cycles_show_of_a_noise_that_grows_is_its_root_mean_square():
+    noise, rig, rate = scatter(None)
+    assert noise.estimated_sd == pytest.approx(np.sqrt(np.mean(rig.noise**2 + (rig.jitter * rate) ** 2)), rel=0.1)
 
 
 def test_noise_that_does_not_grow_with_the_rate_is_one_number():

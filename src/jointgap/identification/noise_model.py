@@ -157,19 +157,21 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
             f"run {series.run}, channel {series.channel}: {count} samples are too few to find the noise; "
             "state it as `noise` of the channel"
         )
-    elif scatter.sd < least:
-        rounded = series.rounding == least
-        source = "the sensor's steps" if rounded else "a share of what the channel varies by"
-        sd = np.full(series.value.shape, least)
-        which = "that of its steps" if rounded else "a ten-thousandth of its own"
-        remarks.append(f"{series.channel} shows no noise: {least:.3g} {series.unit} is taken, {which}")
-    elif sd is None:
-        sd = scatter.sd * shape
-        if (jitter := _jitter(rate, sd)) > 0.0:
+    else:
+        grown = scatter.sd * shape
+        if scatter.sd < least:
+            rounded = series.rounding == least
+            source = "the sensor's steps" if rounded else "a share of what the channel varies by"
+            which = "that of its steps" if rounded else "a ten-thousandth of its own"
+            remarks.append(f"{series.channel} shows no noise: at least {least:.3g} {series.unit} is taken, {which}")
+        elif sd is None and (jitter := _jitter(rate, grown)) > 0.0:
             remarks.append(
                 f"{series.channel} scatters the more the faster it changes, as time stamps make it that are off by "
                 f"{1e3 * jitter:.2g} ms: its noise is taken to grow so"
             )
+        if sd is None:
+            # The least is that of the white part, which is left where a channel stands still; jitter comes on top.
+            sd = np.sqrt(grown**2 + max(least**2 - float(np.min(grown)) ** 2, 0.0))
     if not np.all(sd > 0.0):
         raise InputError(
             f"run {series.run}, channel {series.channel}: its noise is 0; state what the sensor resolves as `noise`"
@@ -203,7 +205,8 @@ def _rate(series: Series, predicted: np.ndarray) -> np.ndarray:
 def _known_shape(
     series: Series, residual: np.ndarray, rate: np.ndarray, least: float, settings: NoiseSettings
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """How the noise changes over the samples, (n,) about 1; and the noise (n,) [unit] itself where it is known so far.
+    """How the noise changes over the samples, (n,) with a mean square of 1; and the noise (n,) [unit] itself where it
+    is known so far.
 
     It is known where it is stated, and where the time stamps' jitter is: then the white part is what that leaves.
     """
@@ -213,7 +216,8 @@ def _known_shape(
         growth = 0.0
         if own is None and series.jitter is None:
             growth = growth_with_rate(residual, series.angle, rate, settings)
-        return np.sqrt(1.0 + growth * rate**2), own
+        grown = np.sqrt(1.0 + growth * rate**2)
+        return grown / _rms(grown), own
     timing = series.jitter * np.abs(rate)
     if own is None:
         scatter, _ = _scatter(series, residual, settings)
