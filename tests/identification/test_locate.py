@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from jointgap.identification.disagreement import circular_spans, ljung_box, map_disagreement
-from jointgap.identification.order_spectrum import speed_scaling
+from jointgap.identification.order_spectrum import order_spectrum, speed_scaling, standout_orders
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.whitening import Noise, unwhiten, whiten
@@ -131,6 +131,39 @@ def test_the_spectrum_shows_the_order_of_a_disagreement():
     assert first["order"].to_numpy() == pytest.approx(np.full(6, 3.0))
     assert first["amplitude"].to_numpy() == pytest.approx(np.full(6, 2.0), abs=0.3)
     assert np.mean(orders.loc[~np.isclose(orders["order"], 3.0), "p"] < 0.05) == pytest.approx(0.05, abs=0.03)
+
+
+def rippled(turns: int, order: int) -> tuple[SimpleNamespace, np.ndarray]:
+    """A problem of one channel with noise of 1, and a residual that is a ripple of one order alone, three times as
+    high."""
+    angle = 2 * np.pi * np.arange(60 * turns + 1) / 60.0
+    series = SimpleNamespace(run="slow", channel="torque", unit="N*m", angle=angle)
+    used, noise = np.ones(angle.size, bool), Noise(np.ones(angle.size))
+    part = SimpleNamespace(series=series, used=used, noise=noise, place=slice(0, angle.size))
+    return SimpleNamespace(parts=[part], settings=DEFAULT_SETTINGS), 3.0 * np.cos(order * angle)
+
+
+@pytest.mark.parametrize("turns", [1, 7, 10, 22, 44, 49, 98, 107])
+def test_the_spectrum_of_a_record_of_any_length_ends_with_the_highest_order(turns):
+    orders = order_spectrum(*rippled(turns, order=3))["order"]
+    assert len(orders) == 24 * turns
+    assert orders.iloc[-1] == pytest.approx(24.0)
+
+
+@pytest.mark.parametrize("turns", [1, 7, 10, 22, 44, 49, 98, 107])
+@pytest.mark.parametrize("order", [3, 6, 7, 12, 16, 23, 24])
+def test_a_ripple_of_a_whole_order_stands_out_of_a_record_of_any_length(turns, order):
+    (row,) = standout_orders(*rippled(turns, order), rate=0.01).to_dict("records")
+    assert row["order"] == order
+    assert row["amplitude"] == pytest.approx(3.0)
+    assert row["share"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_no_order_between_whole_ones_is_told_however_long_the_record():
+    turns = 4000
+    problem, _ = rippled(turns, order=3)
+    between = 3.0 * np.cos((3.0 + 1.0 / turns) * problem.parts[0].series.angle)
+    assert standout_orders(problem, between, rate=0.01).empty
 
 
 @pytest.mark.parametrize(

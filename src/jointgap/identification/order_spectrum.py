@@ -30,7 +30,8 @@ def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
         turns = np.ptp(angle) / (2 * np.pi)
         step = 1.0 / max(1, round(turns))
         highest = min(problem.settings.disagreement.highest_order, np.pi / np.median(np.abs(np.diff(angle))))
-        order = step * np.arange(1, int(highest / step) + 1)
+        count = int(highest / step + 1e-9)  # what falls short of a whole number by rounding is one
+        order = step * np.arange(1, count + 1)
         rotation, rotated, sums = np.exp(-1j * step * angle), white - white.mean(), []
         for _ in order:  # one order after the other, as the whole table of phases need not fit in memory
             rotated = rotated * rotation
@@ -71,7 +72,8 @@ def standout_orders(problem: Problem, residual: np.ndarray, rate: float) -> pd.D
     settings, rows = problem.settings.disagreement, []
     spectrum = order_spectrum(problem, residual)
     lowest = settings.lowest_standout_order
-    whole = spectrum[np.isclose(spectrum["order"] % 1.0, 0.0) & (spectrum["order"] > lowest - 0.5)]
+    order = spectrum["order"].to_numpy()
+    whole = spectrum[np.isclose(order, np.round(order), rtol=0.0, atol=1e-6) & (order > lowest - 0.5)]
     for part in problem.parts:
         own = whole[(whole["run"] == part.series.run) & (whole["channel"] == part.series.channel)]
         white = residual[part.place]
