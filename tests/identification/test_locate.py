@@ -159,13 +159,6 @@ def test_a_ripple_of_a_whole_order_stands_out_of_a_record_of_any_length(turns, o
     assert row["share"] == pytest.approx(1.0, abs=0.02)
 
 
-def test_no_order_between_whole_ones_is_told_however_long_the_record():
-    turns = 4000
-    problem, _ = rippled(turns, order=3)
-    between = 3.0 * np.cos((3.0 + 1.0 / turns) * problem.parts[0].series.angle)
-    assert standout_orders(problem, between, rate=0.01).empty
-
-
 @pytest.mark.parametrize(
     ("effect", "exponent"),
     [

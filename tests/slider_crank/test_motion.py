@@ -1,5 +1,7 @@
 """Motion at the samples: where revolutions repeat one stands for all, and next to no change changes next to nothing."""
 
+from itertools import chain, repeat
+
 import numpy as np
 import pytest
 
@@ -91,11 +93,51 @@ def test_a_revolution_stands_for_the_record_only_if_what_is_read_has_settled(mar
     """Its ends may agree where its impacts still differ from those of the revolution before."""
     run = driven(("piston_pin",))
     for still, length in ((0, 4.0), (1, 7.0), (2, 7.0)):
-        changes = iter([2.0] * still + [0.0])
+        changes = chain([2.0] * still, repeat(0.0))
         marches.clear()
         motion.channels_at(run.numbers, run.angles, TOLERANCE, change=lambda one, other, rest=changes: next(rest))
         assert marches[-1] == pytest.approx(length, abs=0.1)
         assert len(marches) == still + 1
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.2, 1.0, np.pi])
+@pytest.mark.parametrize("decay", [0.1, 0.5, 0.9, 0.99])
+@pytest.mark.parametrize("away", [0.5, 0.9, 1.1, 2.0, 20.0])
+def test_a_mode_that_rings_has_settled_when_it_is_near_its_limit_and_no_longer_moves(away, decay, turned):
+    """With revolutions that are a point on a spiral: its distance to the centre and to the point before are known."""
+    z = decay * np.exp(1j * turned)
+    spiral = [{"x": np.array([10.0 + w.real, -3.0 + w.imag])} for w in (away / z**2, away / z, away + 0.0j)]
+
+    def distance(one, other):
+        return float(np.linalg.norm(one["x"] - other["x"]))
+
+    near = away < 1.0 and abs(away - away / z) < 1.0
+    assert motion.has_settled(*spiral, distance, 1.0) == near
+
+
+def ringing(damping_ratio):
+    """A motion whose rod rings some ten and a half times a revolution, without clearance."""
+    parameters = {"frequency_Hz": 10.5 * 30.0 / TURN, "damping_ratio": damping_ratio}
+    return driven((), [{"name": "rod_flexibility", "parameters": parameters}])
+
+
+def test_a_rod_that_rings_for_long_is_left_to_ring_before_a_revolution_stands_for_the_record(marches):
+    run = ringing(0.01)  # seven time constants of its decay take eleven revolutions and more
+    back = round((run.angles.min() - run.numbers.drive.start_angle) / TURN)
+    marches.clear()
+    found = motion.channels_at(run.numbers, run.angles, TOLERANCE, change=over_noise)
+    assert back > 10
+    assert marches == [pytest.approx(back + 1.0, abs=0.1)]
+    later = integrated(run.numbers, np.sort(run.angles) + 40 * TURN)
+    assert over_noise(found, later) < 1.0
+
+
+def test_a_rod_that_has_not_rung_down_is_simulated_throughout_though_each_revolution_changes_little(marches):
+    run = ringing(1e-3)
+    marches.clear()
+    found = motion.channels_at(run.numbers, run.angles, TOLERANCE, change=lambda one, other: over_noise(one, other) / 6)
+    assert len(marches) == 2
+    assert apart(found, integrated(run.numbers, run.angles)) < 1e-6
 
 
 def test_a_record_from_the_start_shows_how_the_motion_settles(marches):

@@ -56,6 +56,32 @@ def prescribed_angles(p, times):
     return angles
 
 
+def has_settled(
+    earlier: Columns, before: Columns, last: Columns, change: Callable[[Columns, Columns], float], length: float
+) -> bool:
+    """Whether the last of three revolutions is near the one before it, and near to where they go.
+
+    Where each change is z times the one before it, and z turns its phase too, as a mode that rings does, the last
+    revolution is |z / (1 - z)| of the last change away from its limit: the last change squared over the change of the
+    changes. Many small changes in one direction then count as what they add up to, and the scatter of the integration,
+    which has no direction, as itself.
+
+    Parameters
+    ----------
+    earlier, before, last : columns of (n,) arrays
+        Channels at the same crank angles of three successive revolutions.
+    change : function
+        How far one of them is from another [1].
+    length : float
+        How near is near [1].
+    """
+    changed = change(before, last)
+    if changed >= length:
+        return False
+    continued = {name: 2.0 * before[name] - earlier[name] for name in last}
+    return changed**2 <= length * change(continued, last)
+
+
 def channels_at(
     p: Parameters,
     angles: np.ndarray,
@@ -63,6 +89,7 @@ def channels_at(
     perturbation: np.ndarray | None = None,
     settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
     change: Callable[[Columns, Columns], float] | None = None,
+    read: int | None = None,
 ) -> dict[str, np.ndarray]:
     """All channels at crank angles, by column of `jointgap.dynamics.solver.sampling`, with the ``time`` [s].
 
@@ -77,8 +104,10 @@ def channels_at(
         Clearance vectors at the start [m]; zero by default.
     settings : SimulationSettings
     change : function, optional
-        How far what is read of a motion is from what is read a revolution later, from all channels (n,) of both [1].
+        How far what is read of one motion is from what is read of another, from all channels (read,) of both [1].
         With it one settled revolution may stand for the record; without it the whole record is simulated.
+    read : int, optional
+        How many of the angles, from the first, `change` gets; all by default.
     """
     if _is_kinematic(p):
         return _sampled(p, angles, lambda sorted_angles: _kinematic_motion(p, sorted_angles))
@@ -87,16 +116,20 @@ def channels_at(
     def integrate(sorted_angles: np.ndarray) -> IntegrationResult:
         return integrate_to_angles(p, start, sorted_angles, tolerance)
 
-    settled = angles.min() > p.drive.start_angle + settings.transient_revolutions * tau
-    if change is not None and perturbation is None and _may_repeat(p) and settled:
+    back = (angles.min() - p.drive.start_angle) / tau
+    if change is not None and perturbation is None and _may_repeat(p) and back > settings.transient_revolutions:
         # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
-        for dropped in settings.settled_after:
-            begin = p.drive.start_angle + dropped * tau
-            within = begin + np.mod(angles - begin, tau)
-            both = _sampled(p, np.append(within - tau, within), integrate)
-            before = {name: values[: angles.size] for name, values in both.items()}
-            kept = {name: values[angles.size :] for name, values in both.items()}
-            if change(before, kept) < settings.settled_length:
+        for dropped in dict.fromkeys(max(least, round(back)) for least in settings.settled_after):
+            first = p.drive.start_angle + dropped * tau
+            within = first + np.mod(angles - first, tau)
+            places = within[:read]
+            three = _sampled(p, np.concatenate([within, places - tau, places - 2.0 * tau]), integrate)
+            kept = {name: values[: angles.size] for name, values in three.items()}
+            last, before, earlier = (
+                {name: values[begin : begin + places.size] for name, values in three.items()}
+                for begin in (0, angles.size, angles.size + places.size)
+            )
+            if has_settled(earlier, before, last, change, settings.settled_length):
                 return kept | {"crank_angle": angles, "time": _times(p, angles)}
     return _sampled(p, angles, integrate)
 

@@ -162,8 +162,8 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, 
         grid = _filter_times(plan, driven, corners)
         angles = np.append(angles, driven.at(grid))
     count = driven.angles.size
-    change = _change_over_noise(campaign, plan, count) if drives.began_anywhere(plan.run) else None
-    true = channels_at(driven.numbers, angles, tolerance, perturbation, plan.settings.simulation, change)
+    change = _change_over_noise(campaign, plan) if drives.began_anywhere(plan.run) else None
+    true = channels_at(driven.numbers, angles, tolerance, perturbation, plan.settings.simulation, change, count)
     elapsed = true["time"][:count] - driven.begin
     readings = {}
     for name, channel in channels.items():
@@ -188,8 +188,8 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, 
     return readings
 
 
-def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int) -> Callable[[Columns, Columns], float]:
-    """Length of the change of what is read at the first `count` places, over its noise.
+def _change_over_noise(campaign: Campaign, plan: RunPlan) -> Callable[[Columns, Columns], float]:
+    """Length of the change of what is read, over its noise.
 
     Where the noise is not stated, it is taken for a share of what the channel varies by. Filters and faults are left
     out: they make it no larger.
@@ -200,8 +200,8 @@ def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int) -> Callabl
     def change(one: Columns, other: Columns) -> float:
         square = 0.0
         for name in channels:
-            sd = stated.get(name) or share * float(np.std(one[name][:count])) or 1e-300
-            square += float(np.sum(((one[name][:count] - other[name][:count]) / sd) ** 2))
+            sd = stated.get(name) or share * float(np.std(other[name])) or 1e-300
+            square += float(np.sum(((one[name] - other[name]) / sd) ** 2))
         return math.sqrt(square)
 
     return change

@@ -33,12 +33,14 @@ class SimulationSettings:
     settling_time_constants : float
         [1] Length of a slow transient: exp(-7) is a thousandth.
     settled_length : float
-        [1] A revolution stands for all later ones if what is read changed by less than this from the one before it: the
-        length, over all samples and channels, of the change over the noise. A parameter is then off by a standard error
-        at most, and by much less as a rule, for each change is a small part of the one before.
+        [1] A revolution stands for all later ones if what is read changed by less than this from the one before it, and
+        is less than this away from what the last two changes tend to: lengths, over all samples and channels, over the
+        noise. A parameter is then off by a standard error at most, and by much less as a rule, for each change is a
+        small part of the one before.
     settled_after : tuple of int
-        Revolutions dropped before the one that is kept, in turn. After three all but a few motions have settled; what
-        has not after six is simulated as long as the record, which is hardly longer.
+        Revolutions dropped before the one that is kept, in turn, two at least; never fewer than are simulated before
+        the first sample. After three all but a few motions have settled; what has not after six is simulated as long as
+        the record, which is hardly longer.
     other_start_revolutions : float
         [revolutions] How much earlier the motion begins for another start: one, and the part of the next that meets no
         symmetry of a slider-crank (the golden section).
