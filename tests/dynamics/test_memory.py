@@ -104,6 +104,22 @@ def test_even_the_slowest_impact_of_all_that_moves_is_over_before_its_memory_fad
     assert separation[EVENT.index("duration")] < p.crank_pin.memory_time
 
 
+@pytest.mark.parametrize("restitution", (0.1, 0.3, 0.9))
+@pytest.mark.parametrize("slower", (50, 90))
+def test_so_is_one_ninety_times_slower_than_the_slowest_that_is_damped_as_itself(restitution, slower):
+    made = mechanism(law="exact_restitution", restitution=restitution)
+    p, (_, separation) = free_impact(made, mass=1.2212, speed=1e-3 / slower)
+    assert separation[EVENT.index("duration")] < p.crank_pin.memory_time
+
+
+@pytest.mark.parametrize(("restitution", "durations"), ((0.1, 2.0), (0.07, 2.4), (0.05, 2.9)))
+def test_a_free_impact_that_hardly_rebounds_lasts_as_long_as_is_documented(restitution, durations):
+    made = mechanism(law="exact_restitution", restitution=restitution, memory="published")
+    p, (_, separation) = free_impact(made, mass=1.2212, speed=1e-3)
+    elastic = impact_duration(p.crank_pin.stiffness, 1.5, 1.2212, 1e-3)
+    assert separation[EVENT.index("duration")] / elastic == pytest.approx(durations, abs=0.05)
+
+
 def test_motions_are_the_published_ones_to_the_last_bit_until_a_contact_lasts():
     published, fading = (
         integrated(mechanism(memory=memory, restitution=0.9), np.arange(0.0, 181.0))[1].events

@@ -62,9 +62,10 @@ class Contact(Section):
     )
     memory: Literal["fading", "published"] | None = Field(
         None,
-        description="what damps a contact that lasts; fading: once every free impact would be over, its damping goes "
-        "over from that of its own impact to that of one at reference_approach_speed; published: it keeps the approach "
-        "speed of its last impact for good, as the laws are printed. null: fading; law penalty has no memory",
+        description="what damps a contact that lasts; fading: once a free impact would be over (with exponent 1.5 and "
+        "a restitution of 0.1 or more), its damping goes over from that of its own impact to that of one at "
+        "reference_approach_speed; published: it keeps the approach speed of its last impact for good, as the laws are "
+        "printed. null: fading; law penalty has no memory",
     )
     reference_approach_speed: PositiveSpeed | None = Field(
         None,

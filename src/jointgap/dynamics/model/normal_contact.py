@@ -7,9 +7,10 @@ What a body then really rebounds with follows from the closed form of the impact
     chi (1 + e) = ln((1 + chi) / (1 - chi e))
 
 So damped by d'_0 for good, a contact that never ends would remember by which accident it once began: each start would
-have a settled motion of its own. By default its memory fades: chi/d'_0 holds for the `memory_time`, in which every free
-impact is over, and then goes over to chi/v_ref, v_ref a reference speed, within the `fading_time`; both follow from the
-duration of an elastic impact. The published form keeps chi/d'_0.
+have a settled motion of its own. By default its memory fades: chi/d'_0 holds for the `memory_time`, and then goes over
+to chi/v_ref, v_ref a reference speed, within the `fading_time`; both follow from the duration of an elastic impact. A
+free impact with n = 3/2 is over within the memory if it rebounds with 0.1 or more (`MEMORY_DURATIONS`). The published
+form keeps chi/d'_0.
 
 The penalty form of commercial multibody codes is F = K d^n + c(d) d', where the damping coefficient c(d) rises over the
 depth d_max from zero to c_max as a cubic step. What it rebounds with depends on mass and speed too.
@@ -26,8 +27,11 @@ from jointgap.dynamics.compilation import compiled, inlined
 MEMORY_DURATIONS, FADING_DURATIONS = 2.5, 2.5
 """Memory and fading of a contact in durations of the slowest elastic impact, one at `least_approach_speed`.
 
-With n = 3/2 a free impact lasts 2.0 times as long as an elastic one if it rebounds with 0.1, 2.4 times with 0.07, and
-the longer the slower it is. So whatever it begins with, at 0.1 and above a free impact is over before memory fades."""
+With n = 3/2 a free impact at that speed lasts 2.0 times as long as an elastic one if it rebounds with 0.1, 2.4 times
+with 0.07 and 2.9 times with 0.05. A slower one is damped as one at that speed, less for its own, and lasts as the
+elastic one does with the speed to the power of -1/5: 2.2 durations at a fiftieth of the speed, 2.5 at a hundredth. So
+at 0.1 and above a free impact faster than that is over before memory fades. With a larger exponent impacts last longer:
+with n = 2 it is so from a tenth of the speed on, with n = 3 one that rebounds with 0.1 is not over."""
 
 PULL_FAR_OFF = 1e3
 """Parting speed [m/s] before a contact pulls, from which on it is not followed: no mechanism is that fast."""
