@@ -10,7 +10,7 @@ from jointgap.errors import InputError
 from jointgap.identification.baseline import Baseline, recalibrate
 from jointgap.identification.confirmation import Confirmed, confirm
 from jointgap.identification.decide_verdict import Decision, final_verdict
-from jointgap.identification.estimates import HALF_WIDTH_90
+from jointgap.identification.estimates import effect_estimates, nuisance_estimates
 from jointgap.identification.fit import Fit
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.model_selection import select_hypothesis
@@ -52,6 +52,19 @@ def name(model: Emps) -> Named:
     return Named(base, final_verdict(found, confirmed), confirmed)
 
 
+def estimates(found: Fit) -> list[str]:
+    """A line for each parameter, with the 90 % interval that the data and the bounds leave."""
+    named = [(p.key, f" {p.unit}", estimate) for p, estimate in nuisance_estimates(found)]
+    for candidate in found.hypothesis:  # the names of their parameters end in the unit
+        named += [(f"{candidate.label}.{key}", "", one) for key, one in effect_estimates(found, candidate).items()]
+    lines = []
+    for label, unit, estimate in named:
+        low, high = ("open" if end is None else f"{end:.4g}" for end in estimate["interval_90"])
+        remark = f" ({estimate['remark']})" if "remark" in estimate else ""
+        lines.append(f"{label} = {estimate['value']:.4g}{unit}, 90 % interval {low} to {high}{remark}")
+    return lines
+
+
 def force_error(model: Emps, run: str, found: Fit) -> float:
     """norm(f - f_model) / norm(f) of a run's force at every millisecond."""
     values = {p.name: found.mapping.get(p.key, p.nominal) for p in model.nuisances}
@@ -74,11 +87,8 @@ def main() -> None:
     print(f"gap on the held-out run: {found.confirmed.test.words}")
     for ranked in found.decision.ranking[:5]:
         print(f"  {ranked.fit.label}: delta BIC {ranked.delta_bic:.0f}, explained share {ranked.share:.3f}")
-    for p, value, sd in zip(
-        found.chosen.parameters, found.chosen.values, np.sqrt(np.diag(found.chosen.covariance())), strict=True
-    ):
-        half = HALF_WIDTH_90 * sd
-        print(f"  {p.key} = {value:.4g} {p.unit}, 90 % interval {value - half:.4g} to {value + half:.4g}")
+    for line in estimates(found.chosen):
+        print(f"  {line}")
     for run in model.force:
         before, after = force_error(model, run, found.decision.base), force_error(model, run, found.chosen)
         aside = " (held out)" if run == HELD_OUT else ""

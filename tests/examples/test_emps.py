@@ -3,13 +3,14 @@ data.
 """
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.io import savemat
 
-from examples.emps.__main__ import force_error, name
+from examples.emps.__main__ import estimates, force_error, name
 from examples.emps.effects import STROKE
 from examples.emps.model import ADDRESS, AVERAGED, CYCLE, FILES, SAMPLE_TIME, Emps
 from jointgap.errors import InputError
@@ -120,6 +121,14 @@ def test_effects_hidden_in_made_data_are_named_with_their_sizes(tmp_path, truth)
     for label, at in truth.items():
         for coordinate, value in at.items():
             assert found.chosen.mapping[f"{label}.{coordinate}"] == pytest.approx(value, rel=0.05)
+
+
+def test_the_interval_of_a_spring_that_rests_at_an_end_of_the_stroke_ends_there(tmp_path):
+    found = named_on_made_data(tmp_path, slider_spring={"stiffness_N_m": 40.0, "rest_position_m": 0.0})
+    (line,) = (line for line in estimates(found.chosen) if line.startswith("slider_spring.rest_position_m"))
+    low, high = re.search(r"interval (\S+) to (\S+)", line).groups()
+    assert float(low) == pytest.approx(0.0, abs=1e-3)
+    assert 1e-4 < float(high) < STROKE / 10
 
 
 def test_with_nothing_hidden_the_parameters_alone_are_found(tmp_path):

@@ -54,6 +54,24 @@ def test_friction_is_named_and_the_gap_of_the_held_out_run_falls_to_noise(outcom
     assert after == pytest.approx(1.0, abs=0.1)
 
 
+def test_values_are_stated_with_the_intervals_of_a_line_through_the_forces(outcome):
+    names = outcome(lambda speed: -2.0 * np.sign(speed))
+    measured = next(series for series in names["model"].series if series.run == "slow")
+    rate = 2.0 * np.pi / 4.0
+    inertia, friction = -0.1 * rate**2 * np.sin(rate * measured.time), np.sign(np.cos(rate * measured.time))
+    design = np.column_stack([inertia, friction])
+    best, errors = (
+        np.linalg.lstsq(design, measured.value)[0],
+        NOISE * np.sqrt(np.diag(np.linalg.inv(design.T @ design))),
+    )
+    for estimate, value, error in zip(
+        (names["stated"]["mass"], names["stated"]["slider_coulomb_friction"]["force_N"]), best, errors, strict=True
+    ):
+        assert estimate["value"] == pytest.approx(value, abs=0.1 * error)
+        assert estimate["sd"] == pytest.approx(error, rel=0.1)
+        assert estimate["interval_90"] == pytest.approx([value - 1.645 * error, value + 1.645 * error], abs=0.3 * error)
+
+
 def test_with_nothing_hidden_the_mass_alone_is_found(outcome):
     found = outcome(lambda speed: 0.0)["found"]
     assert found.verdict == "parameters_only", found.because
