@@ -87,6 +87,29 @@ def test_what_other_numerics_change_adds_to_the_covariance():
     assert known.covariance == pytest.approx(np.diag([0.25 + 0.09, 0.04 + 0.16]))
 
 
+@pytest.mark.parametrize("size", [10.0, 30.0, 100.0])
+@pytest.mark.parametrize("direction", [(1.0, 1.0), (1.0, -2.0)])
+def test_shifts_of_many_standard_errors_are_drawn_as_they_are_beside_a_bound(size, direction):
+    """Of two parameters with error 1 that go together, one is cut off at half a shift below."""
+    shift = size * np.array([direction])
+    low, high = np.array([-0.5 * size, -np.inf]), np.full(2, np.inf)
+    known = bounded_normal(np.eye(2), np.zeros(2), 1.0, np.zeros(2), low, high, shift)
+    covariance = np.eye(2) + shift.T @ shift
+    sd = np.sqrt(np.diag(covariance))
+    first = truncnorm(low[0] / sd[0], np.inf, 0.0, sd[0])
+    # half of the draws count: neighbouring sweeps go together
+    independent = 0.5 * len(known.draws)
+    for share in (0.05, 0.5, 0.95):
+        exact = first.ppf(share)
+        error = np.sqrt(share * (1.0 - share) / independent) / first.pdf(exact)
+        assert np.quantile(known.draws[:, 0], share) == pytest.approx(exact, abs=4.0 * error)
+    # the second is normal given the first
+    slope = covariance[0, 1] / covariance[0, 0]
+    spread = np.sqrt(slope**2 * first.var() + covariance[1, 1] - slope * covariance[0, 1])
+    assert known.draws[:, 1].mean() == pytest.approx(slope * first.mean(), abs=4.0 * spread / np.sqrt(independent))
+    assert known.draws[:, 1].std() == pytest.approx(spread, rel=4.0 / np.sqrt(2.0 * independent))
+
+
 def test_the_others_are_less_sure_where_one_ends_at_its_bound():
     """Held at its bound, the one that looks nearly alike would make the other look known better than it is."""
     rng = np.random.default_rng(3)

@@ -1,6 +1,7 @@
 """Estimates as a verdict states them: value, standard error, 90 % interval, and a remark where there is none."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,6 +21,7 @@ from jointgap.identification.estimates import (
 from jointgap.identification.fit import Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.toy import stated_noise, toy
 
 
@@ -131,7 +133,9 @@ def drawn(candidate, value, draws):
     known = BoundedNormal(np.array([[np.var(draws)]]), np.array(draws, float)[:, None])
     (p,) = candidate.coordinates
     parameter = Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high)
-    return SimpleNamespace(parameters=(parameter,), values=np.array([value]), distribution=known)
+    return SimpleNamespace(
+        parameters=(parameter,), values=np.array([value]), distribution=known, settings=DEFAULT_SETTINGS
+    )
 
 
 def test_no_end_of_an_interval_is_infinite():
@@ -147,3 +151,60 @@ def test_no_end_of_an_interval_is_infinite():
     found = effect_estimates(drawn(rod, 1.0, [0.0] * 20 + [1.0] * 80), rod)["stiffness"]
     assert found["interval_90"] == [1.0, None]
     assert found["remark"] == AT_BOUND
+
+
+def coefficient(change_low, change_high, nominal=0.1):
+    """An effect that states a whole coefficient and is fitted as its change."""
+    return Candidate(
+        "friction",
+        "pin",
+        (Parameter("change", 0.0, change_low, change_high, step=0.01),),
+        ("change",),
+        parameters=lambda values: {"coefficient": nominal + values["change"]},
+    )
+
+
+@pytest.mark.parametrize(("change", "end"), [(-0.095, 0.0), (0.495, 0.6)])
+def test_the_interval_of_what_follows_from_a_coordinate_stays_within_what_that_allows(change, end):
+    candidate = coefficient(-0.1, 0.5)
+    found = effect_estimates(fit_of(candidate, change, covariance=np.array([[0.02**2]])), candidate)["coefficient"]
+    low, high = found["interval_90"]
+    exact = truncnorm((-0.1 - change) / 0.02, (0.5 - change) / 0.02, 0.1 + change, 0.02)
+    assert 0.0 <= low < found["value"] < high <= 0.6
+    assert (low, high) == pytest.approx(tuple(exact.ppf([0.05, 0.95])), abs=2e-3)
+    assert found["sd"] > 0.0
+    assert abs(found["value"] - end) < 0.01
+
+
+@pytest.mark.parametrize("change", [-0.1, 0.5])
+def test_at_a_bound_the_interval_of_what_follows_holds_its_own_value(change):
+    candidate = coefficient(-0.1, 0.5)
+    found = effect_estimates(fit_of(candidate, change, covariance=np.array([[0.02**2]])), candidate)["coefficient"]
+    assert found["remark"] == AT_BOUND
+    assert found["interval_90"][0] <= found["value"] <= found["interval_90"][1]
+
+
+def test_a_phase_far_from_the_bounds_of_its_parts_takes_its_error_linearly_though_others_are_cut_off():
+    torque = Candidate(
+        "torque",
+        "crank",
+        (Parameter("cosine", 0.0), Parameter("sine", 0.0)),
+        ("cosine", "sine"),
+        parameters=lambda values: {"phase": math.atan2(values["sine"], values["cosine"])},
+    )
+    cut = Parameter("friction", 0.1, 0.1, 0.2)
+    fit = fit_of(torque, 0.1, -1.0, 0.02, nuisances=(cut,), covariance=np.diag([0.01, 1e-4, 1e-4]))
+    assert fit.distribution.draws is not None
+    found = effect_estimates(fit, torque)["phase"]
+    assert found["interval_90"] == pytest.approx([math.pi - 0.03645, math.pi - 0.00355], abs=1e-4)
+
+
+def test_the_settings_of_a_problem_reach_its_intervals():
+    """Where any bound counts as far, none cuts an interval off."""
+    candidate = coefficient(-0.1, 0.5)
+    cut_off = fit_of(candidate, -0.095, covariance=np.array([[0.02**2]]))
+    settings = replace(DEFAULT_SETTINGS, intervals=replace(DEFAULT_SETTINGS.intervals, far_standard_deviations=0.0))
+    assert effect_estimates(cut_off, candidate)["coefficient"]["interval_90"][0] >= 0.0
+    assert effect_estimates(replace(cut_off, settings=settings), candidate)["coefficient"]["interval_90"][0] < 0.0
+    model = toy(seed=1)
+    assert fit_hypothesis(Problem(model, stated_noise(model), settings=settings)).settings is settings

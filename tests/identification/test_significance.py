@@ -35,9 +35,17 @@ def test_errors_that_go_together_count_as_such():
     assert wald_statistic(fitted, TORQUE) == pytest.approx(expected)
 
 
-def test_what_stands_at_a_bound_other_than_zero_is_there_and_what_stands_at_zero_is_not():
-    assert wald_statistic(torque([-5.0, 0.1], np.eye(2)), TORQUE) == np.inf
-    assert chance(torque([-5.0, 0.1], np.eye(2)), TORQUE) == 0.0
+def test_what_stands_at_a_bound_other_than_zero_counts_by_the_error_that_it_would_have_beyond():
+    at_bound, inside = torque([-5.0, 0.1], np.eye(2)), torque([-4.999, 0.1], np.eye(2))
+    assert wald_statistic(at_bound, TORQUE) == pytest.approx(25.01)
+    assert wald_statistic(at_bound, TORQUE) == pytest.approx(wald_statistic(inside, TORQUE), rel=1e-3)
+    friction = Candidate("friction", "slider", (Parameter("change", 0.0, -0.1, 0.5),), ("change",))
+    size = [Parameter("friction.change", 0.0, -0.1, 0.5)]
+    unknown = made_fit(np.zeros(3), size, np.full((3, 1), 1e-3), [-0.1], (friction,))
+    assert chance(unknown, friction) > 0.5
+
+
+def test_what_stands_at_zero_is_not_there():
     friction = Candidate("friction", "slider", (Parameter("size", 0.0, low=0.0),), ("size",))
     none = made_fit(np.zeros(3), [Parameter("friction.size", 0.0, low=0.0)], np.ones((3, 1)), [0.0], (friction,))
     assert (wald_statistic(none, friction), chance(none, friction)) == (0.0, 1.0)

@@ -149,3 +149,15 @@ def test_filters_see_ten_samples_of_a_corner_and_half_a_degree_of_the_crank():
     fine = sensors.filter_times(0.0, 1.0, 0.72, [50.0, 1000.0])
     assert np.diff(fine) == pytest.approx(np.full(10_000, 1e-4), rel=1e-9)
     assert (fine[0], fine[-1]) == (0.0, 1.0)
+
+
+def test_a_lag_that_replaces_a_nuisance_may_be_less_than_that_is_nominally():
+    """So that what a fit has of the nuisance is within reach of the effect."""
+    keys = {"drive": "measured_angle", "sensors": {"crank_angle": {"resolution": 1e-5}}}
+    bounds = {}
+    for nuisance in ({}, {"encoder_lag": "2 ms"}):
+        own = campaign(mechanism(), nuisance=nuisance, **keys)
+        (lag,) = (one for one in build_model(own, recorded(own)).candidates if one.label == "encoder_lag")
+        bounds[bool(nuisance)] = (lag.coordinates[0].low, lag.coordinates[0].high)
+    assert bounds[False][0] == 0.0
+    assert bounds[True] == (-bounds[False][1], bounds[False][1])

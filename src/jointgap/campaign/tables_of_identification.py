@@ -273,7 +273,8 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
             shifts = all_shifts[label].pivot(index="numerics", columns="key", values="shift")[keys].to_numpy()
         status = row["simulations"], row["status"], row["reason"] or ""
         slope = own.loc[keys, "slope"].to_numpy(dtype=float)
-        fits.append(Fit(hypothesis, parameters, fitted, residual, jacobian, *status, slope, shifts))
+        known = slope, shifts, problem.settings
+        fits.append(Fit(hypothesis, parameters, fitted, residual, jacobian, *status, *known))
     return fits
 
 

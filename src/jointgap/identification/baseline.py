@@ -159,7 +159,8 @@ def with_shifts(problem: Problem, fit: Fit) -> Fit:
     rows = np.vstack([fit.jacobian, widths])
     scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     changes = np.hstack([changes, np.zeros((len(changes), scale.size))])
-    return replace(fit, shifts=np.linalg.lstsq(rows / scale, changes.T, rcond=1e-8)[0].T / scale)
+    least = problem.settings.intervals.least_singular_value
+    return replace(fit, shifts=np.linalg.lstsq(rows / scale, changes.T, rcond=least)[0].T / scale)
 
 
 def other_numerics(problem: Problem, base: Fit) -> np.ndarray:

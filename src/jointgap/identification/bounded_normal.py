@@ -2,8 +2,8 @@
 
 Near its minimum chi2 is a quadratic function of the parameters, and the bounds are flat inside. Where the minimum lies
 at a bound, chi2 has a slope there: the parameter is known to one side, and what it may be counts for all others. The
-distribution is drawn from by Gibbs' sampler, along the parameters and along the axes of chi2 in turn (S. Geman and D.
-Geman, IEEE Trans. Pattern Anal. Mach. Intell. 6 (1984) 721-741); no simulation is needed.
+distribution is drawn from by Gibbs' sampler, along the parameters, the axes of chi2 and those of the distribution in
+turn (S. Geman and D. Geman, IEEE Trans. Pattern Anal. Mach. Intell. 6 (1984) 721-741); no simulation is needed.
 """
 
 from dataclasses import dataclass
@@ -90,6 +90,8 @@ def bounded_normal(
     precision = (right.T * singular_values) @ np.linalg.solve(variance, singular_values[:, None] * right)
     pull = -right.T @ (singular_values * beyond)
     axes = np.vstack([np.eye(unit.size), right])
+    if shifts.any():  # they turn the axes of the distribution out of those of chi2
+        axes = np.vstack([axes, np.linalg.eigh(free)[1].T])
     drawn = _gibbs(precision, pull, np.minimum(below, 0.0), np.maximum(above, 0.0), axes, settings) * unit
     covariance[places] = np.atleast_2d(np.cov(drawn, rowvar=False))
     draws = np.tile(values, (len(drawn), 1))

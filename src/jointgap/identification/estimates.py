@@ -5,10 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from jointgap.identification.bounded_normal import BoundedNormal
 from jointgap.identification.fit import Fit
 from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.identification.settings import DEFAULT_SETTINGS
 
 HALF_WIDTH_90 = 1.645
 """Half the width of a 90 % interval of the normal distribution, in standard deviations [1]: five percent lie beyond
@@ -59,7 +57,7 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
     """Parameters of an effect as a verdict states them, by name, each as `coordinate_estimate` gives it.
 
     Parameters that follow from the coordinates (an amplitude from its cosine and sine parts) take their errors from
-    these linearly; from draws where a coordinate on which they depend is at its bound.
+    these linearly, and their intervals from draws where a bound cuts off a coordinate on which they depend.
 
     Parameters
     ----------
@@ -82,6 +80,7 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
             for name in values:
                 slopes[name][i] = (moved[0][name] - moved[1][name]) / (2 * step)
     block = known.covariance[np.ix_(columns, columns)]
+    cut = np.array([_is_cut_off(fit, column) for column in columns], dtype=bool)
     # Coordinates at a bound, each with a value inside: what these would change was drawn to the bound too.
     inside = [(p, fitted[p.key] + p.step) for p in own if fitted[p.key] <= p.low]
     inside += [(p, fitted[p.key] - p.step) for p in own if fitted[p.key] >= p.high]
@@ -92,22 +91,29 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
             estimates[name] = coordinate_estimate(fit, same)
             continue
         error = float(np.sqrt(max(slopes[name] @ block @ slopes[name], 0.0)))
-        if any(candidate.parameters(fitted | {p.key: nearby})[name] != value for p, nearby in inside):
-            estimates[name] = _at_bound(value, name, candidate, [p.key for p in own], columns, known)
+        at_bound = any(candidate.parameters(fitted | {p.key: nearby})[name] != value for p, nearby in inside)
+        if at_bound and known.draws is None:
+            estimates[name] = {"value": float(value), "sd": None, "interval_90": [None, None], "remark": AT_BOUND}
+        elif at_bound or (known.draws is not None and any(cut & (slopes[name] != 0.0))):
+            mapped = _mapped_draws(fit, candidate, [p.key for p in own], columns, name)
+            estimates[name] = _from_draws(float(value), mapped, error, -np.inf, np.inf, at_bound)
         else:
             estimates[name] = estimate_with_interval(value, error, -np.inf, np.inf)
     return estimates
 
 
-def _at_bound(
-    value: float, name: str, candidate: Candidate, keys: Sequence[str], columns: Sequence[int], known: BoundedNormal
-) -> dict[str, Any]:
-    """Estimate of a parameter that follows from coordinates, one of which is at its bound."""
-    if known.draws is None:
-        return {"value": float(value), "sd": None, "interval_90": [None, None], "remark": AT_BOUND}
-    draws = known.draws[:: max(len(known.draws) // DEFAULT_SETTINGS.intervals.mapped_draws, 1), columns]
-    mapped = np.array([candidate.parameters(dict(zip(keys, map(float, row), strict=True)))[name] for row in draws])
-    return _from_draws(float(value), mapped, np.nan, float(mapped.min()), float(mapped.max()), True)
+def _is_cut_off(fit: Fit, place: int) -> bool:
+    """Whether a bound cuts off what may be counted on of one parameter."""
+    p, value = fit.parameters[place], fit.values[place]
+    far = fit.settings.intervals.far_standard_deviations * np.sqrt(fit.distribution.covariance[place, place])
+    return bool(min(value - p.low, p.high - value) <= far)
+
+
+def _mapped_draws(fit: Fit, candidate: Candidate, keys: Sequence[str], columns: Sequence[int], name: str) -> np.ndarray:
+    """Draws (s,) of a parameter that follows from the coordinates `keys` of an effect, at `columns` of the fit."""
+    draws = fit.distribution.draws[:, columns]
+    draws = draws[:: max(len(draws) // fit.settings.intervals.mapped_draws, 1)]
+    return np.array([candidate.parameters(dict(zip(keys, map(float, row), strict=True)))[name] for row in draws])
 
 
 def _from_draws(value: float, draws: np.ndarray, sd: float, low: float, high: float, at_bound: bool) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Fits of a model to measured data by forward simulation, and what they say of parameters and hypotheses."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.gauss_newton import StoppingRule, bounded_step, broyden_update, next_damping
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Parameter
-from jointgap.identification.settings import DEFAULT_SETTINGS, DampingSettings
+from jointgap.identification.settings import DEFAULT_SETTINGS, DampingSettings, IdentificationSettings
 
 CONVERGED, STOPPED, FAILED = "converged", "stopped", "failed"
 
@@ -44,6 +44,8 @@ class Fit:
         Half the derivative of chi2 by the values [1/SI]: of a fit that no longer has its whole Jacobian.
     shifts : (m, k) array, optional
         What m other numerics, or other starts, change in the values [SI]; none where they were not asked.
+    settings : IdentificationSettings
+        Those of the problem that was fitted.
     """
 
     hypothesis: Hypothesis
@@ -56,6 +58,7 @@ class Fit:
     reason: str = ""
     slope: np.ndarray | None = None
     shifts: np.ndarray | None = None
+    settings: IdentificationSettings = DEFAULT_SETTINGS
 
     @property
     def label(self) -> str:
@@ -89,7 +92,7 @@ class Fit:
         low, high = bounds_of(self.parameters)
         steps = np.array([p.step for p in self.parameters])
         reach = np.where(np.isfinite(high - low), high - low, steps)
-        return np.linalg.norm(self.jacobian, axis=0) * reach > DEFAULT_SETTINGS.differences.negligible_change
+        return np.linalg.norm(self.jacobian, axis=0) * reach > self.settings.differences.negligible_change
 
     @property
     def mapping(self) -> dict[str, float]:
@@ -108,9 +111,10 @@ class Fit:
         inflation = max(1.0, self.chi2 / max(self.residual.size - self.values.size, 1))
         shifts = np.empty((0, self.values.size)) if self.shifts is None else self.shifts
         slope = np.nan_to_num(self.half_derivative)
-        return bounded_normal(self.jacobian, slope, inflation, self.values, low, high, shifts)
+        intervals = self.settings.intervals
+        return bounded_normal(self.jacobian, slope, inflation, self.values, low, high, shifts, intervals)
 
-    def covariance(self) -> np.ndarray:
+    def covariance(self, released: Sequence[int] = ()) -> np.ndarray:
         """Of the values, (k, k) [SI], where those at a bound are held there: zero rows for them.
 
         It is for steps and comparisons about the values. What is stated of the values is the `distribution`. Inflated
@@ -118,11 +122,18 @@ class Fit:
 
         Flat bounds count as what they say of a parameter by themselves, a twelfth of the squared width, so that what
         the data do not determine is no more uncertain than that.
+
+        Parameters
+        ----------
+        released : sequence of int
+            Places of parameters that are not held, though they are at a bound.
         """
         low, high = bounds_of(self.parameters)
         length = np.linalg.norm(self.jacobian, axis=0)
         width = high - low
-        free = (self.values > low) & (self.values < high) & ((length > 0) | np.isfinite(width))
+        inside = (self.values > low) & (self.values < high)
+        inside[list(released)] = True
+        free = inside & ((length > 0) | np.isfinite(width))
         covariance = np.zeros((self.values.size, self.values.size))
         if free.any():
             inflation = max(1.0, self.chi2 / max(self.residual.size - free.sum(), 1))
@@ -131,7 +142,8 @@ class Fit:
             scale = np.linalg.norm(rows, axis=0)
             _, singular_values, right = np.linalg.svd(rows / scale, full_matrices=False)
             # a combination that changes nothing is as uncertain as rounding allows to say, not certain
-            inverse = right.T / np.maximum(singular_values, 1e-8 * singular_values[0])
+            least = self.settings.intervals.least_singular_value * singular_values[0]
+            inverse = right.T / np.maximum(singular_values, least)
             covariance[np.ix_(free, free)] = inflation * (inverse @ inverse.T) / np.outer(scale, scale)
         return covariance
 
@@ -191,7 +203,8 @@ def fit_hypothesis(
 
     def finished(status: str, reason: str = "") -> Fit:
         count = problem.simulations - simulations
-        return Fit(hypothesis, parameters, descent.values, descent.residual, descent.jacobian, count, status, reason)
+        found = Fit(hypothesis, parameters, descent.values, descent.residual, descent.jacobian, count, status, reason)
+        return replace(found, settings=problem.settings)
 
     try:
         descent.begin(known_derivatives)

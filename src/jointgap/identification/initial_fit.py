@@ -1,6 +1,7 @@
 """Fits of screened hypotheses: where each starts, as far along the linear answer as simulation bears it out."""
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -55,7 +56,8 @@ def fit_screened(
         parameters = problem.parameters(screened.hypothesis)
         values = np.array([screened.start.get(p.key, p.nominal) for p in parameters])
         residual, jacobian = np.full(problem.size, np.nan), np.empty((0, len(parameters)))
-        return Fit(screened.hypothesis, parameters, values, residual, jacobian, 0, FAILED, str(error))
+        failed = Fit(screened.hypothesis, parameters, values, residual, jacobian, 0, FAILED, str(error))
+        return replace(failed, settings=problem.settings)
     return fit_hypothesis(
         problem,
         screened.hypothesis,

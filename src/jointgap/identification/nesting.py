@@ -24,7 +24,8 @@ def labels_of(hypothesis: Hypothesis) -> frozenset[str]:
 def with_effects_absent(problem: Problem, hypothesis: Hypothesis, part: Fit) -> dict[str, float]:
     """Values by key [SI] at which a hypothesis predicts what the fit of a part of it does: further effects are absent.
 
-    The amplitude of an effect that replaces a nuisance is then what the fit has of the nuisance beyond nominal.
+    Where a bound of an effect forbids that, it is at the bound. The amplitude of an effect that replaces a nuisance is
+    then what the fit has of the nuisance beyond nominal.
 
     Parameters
     ----------
@@ -52,7 +53,9 @@ def with_effects_absent(problem: Problem, hypothesis: Hypothesis, part: Fit) -> 
 
 
 def not_above_its_parts(problem: Problem, differences: FiniteDifferences, fit: Fit, parts: Sequence[Fit]) -> Fit:
-    """The `fit`; where the fit of a part of its hypothesis is lower, one that starts from there and is not above it.
+    """The `fit`; where the fit of a part of its hypothesis is lower, one that starts from there if that is lower.
+
+    It starts as near to the part as the bounds of the further effects let it.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ def wald_statistic(fit: Fit, candidate: Candidate) -> float:
 
     It is what chi2 would gain by the effect in the valley in which the fit lies, if residuals were linear (Wald 1943):
     a hypothesis that gains more owes the rest to another valley of the nuisances. An amplitude at a bound other than 0
-    has no error: it is infinitely far from 0.
+    has the error that it would have if the bound were farther.
 
     Parameters
     ----------
@@ -21,8 +21,6 @@ def wald_statistic(fit: Fit, candidate: Candidate) -> float:
         One of its effects.
     """
     amplitudes, free, covariance = _amplitudes(fit, candidate)
-    if np.any(amplitudes[~free] != 0.0):
-        return np.inf
     if not free.any():
         return 0.0
     scale = np.sqrt(np.diag(covariance))
@@ -48,6 +46,6 @@ def _amplitudes(fit: Fit, candidate: Candidate) -> tuple[np.ndarray, np.ndarray,
     """Amplitudes (m,) of an effect, which of them have an error, and the covariance of these."""
     own = {f"{candidate.label}.{key}" for key in candidate.amplitudes}
     places = [i for i, p in enumerate(fit.parameters) if p.key in own]
-    covariance = fit.covariance()[np.ix_(places, places)]
+    covariance = fit.covariance(released=[i for i in places if fit.values[i] != 0.0])[np.ix_(places, places)]
     free = np.diag(covariance) > 0.0
     return fit.values[places], free, covariance[np.ix_(free, free)]

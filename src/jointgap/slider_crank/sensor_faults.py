@@ -74,6 +74,8 @@ class SensorFault:
         `Candidate`; `runs` are those of the campaign.
         """
         step, low, high = self.bounds(reading)
+        if replaces:  # then it counts from what is known, and may be less
+            low = min(low, -high)
         coordinate = amplitude(self.parameter, step, self.unit or reading.unit, low, high)
         coordinates = tuple(replace(coordinate, run=run) for run in runs) if self.of_each_run else (coordinate,)
         return Candidate(
