@@ -8,6 +8,7 @@ import pytest
 
 from jointgap.campaign.verdict_page import page
 from jointgap.campaign.verdict_sentences import answer
+from jointgap.identification.estimates import AT_BOUND, CHANGES_NOTHING
 from jointgap.report.page import to_html, to_markdown
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
 
@@ -323,9 +324,11 @@ def test_of_parameters_alone_those_inside_their_ranges_are_borne_out_and_those_a
     nuisances = {
         "slider_mass": {"value": 0.447, "sd": 0.002},
         "speed@slow": {"value": 20.9, "sd": 0.01},
-        "restitution": {"value": 1.0, "sd": None, "remark": "at its bound"},
+        "restitution": {"value": 1.0, "sd": None, "remark": AT_BOUND},
+        "rod_mass": {"value": 0.773, "sd": None, "remark": CHANGES_NOTHING},
     }
     text = markdown(VERDICTS["parameters_only"] | {"nuisances": nuisances}, {})
+    assert "The data say nothing of rod mass: its value is as you stated." in text
     assert "The data bear out slider mass and speed of run slow: fitted inside their ranges" in text
     assert "Do not take over restitution: it ends at a bound" in text
     assert "Do not take over" not in markdown(VERDICTS["parameters_only"], {})

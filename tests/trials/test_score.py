@@ -35,13 +35,13 @@ def named(effect, value=None, low=0.0, high=1e3) -> dict:
 
 
 def analysis(
-    verdict="named", effects=(), equivalent=(), merged=(), undetectable=(), where=(), gap=(4.0, 1.0), **more
+    verdict="named", effects=(), equivalent=(), merged=(), undetectable=(), where=(), gap=(4.0, 1.0), certain=(), **more
 ) -> dict:
     return {
         "id": "a", "seconds": 3.0,
         "verdict": {
             "verdict": verdict, "because": "so it is", "effects": list(effects),
-            "equivalent": [list(labels) for labels in equivalent],
+            "equivalent": [list(labels) for labels in equivalent], "certain": list(certain),
             "preflight": {"merged": [list(labels) for labels in merged], "undetectable": list(undetectable)},
             "where": list(where), "gap": {"confirm": {"before": gap[0], "after": gap[1]}},
         },
@@ -60,6 +60,13 @@ def test_the_true_name_alone_is_right():
     assert outcome(DRAG, effects=[named(DRAG), named(SPRING)]) == "wrong"
     assert outcome(DRAG, verdict="unexplained") == "unexplained"
     assert outcome(DRAG, verdict="no_disagreement") == "missed"
+
+
+def test_an_effect_that_is_called_certain_and_is_not_hidden_is_a_wrong_name():
+    both = [[named(DRAG), named(SPRING)], [named(DRAG), named(LAG)]]
+    assert outcome(DRAG, SPRING, verdict="ambiguous", equivalent=both, certain=[named(DRAG)]) == "ambiguous"
+    assert outcome(SPRING, verdict="ambiguous", equivalent=both, certain=[named(DRAG)]) == "wrong"
+    assert outcome(verdict="ambiguous", equivalent=both, certain=[named(DRAG)]) == "wrong"
 
 
 def test_a_faulty_sensor_is_right_on_its_own_channel_alone():
@@ -417,6 +424,8 @@ def test_a_fault_of_the_damaged_sensor_is_a_right_name_and_any_other_name_is_wro
     assert score_trial(wired("gain", "guide_force"), analysis(effects=[named(GAIN)]))["outcome"] == "wrong"
     row = score_trial(wired(), analysis(effects=[named(DRAG)], doubts=[DOUBT]))
     assert (row["outcome"], row["told"]) == ("wrong", True)
+    certain = score_trial(wired(), analysis(verdict="ambiguous", certain=[named(DRAG)], doubts=[DOUBT]))
+    assert certain["outcome"] == "wrong"
 
 
 def test_files_that_are_refused_for_the_damaged_channel_tell_it():

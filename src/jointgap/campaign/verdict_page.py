@@ -17,6 +17,7 @@ from jointgap.campaign.phrasing import (
 from jointgap.campaign.tables_of_identification import assumed, failures
 from jointgap.campaign.verdict_sentences import ENOUGH, answer, best_known_in_words, held_out_in_words
 from jointgap.figures.campaign_catalogue import CATALOGUE
+from jointgap.identification.estimates import AT_BOUND, CHANGES_NOTHING, NOT_ESTIMATED
 from jointgap.report.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
 from jointgap.report.plain_words import joined, number, percent, rounded_gap, with_error, with_unit
 
@@ -259,8 +260,10 @@ def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
 
 def _borne_out(verdict: Mapping[str, Any]) -> str:
     """Which of the parameters the data bear out, where these alone are said to meet the measurement."""
-    at_bound = [key for key, estimate in verdict["nuisances"].items() if estimate["sd"] is None]
-    inside = [key for key in verdict["nuisances"] if key not in at_bound]
+    remarks = {key: estimate.get("remark") for key, estimate in verdict["nuisances"].items()}
+    at_bound = [key for key, remark in remarks.items() if remark == AT_BOUND]
+    untold = [key for key, remark in remarks.items() if remark in (CHANGES_NOTHING, NOT_ESTIMATED)]
+    inside = [key for key in remarks if key not in (*at_bound, *untold)]
     says = []
     if inside:
         says.append(
@@ -274,6 +277,9 @@ def _borne_out(verdict: Mapping[str, Any]) -> str:
             f"Do not take over {_parameters_in_words(at_bound)}: {'it ends' if one else 'they end'} at a bound, so the "
             f"data ask for something beyond it, or {'it takes' if one else 'they take'} up what is not in the model."
         )
+    if untold:
+        own = "its value is" if len(untold) == 1 else "their values are"
+        says.append(f"The data say nothing of {_parameters_in_words(untold)}: {own} as you stated.")
     return " ".join(says)
 
 

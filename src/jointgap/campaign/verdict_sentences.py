@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jointgap.campaign.phrasing import effect_in_words, explanation_in_words, explanation_label_in_words, is_fault
-from jointgap.identification.confirmation import STAYS, HeldOutTest, share_closed
+from jointgap.identification.confirmation import RISES, STAYS, HeldOutTest, share_closed
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.report.plain_words import joined, percent, rounded_gap
 
@@ -47,6 +47,12 @@ def _closed(verdict: Mapping[str, Any], unmet: str) -> str:
         return (
             "With it the model meets the data used for fitting within the noise; on the held-out data the gap falls by "
             "less than noise leaves open, so they do not confirm it."
+        )
+    confirmed = verdict["gap"]["confirm"]["after"]
+    if after**2 <= _DECISION.tolerated_reduced_chi2 and confirmed is not None and confirmed > _NOISE_GAP:
+        return (
+            "With it the model meets the data used for fitting within the noise; on the held-out data a gap of "
+            f"{rounded_gap(confirmed)} is left, which is more."
         )
     part = "most" if share_closed(before, after) > _MOST_LEFT else "part"
     where = " on the data used for fitting" if unmet else ""
@@ -115,8 +121,9 @@ def _would_prove(verdict: Mapping[str, Any]) -> str:
     best, test = verdict["best_known"], verdict["held_out_test"]
     if verdict["doubted_channels"]:
         return "What would prove it: the wiring of these channels checked, and a run recorded anew."
-    if test in ("stays", "rises"):
-        return "What would prove it: a run that took no part, in which its gap falls. It does not in the one held out."
+    held_out = best["gap"]["confirm"]
+    if test == RISES or (test == STAYS and not held_out["after"] < held_out["before"]):
+        return "What would prove it: data that took no part, on which its gap falls. On those held out it does not."
     if best["rival"] and best["rival"]["behind"] < _DECISION.min_delta_bic:
         return "What would prove it: a speed, a load or a channel in which it differs from its rival."
     if test in ("cannot_tell", "not_simulated", "nothing_held_out"):

@@ -70,6 +70,12 @@ NUISANCES = {key: limits.unit for key, limits in _RANGES.items()}
 """SI unit of every quantity that may be listed under ``nuisance``; ``''`` for pure numbers."""
 
 
+_NOMINALLY_0 = ("encoder_zero", "encoder_lag", "slider_position_zero")
+
+_AMOUNTS = {"m": "'1 mm'", "rad": "'5 deg'", "s": "'5 ms'"}
+"""By which a quantity of the unit may differ from nominal either way, for example."""
+
+
 def share_or_bounds(key: str, value: Any, nominals: tuple[float, ...] = ()) -> float | tuple[float, float]:
     """The `value` of the nuisance `key` in a campaign file: a share of its nominal value, or its bounds [SI].
 
@@ -97,7 +103,7 @@ def share_or_bounds(key: str, value: Any, nominals: tuple[float, ...] = ()) -> f
         check_possible(key, low, high, f"{key} = '{value}'")
         return low, high
     if isinstance(value, str):
-        share = _percent(value)
+        share = _percent(key, value)
         if not 0 < share < 1:
             raise ValueError(f"{key} = '{value}' must be more than 0 % and less than 100 %")
         return share
@@ -122,7 +128,7 @@ def check_possible(key: str, low: float, high: float, source: str) -> None:
 
 def _amount(text: str, unit: str) -> float | None:
     """A length, angle or time with a unit of its own as a number in `unit`; None of any other text."""
-    if unit not in ("m", "rad", "s") or not re.search(r"[a-df-zA-DF-Z]", text):
+    if unit not in _AMOUNTS or not re.search(r"[a-df-zA-DF-Z]", text):
         return None
     try:
         return to_si(text, unit)
@@ -130,7 +136,7 @@ def _amount(text: str, unit: str) -> float | None:
         return None
 
 
-def _percent(text: str) -> float:
+def _percent(key: str, text: str) -> float:
     refuse_comma(text)
     number = text.strip()
     for sign in ("%", "percent"):
@@ -139,7 +145,11 @@ def _percent(text: str) -> float:
                 return float(Decimal(number.removesuffix(sign).strip().removeprefix("+-")) / 100)
             except InvalidOperation:
                 break
-    raise ValueError(f"'{text}' is not a percentage; write one such as '5 %', or bounds such as [low, high]")
+    unit = NUISANCES[key]
+    # of what is nominally 0 a percentage is no range
+    instead = [] if key in _NOMINALLY_0 else ["a percentage such as '5 %'"]
+    instead += [f"an amount such as {_AMOUNTS[unit]}"] if unit in _AMOUNTS else []
+    raise ValueError(f"{key} = '{text}' must be {' or '.join(instead)}, or bounds such as [low, high]")
 
 
 def as_written(value: float | tuple[float, float]) -> str | list[float]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS
+from jointgap.config.nuisance_bounds import MOTOR_LINE
 from jointgap.errors import InputError
 from jointgap.quantities import unit_factor
 from jointgap.recordings.contradictions import Contradiction, contradictions, sentences
@@ -16,7 +17,10 @@ from jointgap.recordings.rotation import RunFile, checked_rotation
 from jointgap.recordings.sample_file import Columns, read_columns
 from jointgap.recordings.steadiness import unsteady
 
-_IDLE = {"speed": "follows from time and crank_angle"}
+_IDLE = {
+    "speed": "follows from time and crank_angle",
+    **dict.fromkeys(MOTOR_LINE, "is of a motor, so it needs drive: motor,"),
+}
 """Why a nuisance is idle, where it is not for want of something to act on."""
 
 

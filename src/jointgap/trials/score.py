@@ -199,15 +199,17 @@ def _told(damaged: Sequence[str], analysis: Mapping[str, Any]) -> bool:
     """Whether a damaged channel, of two swapped ones either, is told by a remark, a refusal or as a faulty sensor."""
     verdict, error = analysis.get("verdict"), analysis.get("error", "")
     doubted = {name for doubt in analysis.get("doubts", ()) for name in (doubt["channel"], doubt["other"])}
-    named = verdict["effects"] if verdict else ()
+    named = [*verdict["effects"], *verdict["certain"]] if verdict else ()
     words = {word for name in damaged for word in (("time", "speed") if name == "time" else (name,))}
     refused = error.startswith("InputError") and any(word in error for word in words)
     return refused or bool(doubted & {*damaged}) or any(_is_fault_of(effect, damaged) for effect in named)
 
 
 def _wiring_outcome(damaged: Sequence[str], verdict: Mapping, told: bool) -> str:
-    """Wrong where anything but a fault of a damaged sensor is named, else right where the channel is told."""
-    if not all(_is_fault_of(effect, damaged) for effect in verdict["effects"]):
+    """Wrong where anything but a fault of a damaged sensor is named or called certain, else right where the channel is
+    told.
+    """
+    if not all(_is_fault_of(effect, damaged) for effect in (*verdict["effects"], *verdict["certain"])):
         return "wrong"
     return "right" if told else "ambiguous" if verdict["verdict"] == "ambiguous" else "missed"
 
@@ -239,6 +241,8 @@ def _outcome(truth: Mapping, verdict: Mapping, hidden: frozenset[str]) -> str:
     if kind == "unexplained":
         return "unexplained"
     if kind == "ambiguous":
+        if not {effect_label(effect) for effect in verdict["certain"]} <= hidden:
+            return "wrong"
         explanations = _equivalent(verdict)
         merged = [frozenset(group) for group in verdict["preflight"]["merged"]]
         foreseen = hidden in explanations and all(
