@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -62,17 +63,38 @@ def test_times_or_the_speed_of_one_run_are_wrong_by_the_factor_of_the_truth(soun
         assert max(ratios, key=lambda ratio: abs(np.log(ratio))) == pytest.approx(truth["damage"]["factor"], rel=0.01)
     else:
         assert ratios == [1.0, 1.0, 1.0]
+        stretched = {run: slope(columns(sound[1])[run]["t"], own["t"]) for run, own in columns(path).items()}
+        expected = dict.fromkeys(stretched, 1.0) | {truth["damage"]["run"]: truth["damage"]["factor"]}
+        assert stretched == pytest.approx(expected, rel=1e-6)
     try:
-        told = {one.kind for one in read_measurements(after).contradictions}
+        told = {(one.run, one.channel) for one in read_measurements(after).contradictions}
     except InputError as refused:
+        assert f"{truth['damage']['run']}.csv, " in str(refused)
         assert "column t " in str(refused)
     else:
-        assert told & {"time", "speed"}
+        assert (truth["damage"]["run"], "time") in told
 
 
-def test_the_zero_of_the_encoder_is_off_by_what_the_truth_says(tmp_path):
+def columns(path):
+    """The columns of all files of a campaign, by run."""
+    runs = yaml.safe_load(path.read_text())["runs"]
+    return {run["id"]: pd.read_csv(path.parent / run["file"]) for run in runs}
+
+
+def slope(first, second):
+    """By what `second` rises where `first` rises by one."""
+    return float(np.polyfit(first - first[0], second - second[0], 1)[0])
+
+
+def test_the_zero_of_the_encoder_is_off_by_what_the_truth_says(sound, tmp_path):
     truth, path = made(tmp_path, "zero_off")
     assert truth["encoder"]
+    column = yaml.safe_load(path.read_text())["channels"]["crank_angle"]["column"]
+    degrees = truth["damage"]["degrees"]
+    for run, own in columns(path).items():
+        assert (own[column] - columns(sound[1])[run][column]).to_numpy() == pytest.approx(degrees, abs=1e-5)
     found = read_measurements(load_campaign(path)).contradictions
-    assert {one.kind for one in found} <= {"phase"}
-    assert yaml.safe_load(path.read_text())["channels"]["crank_angle"]
+    assert {(one.run, one.channel, one.kind) for one in found} == {
+        (run, "crank_angle", "phase") for run in columns(path)
+    }
+    assert [np.degrees(one.phase) for one in found] == pytest.approx([degrees] * len(found), abs=2.0)
