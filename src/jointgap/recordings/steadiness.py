@@ -59,7 +59,8 @@ def unsteady(
     angle: np.ndarray,
     limits: RecordingLimits = DEFAULT_LIMITS,
 ) -> str | None:
-    """What is to be known of a crank that turns unsteadily under the drive constant_speed; None if it does not.
+    """What is to be known of a crank that turns unsteadily under the drive constant_speed; None if it does not, or if
+    the mechanism lists a fluctuation of the speed.
 
     Parameters
     ----------
@@ -69,7 +70,8 @@ def unsteady(
         As for `speed_variation`; all NaN where not measured.
     limits : RecordingLimits
     """
-    if campaign.drive != "constant_speed" or not (np.isfinite(time).all() and np.isfinite(angle).any()):
+    fluctuates = any(effect.name == "speed_fluctuation" for effect in campaign.mechanism.effects)
+    if fluctuates or campaign.drive != "constant_speed" or not (np.isfinite(time).all() and np.isfinite(angle).any()):
         return None
     within, over, error = speed_variation(time, angle)
     least = max(limits.unsteady_share, limits.unsteady_standard_errors * error)
