@@ -31,6 +31,13 @@ def remarks(folder, slow):
     return read_rig(folder, OVER, slow=slow, fast=full(600)).remarks
 
 
+def test_exact_samples_in_step_with_the_crank_are_not_clipped():
+    angle = np.arange(240) * (6 * 2 * np.pi / 240)
+    values = np.sin(angle) + 0.2 * np.cos(2 * angle + 0.1)
+    assert clipped(values) is None
+    assert "is clipped" in clipped(np.minimum(values, 0.5))
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.05, 0.1])
 @pytest.mark.parametrize("count", [40, 300])
 def test_consistent_channels_are_not_remarked_whatever_their_noise(tmp_path, noise, count):

@@ -22,6 +22,8 @@ class RecordingLimits:
         rest.
     speed_tolerance : float
         [1, of the nominal speed] So near must the speed in another unit come for the unit to be proposed.
+    clipped_width : float
+        [1, of the range] Samples so near to each other stand at one level: rounding keeps them apart.
     clipped_share, clipped_count : float, int
         [1, of the samples] and samples: an extreme value that occurs less often may be chance.
     clipped_excess : float
@@ -47,8 +49,6 @@ class RecordingLimits:
         [1, of the mean speed] A crank whose speed varies by less either way turns steadily enough for constant_speed.
     unsteady_standard_errors : float
         [1] By so many standard errors must the speed vary for it to be the crank's, not the encoder's.
-    max_kurtosis : float
-        [1] From it on samples say little of what was between them; a normal distribution has 3, a sine 1.5.
     compared_orders : int
         [1] Orders of the crank that are held against the ideal motion: beyond the fourth a slider-crank has hardly any.
     steady_speed : float
@@ -59,6 +59,14 @@ class RecordingLimits:
         rigs are stated to some percent.
     same_agreement : float
         [1] Share of the best agreement that the stated speed has to reach where no encoder tells the speed.
+    least_agreement : float
+        [1, of the variance] What the ideal motion has to explain at another speed than stated: noise and impacts leave
+        less, and say nothing of the speed.
+    order_of_a_load : float
+        [1, orders of the crank] So far from whole orders of the stated speed must forces repeat to say that it is
+        wrong: half of what a record of few turns tells apart.
+    searched_turns : float
+        [1] Turns in which a speed is searched for: more would take time with the square of their number.
     clear_error : float
         [1, of the orders] Standard error from which on low orders say nothing: impacts hide them.
     least_phase_rad : float
@@ -70,10 +78,17 @@ class RecordingLimits:
     alike_factors : float
         [1] Largest ratio of a channel's factors in different runs where a sensor is the cause: that of a load goes with
         the inverse square of the speed.
+    apart_speeds, apart_speeds_of_scales : float
+        [1] Ratio of the fastest run to the slowest from which on a load that grows in proportion to the speed breaks
+        `alike_factors`: where it turns a sign, more than these; where it doubles a force, (3 r + 1) / (r + 3).
     share_of_usual : float
         [1] Below this share of what is expected a channel of one run is not of that run.
     repeating_share, stray_share : float
         [1, of the variance] What a channel repeats with the crank at least, and at most where it is of another run.
+    same_samples : float
+        [1] Correlation, sample by sample, from which on a channel is that of another run: noise of its own leaves less.
+    least_stray_turns : float
+        [1] A channel of another run has to repeat so often to be told by it.
     swapped_misfit : float
         [1, of what is expected] Both channels have to be off by more to be called swapped.
     exchanged_misfit, exchanged_force_misfit : float
@@ -90,6 +105,7 @@ class RecordingLimits:
         default_factory=lambda: {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
     )
     speed_tolerance: float = 0.2
+    clipped_width: float = 1e-9
     clipped_share: float = 0.01
     clipped_count: int = 5
     clipped_excess: float = 6.0
@@ -102,19 +118,25 @@ class RecordingLimits:
     unit_tolerance: float = 0.05
     unsteady_share: float = 0.01
     unsteady_standard_errors: float = 5.0
-    max_kurtosis: float = 10.0
     compared_orders: int = 4
     steady_speed: float = 0.15
     speed_doubted: float = 1.1
     same_agreement: float = 0.6
+    least_agreement: float = 0.5
+    order_of_a_load: float = 0.15
+    searched_turns: float = 20.0
     clear_error: float = 0.25
     least_phase_rad: float = 0.5
     force_correlation: float = 0.8
     gains_of_forces: tuple[float, float] = (0.5, 2.0)
     alike_factors: float = 1.35
+    apart_speeds: float = 1.35
+    apart_speeds_of_scales: float = 1.85
     share_of_usual: float = 0.4
     repeating_share: float = 0.7
     stray_share: float = 0.5
+    same_samples: float = 0.99
+    least_stray_turns: float = 2.0
     swapped_misfit: float = 0.15
     exchanged_misfit: float = 0.15
     exchanged_force_misfit: float = 0.7

@@ -14,7 +14,9 @@ def clipped(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> str
         [SI]; NaN in gaps.
     limits : RecordingLimits
     """
-    levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
+    ordered = np.sort(values[np.isfinite(values)])
+    starts = np.flatnonzero(np.diff(ordered, prepend=-np.inf) > limits.clipped_width * np.ptp(ordered))
+    levels, counts = ordered[starts], np.diff(starts, append=ordered.size)
     for level, count, next_count in ((levels[-1], counts[-1], counts[-2]), (levels[0], counts[0], counts[1])):
         share = limits.clipped_share * counts.sum()
         if count >= max(limits.clipped_count, share, limits.clipped_excess * next_count):
