@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+import yaml
+from scipy.signal import butter, sosfilt, sosfiltfilt
 
+from jointgap.config.load import load_campaign
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.mechanism.ideal_channels import SPEED_POWERS, ideal_channels
-from tests.config.mechanisms import paper
-from tests.recordings.rig import read_rig, samples, table
+from jointgap.recordings import read_measurements
+from tests.config.mechanisms import PAPER, paper
+from tests.recordings.rig import CAMPAIGN, read_rig, samples, table, write_rig
 
 UNITS = {
     "slider_acceleration": "m/s^2",
@@ -121,24 +125,209 @@ def test_stretched_times_are_told_apart_from_a_wrong_speed(tmp_path, factor):
     assert rows(found(tmp_path, over=OVER | {"runs": speeds})) == {("slow", "time", "", "speed")}
 
 
-def test_without_an_encoder_the_speed_is_that_at_which_channels_repeat(tmp_path):
-    import yaml
+def without(folder, channels, over=None, **tables):
+    """The measurements of a rig that lacks some `channels`."""
+    path = write_rig(folder, over or OVER, **tables)
+    content = yaml.safe_load(path.read_text())
+    content["channels"] = {name: own for name, own in content["channels"].items() if name not in channels}
+    path.write_text(yaml.safe_dump(content))
+    return read_measurements(load_campaign(path))
 
-    from jointgap.config.load import load_campaign
-    from jointgap.recordings import read_measurements
-    from tests.recordings.rig import write_rig
 
-    def told(factor):
-        slow = measured(200)
-        slow["t"] *= factor
-        path = write_rig(tmp_path, OVER, slow=slow, fast=measured(600))
-        content = yaml.safe_load(path.read_text())
-        del content["channels"]["crank_angle"]
-        path.write_text(yaml.safe_dump(content))
-        return rows(read_measurements(load_campaign(path)))
+@pytest.mark.parametrize(("factor", "expected"), [(1.0, set()), (1.3, {("slow", "time", "", "time")})])
+def test_without_an_encoder_the_speed_is_that_at_which_channels_repeat(tmp_path, factor, expected):
+    slow = measured(200)
+    slow["t"] *= factor
+    assert rows(without(tmp_path, ["crank_angle"], slow=slow, fast=measured(600))) == expected
 
-    assert told(1.0) == set()
-    assert told(1.3) == {("slow", "time", "", "time")}
+
+def test_times_are_doubted_without_an_encoder_where_a_force_alone_repeats_at_another_speed(tmp_path):
+    slow = measured(200)
+    slow["t"] *= 1.3
+    told = without(tmp_path, ["crank_angle", "slider_position"], {"name": "rig-a"}, slow=slow, fast=measured(600))
+    assert rows(told) == {("slow", "time", "", "time")}
+
+
+def with_load(rpm, constant=0.0, spring=0.0, damping=0.0, turns=5.0, count=240):
+    """Columns of a run with a load on the slider: a force [N], a spring [N/m] and a damper [N s/m]."""
+    si, speed = samples(rpm, turns=turns, count=count), rpm * np.pi / 30
+    channels = ideal_channels(paper(), si["crank_angle"], speed)
+    position, velocity = channels["slider_position"], channels["slider_velocity"]
+    load = constant - spring * (position - position.mean()) - damping * velocity
+    torque = channels["crank_torque"] - load * velocity / speed
+    noise = np.random.default_rng([3, int(rpm)]).normal(size=torque.size)
+    return table(rpm, turns=turns, count=count).assign(M=torque + 0.02 * torque.std() * noise)
+
+
+@pytest.mark.parametrize("newtons", [50.0, 100.0, 200.0, 400.0, 800.0])
+def test_a_load_is_not_taken_for_wrong_times_where_the_torque_alone_is_measured_without_an_encoder(tmp_path, newtons):
+    slow, fast = (with_load(rpm, constant=newtons) for rpm in (200, 600))
+    assert without(tmp_path, ["crank_angle", "slider_position"], {"name": "rig-a"}, slow=slow, fast=fast).remarks == ()
+
+
+def mechanism_with(folder, name, **parameters):
+    """File of the paper's mechanism that lists one effect."""
+    content = yaml.safe_load(PAPER.read_text(encoding="utf-8"))
+    content["effects"] = [{"name": name, "parameters": parameters}]
+    (folder / "listed.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    return {"mechanism": str(folder / "listed.yaml")}
+
+
+def test_nothing_is_told_of_times_where_no_channel_can_be_compared(tmp_path):
+    listed = mechanism_with(tmp_path, "slider_coulomb_friction", force_N=5.0)
+    tables = {"slow": measured(200), "fast": measured(600)}
+    assert without(tmp_path, ["crank_angle", "slider_position"], listed, **tables).remarks == ()
+    tables = {
+        run: frame.assign(w=rpm * np.pi / 30 + 0.1 * np.sin(frame.t * rpm * np.pi / 30))
+        for rpm, (run, frame) in zip((200, 600), tables.items(), strict=True)
+    }
+    speed = {"channels": {"crank_speed": {"column": "w", "unit": "rad/s"}}}
+    left = ["crank_angle", "slider_position", "crank_torque"]
+    assert without(tmp_path, left, speed, **tables).remarks == ()
+
+
+def test_the_stated_speed_may_be_two_percent_off_in_a_long_record_without_an_encoder(tmp_path):
+    slow = with_load(200, turns=60.0, count=4800)
+    slow["t"] *= 1.02
+    told = without(tmp_path, ["crank_angle", "crank_torque"], {"name": "rig-a"}, slow=slow, fast=measured(600))
+    assert told.remarks == ()
+
+
+ONE_RUN = [{"id": "slow", "file": "slow.csv", "speed": "200 rpm", "role": "split"}]
+NEAR = [
+    {"id": "slow", "file": "slow.csv", "speed": "200 rpm", "role": "identify"},
+    {"id": "fast", "file": "fast.csv", "speed": "220 rpm", "role": "confirm"},
+]
+
+
+@pytest.mark.parametrize("load", [{"spring": 800.0}, {"spring": 3000.0}, {"damping": 80.0}, {"constant": 300.0}])
+@pytest.mark.parametrize("runs", [ONE_RUN, NEAR])
+def test_a_load_is_not_taken_for_a_fault_of_a_force_sensor_where_speeds_are_near(tmp_path, load, runs):
+    tables = {"slow": with_load(200, **load), "fast": with_load(220, **load)}
+    assert read_rig(tmp_path, {"runs": runs}, **tables).remarks == ()
+    left = ["slider_position"]
+    assert without(tmp_path, left, {"runs": runs}, **tables).remarks == ()
+
+
+@pytest.mark.parametrize("filter_", ["causal", "zero_phase"])
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_channel_behind_a_stated_low_pass_is_not_remarked(tmp_path, filter_, direction):
+    tables = {}
+    for run, rpm in (("slow", 200), ("fast", 600)):
+        frame, speed = measured(rpm, turns=6.0), rpm * np.pi / 30
+        step = 1e-4
+        time = np.arange(-int(40 * 60 / rpm / step), int(40 * 60 / rpm / step)) * step
+        exact = ideal_channels(paper(), direction * (0.3 + speed * time), direction * speed)
+        sections = butter(4, 7.0, fs=1 / step, output="sos")
+        run_through = sosfilt if filter_ == "causal" else sosfiltfilt
+        for name in UNITS:
+            level = np.interp(frame.t, time, exact[name])
+            if name == "slider_acceleration":
+                level = np.interp(frame.t, time, run_through(sections, exact[name]))
+            frame[name] = level + 0.02 * level.std() * np.random.default_rng(1).normal(size=len(frame))
+        frame["theta"], frame["x"] = (
+            direction * frame["theta"],
+            1e3 * np.interp(frame.t, time, exact["slider_position"]),
+        )
+        frame["M"] = np.interp(frame.t, time, exact["crank_torque"])
+        tables[run] = frame
+    channels = OVER["channels"] | {
+        "slider_acceleration": OVER["channels"]["slider_acceleration"] | {"bandwidth": "7 Hz", "filter": filter_}
+    }
+    turning = {1: "counter_clockwise", -1: "clockwise"}[direction]
+    runs = [own | {"direction": turning} for own in CAMPAIGN["runs"]]
+    assert read_rig(tmp_path, {"channels": channels, "runs": runs}, **tables).remarks == ()
+    del channels["slider_acceleration"]["bandwidth"], channels["slider_acceleration"]["filter"]
+    assert {
+        channel for _, channel, _, _ in rows(read_rig(tmp_path, {"channels": channels, "runs": runs}, **tables))
+    } == {"slider_acceleration"}
+
+
+@pytest.mark.parametrize("amount", [1.0, 3.0])
+def test_white_noise_that_hides_the_slow_run_is_not_taken_for_another_runs_channel(tmp_path, amount):
+    slow, fast = (
+        frame.assign(M=frame.M + amount * np.random.default_rng([7, rpm]).normal(size=len(frame)))
+        for rpm, frame in ((200, measured(200, turns=6.0)), (600, measured(600, turns=6.0)))
+    )
+    assert found(tmp_path, slow, fast).remarks == ()
+
+
+def test_impacts_in_one_run_are_not_taken_for_another_runs_channel(tmp_path):
+    slow, rng = measured(200, turns=8.0), np.random.default_rng(5)
+    impacts = np.zeros(len(slow))
+    hit = rng.choice(len(slow), len(slow) // 6, replace=False)
+    impacts[hit] = rng.normal(size=hit.size)
+    slow["slider_acceleration"] += 1.3 * slow["slider_acceleration"].std() * impacts / impacts.std()
+    assert found(tmp_path, slow).remarks == ()
+
+
+def test_a_column_of_another_runs_file_is_told_by_its_samples_though_it_does_not_repeat(tmp_path):
+    slow, fast = measured(200, turns=4.0), measured(600)
+    slow["M"] = fast["M"] = fast["M"] + 0.4 * fast["M"].std() * np.random.default_rng(2).normal(size=len(fast))
+    assert ("slow", "crank_torque", "", "unrelated") in rows(found(tmp_path, slow, fast))
+
+
+def turned(rpm, degrees):
+    frame = measured(rpm)
+    return frame.assign(theta=(frame.theta + degrees) % 360)
+
+
+@pytest.mark.parametrize(("slow", "fast", "bound"), [(50, 50, "60 deg"), (50, -50, "60 deg"), (80, -80, "90 deg")])
+def test_a_zero_of_the_encoder_within_the_bounds_that_are_listed_is_not_remarked(tmp_path, slow, fast, bound):
+    over = OVER | {"nuisance": {"encoder_zero": bound}}
+    assert found(tmp_path, turned(200, slow), turned(600, fast), over).remarks == ()
+    beyond = found(tmp_path, turned(200, 120), turned(600, fast), over)
+    assert rows(beyond) == {("slow", "crank_angle", "", "phase")}
+
+
+def test_zeros_of_the_encoder_that_differ_are_told_run_by_run(tmp_path):
+    told = found(tmp_path, turned(200, 50), turned(600, -50))
+    assert rows(told) == both("crank_angle", "phase")
+    assert [np.degrees(one.phase) for one in told.contradictions] == pytest.approx([50.0, -50.0], abs=2.0)
+    assert len(told.remarks) == 2
+
+
+def test_a_wrong_speed_is_a_remark_but_no_doubt_where_times_and_angles_agree(tmp_path):
+    speeds = [own | {"speed": f"{rpm} rpm"} for own, rpm in zip(CAMPAIGN["runs"], (178, 535), strict=True)]
+    told = found(tmp_path, over=OVER | {"runs": speeds})
+    assert rows(told) == both("time", "speed")
+    assert not any(one.doubtful for one in told.contradictions)
+    undecided = without(tmp_path, ["crank_torque"], {"runs": speeds}, slow=measured(200), fast=measured(600))
+    assert len(undecided.contradictions) == 2
+    assert not any(one.doubtful for one in undecided.contradictions)
+    slow = measured(200)
+    slow["t"] *= 1.3
+    assert [one.doubtful for one in found(tmp_path, slow).contradictions] == [True]
+
+
+def test_a_sign_that_should_not_have_been_stated_is_to_be_removed(tmp_path):
+    channels = OVER["channels"] | {"slider_acceleration": OVER["channels"]["slider_acceleration"] | {"sign": -1}}
+    told = found(tmp_path, over={"channels": channels})
+    assert rows(told) == both("slider_acceleration", "sign")
+    assert "remove the channel's sign: -1" in told.remarks[0]
+
+
+def test_a_mechanism_with_a_listed_effect_and_unequal_noise_is_not_remarked(tmp_path):
+    listed = mechanism_with(tmp_path, "slider_coulomb_friction", force_N=5.0)
+    assert found(tmp_path, measured(200, 0.1), measured(600, 0.01), OVER | listed).remarks == ()
+
+
+def test_a_single_run_is_not_remarked(tmp_path):
+    assert found(tmp_path, measured(200, turns=6.0), over=OVER | {"runs": ONE_RUN}).remarks == ()
+
+
+def test_a_speed_that_a_listed_effect_lets_fluctuate_is_not_remarked(tmp_path):
+    def fluctuating(rpm):
+        frame, speed = table(rpm, turns=5.0), rpm * np.pi / 30
+        angle = 0.3 + speed * frame.t
+        angle = (angle + 0.025 * np.sin(2 * angle)).to_numpy()
+        channels = ideal_channels(paper(), angle, speed)
+        return frame.assign(theta=np.degrees(angle) % 360, x=1e3 * channels["slider_position"])
+
+    tables = {"slow": fluctuating(200), "fast": fluctuating(600)}
+    listed = mechanism_with(tmp_path, "speed_fluctuation", ratio=0.05, order=2)
+    assert read_rig(tmp_path, listed, **tables).remarks == ()
+    assert any("the speed varies" in remark for remark in read_rig(tmp_path, **tables).remarks)
 
 
 def test_a_clipped_channel_is_in_the_table_too(tmp_path):

@@ -125,7 +125,7 @@ def recorded(campaign: Campaign) -> dict[str, Recording]:
         As `jointgap.recordings.read_measurements`.
     """
     there = tuple(run for run in campaign.runs if os.path.isfile(campaign.folder / run.file))
-    return dict(read_measurements(campaign.model_copy(update={"runs": there})).runs)
+    return dict(read_measurements(campaign.model_copy(update={"runs": there}), compared=False).runs)
 
 
 def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict[str, float]:

@@ -113,7 +113,7 @@ class CampaignState:
     @cached_property
     def doubted_channels(self) -> tuple[str, ...]:
         """Channels that contradict others, by what the stage measure found."""
-        return tuple(dict.fromkeys(found.channel for found in self.measurements.contradictions))
+        return tuple(dict.fromkeys(found.channel for found in self.measurements.contradictions if found.doubtful))
 
     def remaining_doubts(self, explanations: "Sequence[Fit]") -> tuple[str, ...]:
         """Channels that contradict others even once the faults of sensors that `explanations` hold are taken out."""

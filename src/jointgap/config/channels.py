@@ -26,6 +26,9 @@ CHANNELS = {
 """SI unit of every channel that a rig can have."""
 
 
+FILTER_ORDER = 4
+"""Of the Butterworth low-pass by which a campaign file describes a sensor's bandwidth."""
+
 _UNIT_HINTS = {
     "g": "g is the gram; the standard acceleration of gravity is g_n",
     "Nm": "write N*m",

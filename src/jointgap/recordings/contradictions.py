@@ -3,7 +3,7 @@
 Every channel's low orders over the crank angle are compared with those of rigid links without clearance: what the
 geometry makes of positions, speeds and accelerations, and inverse dynamics of torque and forces. Loads, friction and
 clearance change accelerations' low orders hardly, and forces by no more than inertia where the crank turns fast; so
-forces are doubted only for what no load does in all runs alike.
+forces are doubted only for what no load does alike in runs at speeds far apart.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from math import degrees, pi, tau
 
 import numpy as np
+from scipy.signal import butter
 
 from jointgap.config.campaign_file import Campaign, CampaignRun
-from jointgap.config.channels import CHANNELS
+from jointgap.config.channels import CHANNELS, FILTER_ORDER, Channel
 from jointgap.mechanism.ideal_channels import FORCES, SPEED_POWERS, ideal_orders
 from jointgap.quantities import unit_factor
 from jointgap.recordings.inspection import cycle_scatter
@@ -50,6 +51,9 @@ class Contradiction:
         [1] Measured over expected; NaN where there is none.
     phase : float
         [rad] By how much the channel is ahead of what is expected; NaN where there is none.
+    doubtful : bool
+        Whether the channel's readings are in doubt; not so where only the stated speed may be wrong, which nothing
+        depends on where times and crank angles are measured.
     """
 
     run: str
@@ -59,6 +63,7 @@ class Contradiction:
     other: str = ""
     factor: float = np.nan
     phase: float = np.nan
+    doubtful: bool = True
 
 
 @dataclass(frozen=True)
@@ -126,22 +131,10 @@ def contradictions(
             compared[name] = _all_orders(campaign, recordings[name], crank.angle, crank.speed, limits)
     found += [doubt for name, run in runs.items() for doubt in _crank_speed(campaign, run, recordings[name], limits)]
     encoder = "crank_angle" in campaign.channels
-    zero = _common_phase(compared, limits) if encoder else 0.0
-    if zero:
-        channels = sorted({channel for own in compared.values() for channel in own})
-        found += [
-            Contradiction(
-                name,
-                "crank_angle",
-                "phase",
-                f"the zero of crank_angle is off: {', '.join(channels)} follow from the mechanism if it reads "
-                f"{degrees(zero):.0f} deg too much; correct it, or see whether encoder_offset is named",
-                phase=zero,
-            )
-            for name in compared
-        ]
+    zeros = _encoder_zeros(campaign, compared, limits) if encoder else {}
+    found += _doubts_of_zeros(campaign, compared, zeros)
     # what is ahead by the encoder's offset in the mechanism is read at a larger angle
-    compared = {run: {c: o.shifted(-zero) for c, o in own.items()} for run, own in compared.items()}
+    compared = {run: {c: o.shifted(-zeros.get(run, 0.0)) for c, o in own.items()} for run, own in compared.items()}
     swapped, taken = _swapped(campaign, compared, limits)
     found += swapped
     strays = _strays(recordings, cranks, limits)
@@ -152,7 +145,7 @@ def contradictions(
             continue
         found += stray
         if own := {run: orders for run, orders in own.items() if run not in [one.run for one in stray]}:
-            found += _doubts(campaign, channel, own, limits)
+            found += _doubts(campaign, channel, own, [cranks[run].speed for run in own], limits)
     return found
 
 
@@ -188,7 +181,7 @@ def _crank(campaign: Campaign, run: CampaignRun, recording: Recording, limits: R
     if campaign.drive != "constant_speed" or abs(np.log(speed / run.speed)) < np.log(limits.speed_doubted):
         return _Crank(angle, sign * speed)
     orders = _all_orders(campaign, recording, angle, sign * speed, limits)
-    clock = _clock(run, speed, orders, "with crank_angle")
+    clock = _clock(run, speed, orders, "with crank_angle", measured=True)
     return _Crank(angle, sign * (run.speed if clock.kind == "time" else speed), (clock,))
 
 
@@ -206,7 +199,7 @@ def _crank_speed(
         speed, source = sign * turned / lapse, "the rate of crank_angle"
     factor = float(np.nanmean(recording.channels["crank_speed"])) / speed
     if -1.0 / limits.gains[0] < factor < -limits.gains[0]:
-        sentence = _sign_sentence("crank_speed", source)
+        sentence = _sign_sentence(campaign, "crank_speed", source)
         return [Contradiction(run.id, "crank_speed", "sign", sentence, factor=factor)]
     if limits.gains[0] < factor < limits.gains[1] or (campaign.drive == "motor" and not recording.has_angle):
         return []
@@ -214,8 +207,14 @@ def _crank_speed(
     return [Contradiction(run.id, "crank_speed", "scale", sentence, factor=factor)]
 
 
-def _clock(run: CampaignRun, speed: float, orders: Mapping[str, Orders], source: str) -> Contradiction:
-    """That the times of a run make another `speed` [rad/s] than it states, and which of both the channels bear out."""
+def _clock(
+    run: CampaignRun, speed: float, orders: Mapping[str, Orders], source: str, measured: bool = False
+) -> Contradiction:
+    """That the times of a run make another `speed` [rad/s] than it states, and which of both the channels bear out.
+
+    Where times and crank angles are `measured` the stated speed is of no use, and the times are in doubt only where
+    other channels say so.
+    """
     ratio = np.log(speed / run.speed)
     # a rate that is as large as it is at the stated speed says that the times are wrong
     votes = [
@@ -241,6 +240,7 @@ def _clock(run: CampaignRun, speed: float, orders: Mapping[str, Orders], source:
         f"the times of the file make {60 * speed / tau:.4g} rpm {source}, but the run's speed is "
         f"{60 * run.speed / tau:.4g} rpm; {which}",
         factor=speed / run.speed,
+        doubtful=not measured or (kind == "time" and bool(votes)),
     )
 
 
@@ -250,38 +250,78 @@ def _crank_without_encoder(
     if campaign.drive != "constant_speed":
         return None
     elapsed = recording.time - recording.time[0]
-    turns = run.speed * elapsed[-1] / tau
-
-    def agreement(ratio: float) -> tuple[float, float]:
-        """Mean share of the variance that the ideal motion explains at the best first angle, and that angle."""
-        speed = sign * run.speed * ratio
-        phases = np.arange(180) * (tau / 180)
-        scores = np.zeros(phases.size)
-        orders = _all_orders(campaign, recording, speed * elapsed, speed, limits)
-        for name, own in orders.items():
-            projected = np.real(
-                np.exp(-1j * np.outer(phases, np.arange(1, own.expected.size + 1)))
-                @ (own.expected.conj() * own.measured)
-            ) / max(np.linalg.norm(own.expected), 1e-300)
-            variance = float(np.nanvar(recording.channels[name]))
-            scores += np.maximum(projected, 0.0) ** 2 / (2.0 * variance) / len(orders)
-        best = int(np.argmax(scores)) if orders else 0
-        return float(scores[best]), float(phases[best])
-
-    nominal, first = agreement(1.0)
+    nominal, first = _agreement(campaign, recording, elapsed, sign * run.speed, limits)
     as_stated = _Crank(sign * run.speed * elapsed + first, sign * run.speed)
     if nominal > limits.same_agreement:
         return as_stated
-    low, high = limits.speed_ratios[campaign.drive]
-    ratios = np.geomspace(low, high, int(np.log(high / low) * 6 * turns) + 2)
-    tried = [agreement(ratio)[0] for ratio in ratios]
-    best = float(ratios[int(np.argmax(tried))])
-    if abs(np.log(best)) < np.log(limits.speed_doubted) or nominal > limits.same_agreement * max(tried):
+    found = _speed_that_agrees(campaign, recording, elapsed, sign * run.speed, limits)
+    if found is None:
         return as_stated
-    angle, speed = sign * run.speed * best * elapsed + agreement(best)[1], best * run.speed
+    ratio, (best, first) = found
+    if best < limits.least_agreement or nominal > limits.same_agreement * best:
+        return as_stated
+    angle, speed = sign * run.speed * ratio * elapsed + first, ratio * run.speed
+    if abs(np.log(ratio)) < np.log(limits.speed_doubted):
+        return _Crank(angle, sign * speed)
     orders = _all_orders(campaign, recording, angle, sign * speed, limits)
     clock = _clock(run, speed, orders, f"by what repeats in {', '.join(orders)}")
     return _Crank(angle, sign * (run.speed if clock.kind == "time" else speed), (clock,))
+
+
+def _agreement(
+    campaign: Campaign, recording: Recording, elapsed: np.ndarray, speed: float, limits: RecordingLimits
+) -> tuple[float, float]:
+    """Mean share of the variance that the ideal motion at a `speed` [rad/s] explains at the best first angle, and that
+    angle [rad]; of the channels that follow from the geometry where there are any, for loads change the others.
+
+    `elapsed` (n,) [s] may be NaN where samples are left out.
+    """
+    orders = _all_orders(campaign, recording, speed * elapsed, speed, limits)
+    orders = {name: own for name, own in orders.items() if name not in FORCES} or orders
+    if not orders:
+        return 0.0, 0.0
+    phases = np.arange(180) * (tau / 180)
+    scores = np.zeros(phases.size)
+    for name, own in orders.items():
+        turning = np.exp(-1j * np.outer(phases, np.arange(1, own.expected.size + 1)))
+        projected = np.real(turning @ (own.expected.conj() * own.measured)) / np.linalg.norm(own.expected)
+        variance = float(np.nanvar(recording.channels[name][np.isfinite(elapsed)]))
+        scores += np.maximum(projected, 0.0) ** 2 / (2.0 * variance) / len(orders)
+    best = int(np.argmax(scores))
+    return float(scores[best]), float(phases[best])
+
+
+def _speed_that_agrees(
+    campaign: Campaign, recording: Recording, elapsed: np.ndarray, stated: float, limits: RecordingLimits
+) -> tuple[float, tuple[float, float]] | None:
+    """Ratio of the speed at which the channels agree best to the `stated` one [rad/s], and `_agreement` there.
+
+    The first turns are searched through, longer parts only about what these give. None where there is nothing to
+    compare. Of forces alone no ratio is taken at which their strongest order is a whole one at the stated speed, where
+    a load has its orders.
+    """
+    total = abs(stated) * float(elapsed[-1]) / tau
+    turns = min(total, limits.searched_turns)
+    shape = _all_orders(campaign, recording, stated * elapsed, stated, limits)
+    if not shape:
+        return None
+    forces_alone = all(name in FORCES for name in shape)
+    strongest = [1 + int(np.argmax(np.abs(own.expected))) for own in shape.values()] if forces_alone else []
+    low, high = limits.speed_ratios[campaign.drive]
+    while True:
+        part = np.where(elapsed <= turns * tau / abs(stated), elapsed, np.nan)
+        ratios = np.geomspace(low, high, int(np.log(high / low) * 6.0 * turns) + 2)
+        for order in strongest:
+            away = np.abs(order * ratios - np.round(order * ratios))
+            ratios = ratios[away > limits.order_of_a_load]
+        if not ratios.size:
+            return None
+        tried = [_agreement(campaign, recording, part, stated * ratio, limits) for ratio in ratios]
+        best = max(range(len(tried)), key=lambda place: tried[place][0])
+        if turns >= total:
+            return float(ratios[best]), tried[best]
+        low, high = ratios[best] * np.exp(np.array([-0.5, 0.5]) / turns)
+        turns = min(4.0 * turns, total)
 
 
 def _all_orders(
@@ -302,9 +342,19 @@ def _all_orders(
         if name not in expected or (name in FORCES and (loaded or campaign.drive != "constant_speed")):
             continue
         measured, error = _low_orders(columns, values, per_turn)
-        if np.linalg.norm(expected[name]) > 0.0 and np.isfinite(error):
-            orders[name] = Orders(measured, expected[name], error)
+        filtered = expected[name] * _response(campaign.channels[name], speed * np.arange(1, count + 1))
+        if np.linalg.norm(filtered) > 0.0 and np.isfinite(error):
+            orders[name] = Orders(measured, filtered, error)
     return orders
+
+
+def _response(channel: Channel, frequencies: np.ndarray) -> np.ndarray:
+    """Complex factors (k,) of the low-pass that a channel's samples went through at `frequencies` (k,) [rad/s]."""
+    if channel.bandwidth is None:
+        return np.ones(frequencies.size)
+    top, bottom = butter(FILTER_ORDER, tau * channel.bandwidth, analog=True)
+    response = np.polyval(top, 1j * frequencies) / np.polyval(bottom, 1j * frequencies)
+    return response if channel.filter == "causal" else np.abs(response) ** 2
 
 
 def _low_orders(columns: np.ndarray, values: np.ndarray, per_turn: float) -> tuple[np.ndarray, float]:
@@ -337,7 +387,7 @@ def _low_orders(columns: np.ndarray, values: np.ndarray, per_turn: float) -> tup
 def _strays(
     recordings: Mapping[str, Recording], cranks: Mapping[str, _Crank], limits: RecordingLimits
 ) -> list[Contradiction]:
-    """Channels that repeat with the crank in all runs but one, in which others do."""
+    """Channels that repeat with the crank in all runs but one, and in that one at another speed or as another run."""
     repeats = {
         run: {name: _repeats(crank.angle, values, limits) for name, values in recordings[run].channels.items()}
         for run, crank in cranks.items()
@@ -348,10 +398,39 @@ def _strays(
             continue
         for name, value in own.items():
             others = [shares[name] for other, shares in repeats.items() if other != run]
-            if value < limits.stray_share and others and min(others) > limits.repeating_share:
+            strange = value < limits.stray_share and others and min(others) > limits.repeating_share
+            if strange and _is_of_another(recordings, run, cranks[run].angle, name, limits):
                 sentence = f"{name} does not repeat with the crank as in the other runs; is it from another run's file?"
                 found.append(Contradiction(run, name, "unrelated", sentence))
     return found
+
+
+def _is_of_another(
+    recordings: Mapping[str, Recording], run: str, angle: np.ndarray, name: str, limits: RecordingLimits
+) -> bool:
+    """Whether a channel of a run has another run's samples, or repeats at another speed than the run's crank.
+
+    Noise and impacts, which do not repeat with the crank either, do neither.
+    """
+    values = recordings[run].channels[name]
+    for other, recording in recordings.items():
+        count = min(values.size, recording.channels[name].size)
+        both = np.column_stack([values[:count], recording.channels[name][:count]])
+        both = both[np.isfinite(both).all(axis=1)]
+        if other != run and len(both) > limits.min_samples and np.corrcoef(both.T)[0, 1] > limits.same_samples:
+            return True
+    finite = np.isfinite(angle)
+    turned = np.abs(np.interp(np.arange(angle.size), np.flatnonzero(finite), angle[finite]) - angle[finite][0])
+    part = turned <= limits.searched_turns * tau
+    turned, values = turned[part], values[part]
+    turns = turned[-1] / tau
+    low, high = limits.least_stray_turns / turns, turned.size / turns / (4.0 * limits.compared_orders)
+    variance, count = float(np.nanvar(values)), limits.compared_orders
+    for ratio in np.geomspace(low, high, int(np.log(high / low) * 6.0 * turns * high) + 2) if high > low else ():
+        error = _low_orders(_harmonics(ratio * turned, count), values, 1.0)[1]
+        if 1.0 - error**2 / (4.0 * count) / variance > limits.repeating_share:
+            return True
+    return False
 
 
 def _repeats(angle: np.ndarray, values: np.ndarray, limits: RecordingLimits) -> float:
@@ -376,6 +455,41 @@ def _harmonics(angle: np.ndarray, count: int) -> np.ndarray:
     return np.column_stack([np.ones(angle.size), *(p.real for p in powers), *(p.imag for p in powers)])
 
 
+def _encoder_zeros(
+    campaign: Campaign, compared: Mapping[str, Mapping[str, Orders]], limits: RecordingLimits
+) -> dict[str, float]:
+    """By how much [rad] the encoder of each run reads too much, where that is far: one amount in all, or each its own.
+
+    One channel that is off in one run alone is no evidence of the encoder, unless its zero is listed as not known.
+    """
+    if common := _common_phase(compared, limits):
+        return dict.fromkeys(compared, common)
+    least = 1 if "encoder_zero" in campaign.nuisance else 2
+    several = {run: own for run, own in compared.items() if sum(name not in FORCES for name in own) >= least}
+    zeros = {run: _common_phase({run: own}, limits) for run, own in several.items()}
+    return {run: zero for run, zero in zeros.items() if zero}
+
+
+def _doubts_of_zeros(
+    campaign: Campaign, compared: Mapping[str, Mapping[str, Orders]], zeros: Mapping[str, float]
+) -> list[Contradiction]:
+    """Doubts of the encoder's zero [rad], by run, beyond the bounds that are listed for it."""
+    low, high = campaign.nuisance.get("encoder_zero", (0.0, 0.0))
+    step = pi / 180  # of the zeros that are tried
+    found = []
+    for run, zero in zeros.items():
+        if low - step < zero < high + step:
+            continue
+        alike = [other for other, own in zeros.items() if own == zero]
+        channels = sorted({channel for other in alike for channel in compared[other]})
+        sentence = (
+            f"the zero of crank_angle is off: {', '.join(channels)} follow from the mechanism if it reads "
+            f"{degrees(zero):.0f} deg too much; correct it, or see whether encoder_offset is named"
+        )
+        found.append(Contradiction(run, "crank_angle", "phase", sentence, phase=zero))
+    return found
+
+
 def _common_phase(compared: Mapping[str, Mapping[str, Orders]], limits: RecordingLimits) -> float:
     """Offset [rad] of the encoder's reading at which all channels of all runs follow, where they do not without; or 0.
 
@@ -384,7 +498,7 @@ def _common_phase(compared: Mapping[str, Mapping[str, Orders]], limits: Recordin
     series = [(name, own) for orders in compared.values() for name, own in orders.items() if own.is_clear(0.3)]
     geometric = [own for name, own in series if name not in FORCES]
     asked = geometric or [own for _, own in series]
-    if not asked:
+    if not asked or not (geometric or _no_load_does(series, limits)):
         return 0.0
     least = limits.comparable_correlation if geometric else limits.force_correlation
     if any(own.correlation > least for own in asked):
@@ -398,6 +512,21 @@ def _common_phase(compared: Mapping[str, Mapping[str, Orders]], limits: Recordin
     flipped = [min(own.misfit(1.0 / own.factor), own.misfit(-1.0 / own.factor)) for own in asked]
     turned = [own.shifted(-phases[best]).misfit(1.0 / own.factor) for own in asked]
     return float(phases[best]) if np.mean(turned) < 0.7 * np.mean(flipped) else 0.0
+
+
+def _no_load_does(series: Sequence[tuple[str, Orders]], limits: RecordingLimits) -> bool:
+    """Whether forces, by channel, are about as large as expected in runs at speeds at which loads are not.
+
+    What is expected grows with the square of the speed.
+    """
+    for name in {name for name, _ in series}:
+        factors = [own.factor for other, own in series if other == name]
+        expected = [float(np.linalg.norm(own.expected)) for other, own in series if other == name]
+        apart = np.sqrt(max(expected) / min(expected))
+        usual = limits.gains_of_forces[0] < min(factors) and max(factors) < limits.gains_of_forces[1]
+        if not usual or max(factors) > limits.alike_factors * min(factors) or apart < limits.apart_speeds:
+            return False
+    return True
 
 
 def _swapped(
@@ -446,9 +575,13 @@ def _swapped(
 
 
 def _doubts(
-    campaign: Campaign, channel: str, runs: Mapping[str, Orders], limits: RecordingLimits
+    campaign: Campaign, channel: str, runs: Mapping[str, Orders], speeds: Sequence[float], limits: RecordingLimits
 ) -> list[Contradiction]:
-    """What is wrong with one channel, run by run; of forces only what is wrong in all runs alike, or in one alone."""
+    """What is wrong with one channel, run by run at `speeds` [rad/s]; of forces only what is wrong in all runs alike.
+
+    And only where the speeds are so far apart that a load that does not grow with them, or does so in proportion, is
+    not alike.
+    """
     force = channel in FORCES
     clear = {run: own for run, own in runs.items() if own.is_clear(limits.clear_error)}
     if not clear:
@@ -457,6 +590,8 @@ def _doubts(
     factors = {run: own.factor for run, own in clear.items()}
     spread = max(factors.values()) / max(min(factors.values()), 1e-300)
     alike = spread < limits.alike_factors
+    clear_speeds = [abs(speed) for run, speed in zip(runs, speeds, strict=True) if run in clear]
+    apart = max(clear_speeds) / min(clear_speeds)
     if force:
         least, gains = limits.force_correlation, limits.gains_of_forces
     else:
@@ -466,12 +601,13 @@ def _doubts(
     def told(run: str, kind: str, sentence: str, **found: float) -> Contradiction:
         return Contradiction(run, channel, kind, sentence, **found)
 
-    if all(value < -least for value in correlations.values()) and (alike or not force):
-        sentence = _sign_sentence(channel, reference)
-        return [told(run, "sign", sentence, factor=-factors[run]) for run in clear]
     common = float(np.median(list(factors.values())))
+    of_sensor = alike and gains[0] < common < gains[1] and apart > limits.apart_speeds
+    if all(value < -least for value in correlations.values()) and (of_sensor or not force):
+        sentence = _sign_sentence(campaign, channel, reference)
+        return [told(run, "sign", sentence, factor=-factors[run]) for run in clear]
     if all(value > least for value in correlations.values()) and alike:
-        if gains[0] < common < gains[1]:
+        if gains[0] < common < gains[1] or (force and apart < limits.apart_speeds_of_scales):
             return []
         sentence = _scale_sentence(campaign, channel, common, reference, limits)
         return [told(run, "scale", sentence, factor=common) for run in clear]
@@ -481,7 +617,7 @@ def _doubts(
     for run, value in correlations.items():
         own = clear[run]
         if value < -least:
-            sentence = _sign_sentence(channel, reference)
+            sentence = _sign_sentence(campaign, channel, reference)
             doubts.append(told(run, "sign", sentence, factor=-own.factor))
         elif value > least:
             if not gains[0] < own.factor < gains[1]:
@@ -509,8 +645,10 @@ def _own_phase(own: Orders) -> float | None:
     return float(phases[best]) if agreement[best] > 0.97 and 0.8 < own.factor < 1.25 else None
 
 
-def _sign_sentence(channel: str, reference: str) -> str:
-    return f"{channel} has the opposite sign of {reference}; check the sensor's direction, or give the channel sign: -1"
+def _sign_sentence(campaign: Campaign, channel: str, reference: str) -> str:
+    turned = campaign.channels[channel].sign == -1
+    mend = "remove the channel's sign: -1" if turned else "give the channel sign: -1"
+    return f"{channel} has the opposite sign of {reference}; check the sensor's direction, or {mend}"
 
 
 def _scale_sentence(campaign: Campaign, channel: str, factor: float, reference: str, limits: RecordingLimits) -> str:

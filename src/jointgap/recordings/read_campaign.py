@@ -24,7 +24,9 @@ _IDLE = {
 """Why a nuisance is idle, where it is not for want of something to act on."""
 
 
-def read_measurements(campaign: Campaign, limits: RecordingLimits = DEFAULT_LIMITS) -> Measurements:
+def read_measurements(
+    campaign: Campaign, limits: RecordingLimits = DEFAULT_LIMITS, compared: bool = True
+) -> Measurements:
     """All samples of a campaign.
 
     A sample without a time stamp, where times are measured, is no datum; nor is one without a crank angle where times
@@ -35,6 +37,8 @@ def read_measurements(campaign: Campaign, limits: RecordingLimits = DEFAULT_LIMI
     campaign : Campaign
     limits : RecordingLimits
         Beyond which a file is refused or remarked upon.
+    compared : bool
+        Whether channels are held against each other and the mechanism.
 
     Raises
     ------
@@ -48,7 +52,7 @@ def read_measurements(campaign: Campaign, limits: RecordingLimits = DEFAULT_LIMI
     ]
     found: list[Contradiction] = []
     runs = {run.id: _recording(RunFile(campaign, run, limits), remarks, found) for run in campaign.runs}
-    others = contradictions(campaign, runs, limits)
+    others = contradictions(campaign, runs, limits) if compared else []
     remarks += [f"{campaign.name}, {sentence}" for sentence in sentences(others)]
     return Measurements(runs, tuple(remarks), (*found, *others))
 

@@ -40,9 +40,9 @@ def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list
         corrected[run] = faults.taken_out(recording)
         erring |= bool(faults)
     if not erring:
-        return [found.channel for found in measurements.contradictions]
+        return [found.channel for found in measurements.contradictions if found.doubtful]
     # what is clipped cannot be undone: there any fault of that sensor counts
     sites = {candidate.site for candidate in sensors}
     clipped = [one for one in measurements.contradictions if one.kind == "clipped" and one.channel not in sites]
     left = contradictions(model.campaign, corrected, model.settings.recordings)
-    return [one.channel for one in (*clipped, *left)]
+    return [one.channel for one in (*clipped, *left) if one.doubtful]

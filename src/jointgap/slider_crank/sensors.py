@@ -7,13 +7,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
+from jointgap.config.channels import FILTER_ORDER
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SensorSettings
 
 STANDARD_GRAVITY = 9.80665
 """[m/s^2] What an accelerometer that reads gravity reads at rest."""
-
-FILTER_ORDER = 4
-"""Of the Butterworth low-pass by which a campaign file describes a sensor's bandwidth."""
 
 _AXES = {"slider_acceleration": math.cos, "rod_acceleration_x": math.cos, "rod_acceleration_y": math.sin}
 """Accelerations and the component of a direction along them."""

@@ -69,6 +69,7 @@ CONTRADICTIONS = Table(
         Column("kind", "", "sign, scale, phase, swapped, unrelated, clipped, time or speed", "text"),
         Column("factor", "1", "measured over expected", nullable=True),
         Column("phase", "rad", "how far the channel is ahead of what is expected", nullable=True),
+        Column("doubtful", "", "the channel's readings are in doubt, not only the stated speed", "bool"),
         Column("remark", "", "in a sentence", "text"),
     ),
     path="measure/contradictions.parquet",
