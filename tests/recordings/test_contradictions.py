@@ -243,7 +243,7 @@ def test_a_channel_behind_a_stated_low_pass_is_not_remarked(tmp_path, filter_, d
     } == {"slider_acceleration"}
 
 
-@pytest.mark.parametrize("amount", [1.0, 3.0])
+@pytest.mark.parametrize("amount", [1.0, 2.0, 3.0, 4.0])
 def test_white_noise_that_hides_the_slow_run_is_not_taken_for_another_runs_channel(tmp_path, amount):
     slow, fast = (
         frame.assign(M=frame.M + amount * np.random.default_rng([7, rpm]).normal(size=len(frame)))
