@@ -209,6 +209,15 @@ def test_a_load_is_not_taken_for_a_fault_of_a_force_sensor_where_speeds_are_near
     assert without(tmp_path, left, {"runs": runs}, **tables).remarks == ()
 
 
+def test_a_factor_that_no_load_makes_is_told_of_a_force_at_near_speeds_too(tmp_path):
+    def thousandth(rpm):
+        frame = with_load(rpm, constant=20.0)
+        return frame.assign(M=1e-3 * frame.M)
+
+    told = read_rig(tmp_path, {"runs": NEAR}, slow=thousandth(200), fast=thousandth(220))
+    assert rows(told) == both("crank_torque", "scale")
+
+
 @pytest.mark.parametrize("filter_", ["causal", "zero_phase"])
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_channel_behind_a_stated_low_pass_is_not_remarked(tmp_path, filter_, direction):

@@ -307,7 +307,7 @@ def _speed_that_agrees(
         return None
     forces_alone = all(name in FORCES for name in shape)
     strongest = [1 + int(np.argmax(np.abs(own.expected))) for own in shape.values()] if forces_alone else []
-    low, high = limits.speed_ratios[campaign.drive]
+    low, high = limits.searched_speed_ratios
     while True:
         part = np.where(elapsed <= turns * tau / abs(stated), elapsed, np.nan)
         ratios = np.geomspace(low, high, int(np.log(high / low) * 6.0 * turns) + 2)
@@ -607,7 +607,7 @@ def _doubts(
         sentence = _sign_sentence(campaign, channel, reference)
         return [told(run, "sign", sentence, factor=-factors[run]) for run in clear]
     if all(value > least for value in correlations.values()) and alike:
-        if gains[0] < common < gains[1] or (force and apart < limits.apart_speeds_of_scales):
+        if gains[0] < common < gains[1] or (force and apart <= _apart_enough(common, limits)):
             return []
         sentence = _scale_sentence(campaign, channel, common, reference, limits)
         return [told(run, "scale", sentence, factor=common) for run in clear]
@@ -635,6 +635,18 @@ def _doubts(
             )
             doubts.append(told(run, "unrelated", sentence, factor=own.factor))
     return doubts
+
+
+def _apart_enough(factor: float, limits: RecordingLimits) -> float:
+    """Ratio of speeds [1] at which a load that grows in proportion to them does not make forces `factor` times what is
+    expected in all runs alike.
+
+    Beside inertia, which grows with the square, it is the smaller the faster the run: the ratio of what it would have
+    to be at factors that are still alike.
+    """
+    spread = np.sqrt(limits.alike_factors)
+    loads = abs(factor * spread - 1.0), abs(factor / spread - 1.0)
+    return max(loads) / min(loads)
 
 
 def _own_phase(own: Orders) -> float | None:

@@ -65,6 +65,9 @@ class RecordingLimits:
     order_of_a_load : float
         [1, orders of the crank] So far from whole orders of the stated speed must forces repeat to say that it is
         wrong: half of what a record of few turns tells apart.
+    searched_speed_ratios : (float, float)
+        [1, of the stated speed] Where a speed is searched for without an encoder: short of half and double the speed,
+        at which one order of the crank is taken for another.
     searched_turns : float
         [1] Turns in which a speed is searched for: more would take time with the square of their number.
     clear_error : float
@@ -78,9 +81,9 @@ class RecordingLimits:
     alike_factors : float
         [1] Largest ratio of a channel's factors in different runs where a sensor is the cause: that of a load goes with
         the inverse square of the speed.
-    apart_speeds, apart_speeds_of_scales : float
-        [1] Ratio of the fastest run to the slowest from which on a load that grows in proportion to the speed breaks
-        `alike_factors`: where it turns a sign, more than these; where it doubles a force, (3 r + 1) / (r + 3).
+    apart_speeds : float
+        [1] Ratio of the fastest run to the slowest from which on a load that turns the sign of a force breaks
+        `alike_factors`, even if it grows in proportion to the speed.
     share_of_usual : float
         [1] Below this share of what is expected a channel of one run is not of that run.
     repeating_share, stray_share : float
@@ -124,6 +127,7 @@ class RecordingLimits:
     same_agreement: float = 0.6
     least_agreement: float = 0.5
     order_of_a_load: float = 0.15
+    searched_speed_ratios: tuple[float, float] = (0.53, 1.9)
     searched_turns: float = 20.0
     clear_error: float = 0.25
     least_phase_rad: float = 0.5
@@ -131,7 +135,6 @@ class RecordingLimits:
     gains_of_forces: tuple[float, float] = (0.5, 2.0)
     alike_factors: float = 1.35
     apart_speeds: float = 1.35
-    apart_speeds_of_scales: float = 1.85
     share_of_usual: float = 0.4
     repeating_share: float = 0.7
     stray_share: float = 0.5
