@@ -98,3 +98,23 @@ def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path, label, nam
     else:
         assert np.allclose(faults.taken_out(recording).crank_angle, recording.crank_angle - value)
         assert np.array_equal(faults.taken_out(recording).channels["slider_acceleration"], read)
+
+
+def test_of_a_clockwise_crank_the_offset_is_that_of_the_angle_as_it_is_read(tmp_path):
+    tables = {}
+    for run, rpm in (("slow", 200), ("fast", 600)):
+        frame = measured(rpm)
+        turned = {column: -frame[column] for column in ("M", "guide_force", "rod_angular_velocity")}
+        tables[run] = frame.assign(theta=(90.0 - frame.theta) % 360, **turned)
+    runs = [
+        {"id": run, "file": f"{run}.csv", "speed": f"{rpm} rpm", "role": role, "direction": "clockwise"}
+        for run, rpm, role in (("slow", 200, "identify"), ("fast", 600, "confirm"))
+    ]
+    campaign = load_campaign(write_rig(tmp_path, OVER | {"runs": runs}, **tables))
+    measurements = read_measurements(campaign)
+    model = build_model(campaign, measurements)
+    (offset,) = (candidate for candidate in model.candidates if candidate.label == "encoder_offset")
+    told = offset.initial_guesses[1]["offset_rad"]
+    assert math.degrees(told) == pytest.approx(90.0, abs=2.0)
+    assert remaining_doubts(model, measurements, [fit(model, encoder_offset_at_offset_rad=told)]) == ()
+    assert remaining_doubts(model, measurements, [fit(model, encoder_offset_at_offset_rad=-told)]) == ("crank_angle",)
