@@ -320,6 +320,19 @@ def test_what_is_best_but_not_proven_stands_with_its_values_and_the_figures_show
     assert "figures/residuals.svg" in text
 
 
+def test_re_fitted_parameters_are_shown_with_their_intervals_and_one_sided_ones_with_the_bound():
+    nuisances = {
+        "slider_mass": {"value": 0.447, "sd": 0.002, "interval_90": [0.4437, 0.4503]},
+        "speed@slow": {"value": 20.9, "sd": None, "interval_90": [None, None], "remark": CHANGES_NOTHING},
+        "restitution": {"value": 0.9, "sd": None, "interval_90": [0.82, 0.9], "remark": AT_BOUND},
+    }
+    text = markdown(NAMED | {"nuisances": nuisances}, {})
+    assert "| parameter | value [SI] | standard error | 90 % interval |" in text
+    assert "| slider_mass | 0.4470 | 0.0020 | 0.4437 to 0.4503 |" in text
+    assert "| speed, run slow | 20.9 | changes nothing in what was measured | – |" in text
+    assert "| restitution | 0.9 | at its bound | 0.82 to 0.9 |" in text
+
+
 def test_of_parameters_alone_those_inside_their_ranges_are_borne_out_and_those_at_bounds_are_not():
     nuisances = {
         "slider_mass": {"value": 0.447, "sd": 0.002},

@@ -69,16 +69,24 @@ def unit_of(name: str, site: str, parameter: str) -> str:
 
 def parameter_rows(effects: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], ...]:
     """Parameter, value with unit, standard error and 90 % interval of every effect of a verdict."""
-    rows = []
-    for effect in effects:
-        for name, estimate in effect["parameters"].items():
-            error = estimate.get("sd")
-            digits, spread = with_error(estimate["value"], error)
-            shown = with_unit(digits, unit_of(effect["name"], effect["site"], name))
-            low, high = estimate.get("interval_90") or (None, None)
-            interval = "–" if low is None else f"{with_error(low, error)[0]} to {with_error(high, error)[0]}"
-            rows.append((f"{effect['name']}: {name}", shown, estimate.get("remark", spread), interval))
-    return tuple(rows)
+    return tuple(
+        estimate_row(f"{effect['name']}: {name}", estimate, unit_of(effect["name"], effect["site"], name))
+        for effect in effects
+        for name, estimate in effect["parameters"].items()
+    )
+
+
+def estimate_row(name: str, estimate: Mapping[str, Any], unit: str) -> tuple[str, str, str, str]:
+    """A parameter's `name`, value with `unit`, standard error or a remark why there is none, and 90 % interval.
+
+    `estimate` is one of ``verdict.json``.
+    """
+    error = estimate.get("sd")
+    digits, spread = with_error(estimate["value"], error)
+    low, high = estimate.get("interval_90") or (None, None)
+    ends = ["–" if end is None else with_error(end, error)[0] for end in (low, high)]
+    interval = "–" if low is None and high is None else " to ".join(ends)
+    return name, with_unit(digits, unit), estimate.get("remark", spread), interval
 
 
 def size_in_words(parameter: str, value: str, unit: str, falls: bool) -> str:

@@ -7,6 +7,7 @@ import pandas as pd
 
 from jointgap.campaign.phrasing import (
     effect_in_words,
+    estimate_row,
     explanation_in_words,
     is_fault,
     label_in_words,
@@ -19,7 +20,7 @@ from jointgap.campaign.verdict_sentences import ENOUGH, answer, best_known_in_wo
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.identification.estimates import AT_BOUND, CHANGES_NOTHING, NOT_ESTIMATED
 from jointgap.report.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
-from jointgap.report.plain_words import joined, number, percent, rounded_gap, with_error, with_unit
+from jointgap.report.plain_words import joined, number, percent, rounded_gap, with_unit
 
 _MOST_WINDOWS = 5  # the largest disagreements; the map shows all
 
@@ -247,13 +248,12 @@ def _edge(own: pd.DataFrame) -> str:
 def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
     if not verdict["nuisances"]:
         return []
-    rows = []
-    for name, estimate in verdict["nuisances"].items():
-        value, error = with_error(estimate["value"], estimate["sd"])
-        rows.append((name.replace("@", ", run "), value, estimate.get("remark", error)))
+    rows = tuple(
+        estimate_row(name.replace("@", ", run "), estimate, "") for name, estimate in verdict["nuisances"].items()
+    )
     return [
         Heading("Parameters re-fitted within their ranges"),
-        TableBlock(("parameter", "value [SI]", "standard error"), tuple(rows)),
+        TableBlock(("parameter", "value [SI]", *_PARAMETER_HEADS[2:]), rows),
         *([Paragraph(_borne_out(verdict))] if verdict["verdict"] == "parameters_only" else []),
     ]
 

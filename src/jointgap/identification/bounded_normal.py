@@ -115,7 +115,7 @@ def _gibbs(
     for sweep in range(settings.settling_sweeps + settings.sweeps):
         for axis in axes:
             curvature = max(float(axis @ precision @ axis), least)
-            moving = np.abs(axis) > 1e-12
+            moving = np.abs(axis) > 1e-12  # beyond the rounding of axes of length 1
             with np.errstate(invalid="ignore"):
                 ends = (low - x)[:, moving] / axis[moving], (high - x)[:, moving] / axis[moving]
             begin, end = np.minimum(*ends).max(axis=1), np.maximum(*ends).min(axis=1)

@@ -549,8 +549,9 @@ class IntervalSettings:
     chains : int
         Chains that are drawn side by side.
     settling_sweeps, sweeps : int
-        Sweeps over all directions that are dropped, and that are kept: a chain moves along the axes of chi2, so that it
-        soon forgets its start. Ends of intervals are then sure to 0.03 standard deviations.
+        Sweeps over all directions that are dropped, and that are kept: a chain moves along the axes of chi2 and of the
+        distribution, so that it soon forgets its start. The standard error of an interval's end is then about 0.03
+        standard deviations.
     mapped_draws : int
         Draws from which the interval of what follows from them is taken: its ends are sure to 1 % of them.
     least_singular_value : float
