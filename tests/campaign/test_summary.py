@@ -333,6 +333,17 @@ def test_re_fitted_parameters_are_shown_with_their_intervals_and_one_sided_ones_
     assert "| restitution | 0.9 | at its bound | 0.82 to 0.9 |" in text
 
 
+def test_a_listed_parameter_that_ends_at_its_bound_beside_a_name_is_pointed_out():
+    at_bound = {"value": 0.9, "sd": None, "interval_90": [0.82, 0.9], "remark": AT_BOUND}
+    text = markdown(NAMED | {"nuisances": {"restitution": at_bound, "friction_speed": at_bound}}, {})
+    assert "Restitution ends at a bound of its range. If it cannot really be there" in text
+    inside = {"value": 0.5, "sd": 0.1, "interval_90": [0.34, 0.66]}
+    assert "ends at a bound" not in markdown(NAMED | {"nuisances": {"restitution": inside}}, {})
+    assert "cannot really be" not in markdown(
+        VERDICTS["parameters_only"] | {"nuisances": {"restitution": at_bound}}, {}
+    )
+
+
 def test_of_parameters_alone_those_inside_their_ranges_are_borne_out_and_those_at_bounds_are_not():
     nuisances = {
         "slider_mass": {"value": 0.447, "sd": 0.002},

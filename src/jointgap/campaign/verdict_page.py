@@ -17,6 +17,7 @@ from jointgap.campaign.phrasing import (
 )
 from jointgap.campaign.tables_of_identification import assumed, failures
 from jointgap.campaign.verdict_sentences import ENOUGH, answer, best_known_in_words, held_out_in_words
+from jointgap.config.nuisance_bounds import NUISANCES
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.identification.estimates import AT_BOUND, CHANGES_NOTHING, NOT_ESTIMATED
 from jointgap.report.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
@@ -255,7 +256,25 @@ def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
         Heading("Parameters re-fitted within their ranges"),
         TableBlock(("parameter", "value [SI]", *_PARAMETER_HEADS[2:]), rows),
         *([Paragraph(_borne_out(verdict))] if verdict["verdict"] == "parameters_only" else []),
+        *([Paragraph(text)] if (text := _at_bounds_beside_a_name(verdict)) else []),
     ]
+
+
+def _at_bounds_beside_a_name(verdict: Mapping[str, Any]) -> str:
+    """That stated ranges may be too narrow, where parameters end at bounds beside what is named; else empty."""
+    keys = [
+        key
+        for key, estimate in verdict["nuisances"].items()
+        if estimate.get("remark") == AT_BOUND and key.partition("@")[0] in NUISANCES
+    ]
+    if not keys or not verdict["verdict"].startswith("named"):
+        return ""
+    one = len(keys) == 1
+    return (
+        f"{_capital(_parameters_in_words(keys))} {'ends' if one else 'end'} at a bound of "
+        f"{'its range' if one else 'their ranges'}. If {'it' if one else 'they'} cannot really be there, what is named "
+        "takes up too little, or something else acts besides."
+    )
 
 
 def _borne_out(verdict: Mapping[str, Any]) -> str:
