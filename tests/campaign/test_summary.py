@@ -357,3 +357,18 @@ def test_of_parameters_alone_those_inside_their_ranges_are_borne_out_and_those_a
     assert "Do not take over restitution: it ends at a bound" in text
     assert "Do not take over" not in markdown(VERDICTS["parameters_only"], {})
     assert "bear out" not in markdown(NAMED | {"nuisances": nuisances}, {})
+
+
+def test_what_is_among_the_explanations_is_not_said_to_be_undetectable():
+    preflight = {"undetectable": ["slider_coulomb_friction", "crank_unbalance"], "merged": []}
+    text = markdown(NAMED | {"preflight": preflight}, {})
+    assert "so nothing is said about: an unbalance of the crank." in text
+
+
+def test_parameters_that_nobody_listed_are_shown_and_are_not_to_be_taken_over():
+    value = {"value": 1.386, "sd": None, "interval_90": [0.2, 1.386], "remark": AT_BOUND}
+    nuisances = {"lasting_damping_piston_pin": value, "slider_mass": {"value": 0.447, "sd": 0.002}}
+    text = markdown(VERDICTS["parameters_only"] | {"nuisances": nuisances}, {})
+    assert "| lasting_damping_piston_pin (natural logarithm of its factor) | 1.386 |" in text
+    assert "The data bear out slider mass: fitted inside its range" in text
+    assert "take over lasting" not in text

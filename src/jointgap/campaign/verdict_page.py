@@ -17,7 +17,6 @@ from jointgap.campaign.phrasing import (
 )
 from jointgap.campaign.tables_of_identification import assumed, failures
 from jointgap.campaign.verdict_sentences import ENOUGH, answer, best_known_in_words, held_out_in_words
-from jointgap.config.nuisance_bounds import NUISANCES
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.identification.estimates import AT_BOUND, CHANGES_NOTHING, NOT_ESTIMATED
 from jointgap.report.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
@@ -28,6 +27,11 @@ _MOST_WINDOWS = 5  # the largest disagreements; the map shows all
 _WHEN = {"base": "before", "augmented": "after"}
 
 _PARAMETER_HEADS = ("parameter", "value", "standard error", "90 % interval")
+
+_LOGARITHMIC = "lasting_damping"
+
+_IN_EVERY_FIT = ("first_angle", "friction_speed", _LOGARITHMIC)
+"""How names of parameters begin that a fit has though nobody listed them."""
 
 _LINKS = {"crank": "crank_length", "rod": "rod_length"}
 """Columns of table `jointgap.tables.OPTIMUM` by what they are of."""
@@ -146,7 +150,7 @@ def _where(verdict: Mapping[str, Any], windows: pd.DataFrame | None) -> list[Blo
             _figure("disagreement"),
         ]
     more = len(places) - _MOST_WINDOWS
-    others = [f"and {more} more windows (map of disagreement)"] if more > 0 else []
+    others = [f"and {more} more window{'s' if more > 1 else ''} (map of disagreement)"] if more > 0 else []
     return [
         Heading("Where it shows"),
         Paragraph(f"The measurement differs from the model{without}, its parameters re-fitted, at:"),
@@ -250,7 +254,12 @@ def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
     if not verdict["nuisances"]:
         return []
     rows = tuple(
-        estimate_row(name.replace("@", ", run "), estimate, "") for name, estimate in verdict["nuisances"].items()
+        estimate_row(
+            name.replace("@", ", run ") + (" (natural logarithm of its factor)" if _LOGARITHMIC in name else ""),
+            estimate,
+            "",
+        )
+        for name, estimate in verdict["nuisances"].items()
     )
     return [
         Heading("Parameters re-fitted within their ranges"),
@@ -263,9 +272,7 @@ def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
 def _at_bounds_beside_a_name(verdict: Mapping[str, Any]) -> str:
     """That stated ranges may be too narrow, where parameters end at bounds beside what is named; else empty."""
     keys = [
-        key
-        for key, estimate in verdict["nuisances"].items()
-        if estimate.get("remark") == AT_BOUND and key.partition("@")[0] in NUISANCES
+        key for key, estimate in verdict["nuisances"].items() if estimate.get("remark") == AT_BOUND and _is_listed(key)
     ]
     if not keys or not verdict["verdict"].startswith("named"):
         return ""
@@ -279,7 +286,7 @@ def _at_bounds_beside_a_name(verdict: Mapping[str, Any]) -> str:
 
 def _borne_out(verdict: Mapping[str, Any]) -> str:
     """Which of the parameters the data bear out, where these alone are said to meet the measurement."""
-    remarks = {key: estimate.get("remark") for key, estimate in verdict["nuisances"].items()}
+    remarks = {key: estimate.get("remark") for key, estimate in verdict["nuisances"].items() if _is_listed(key)}
     at_bound = [key for key, remark in remarks.items() if remark == AT_BOUND]
     untold = [key for key, remark in remarks.items() if remark in (CHANGES_NOTHING, NOT_ESTIMATED)]
     inside = [key for key in remarks if key not in (*at_bound, *untold)]
@@ -293,13 +300,19 @@ def _borne_out(verdict: Mapping[str, Any]) -> str:
     if at_bound:
         one = len(at_bound) == 1
         says.append(
-            f"Do not take over {_parameters_in_words(at_bound)}: {'it ends' if one else 'they end'} at a bound, so the "
-            f"data ask for something beyond it, or {'it takes' if one else 'they take'} up what is not in the model."
+            f"Do not take over {_parameters_in_words(at_bound)}: {'it ends' if one else 'they end'} at a bound. Either "
+            "the data hardly tell (see the interval), or they ask for something beyond it, or "
+            f"{'it takes' if one else 'they take'} up what is not in the model."
         )
     if untold:
         own = "its value is" if len(untold) == 1 else "their values are"
         says.append(f"The data say nothing of {_parameters_in_words(untold)}: {own} as you stated.")
     return " ".join(says)
+
+
+def _is_listed(key: str) -> bool:
+    """Whether a user listed a parameter, other than those that every fit has."""
+    return not key.startswith(_IN_EVERY_FIT)
 
 
 def _parameters_in_words(keys: Sequence[str]) -> str:
@@ -320,7 +333,13 @@ def _limits(verdict: Mapping[str, Any], effects: pd.DataFrame | None) -> list[Bl
         for group in merged
     ]
     failed = {} if effects is None else failures(effects)
-    if absent := [label for label in verdict["preflight"]["undetectable"] if label not in failed]:
+    explanations = [verdict["effects"], *verdict["equivalent"], (verdict["best_known"] or {}).get("effects", ())]
+    told = {(effect["name"], effect["site"]) for explanation in explanations for effect in explanation}
+    if absent := [
+        label
+        for label in verdict["preflight"]["undetectable"]
+        if label not in failed and not any(label in (name, f"{name}:{site}") for name, site in told)
+    ]:
         lines.append(
             "Not detectable with these runs and channels, so nothing is said about: "
             f"{joined(map(label_in_words, absent))}."
