@@ -1,4 +1,4 @@
-"""The three revolute joints of a slider-crank: the only list of them.
+"""The three revolute joints of a slider-crank: the only list of them, and what their contacts have by default.
 
 A joint's clearance vector r points from the centre of its partner to the centre of its body; the joint's force acts on
 its body, and the opposite one on its partner.
@@ -60,3 +60,6 @@ PINS = tuple(name for name in JOINTS if JOINT[name].body == "rod")
 
 JOINT_NUMBERS = {name: JOINT[name].number for name in FROM_FRAME}
 """The paper's numbers, which name the columns of tables: r2 is the clearance of the crank pin."""
+
+REFERENCE_APPROACH_SPEED = 0.05
+"""Approach speed [m/s] as whose impact a contact that lasts is damped where nothing else is said."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from jointgap.config import EFFECTS, Scenario, parse_options, validate
+from jointgap.config import EFFECTS, Scenario, hertz_stiffness, parse_options, validate
 from jointgap.effects.describe import example, parameters_of
 from jointgap.errors import InputError
 from tests.config.mechanisms import PIVOT, ROOT, effect, mechanism, paper
@@ -223,6 +223,17 @@ def test_friction_in_a_loose_pin_is_its_contacts_and_in_an_ideal_one_an_effect()
     assert applied.effect("pin_friction", "crank_pin") is None
     assert applied.effect("pin_friction", "piston_pin").coefficient == 0.2
     assert applied.joint("piston_pin").contact.friction == 0.05
+
+
+def test_the_contact_of_a_clearance_is_its_joints_alone():
+    told = {"restitution": 0.35, "friction": 0.02, "stiffness_factor": 2.0, "damping_factor": 0.5}
+    applied = mechanism(effect("crank_pin_clearance", clearance_m=1e-4, **told)).applied()
+    own, other = applied.joint("crank_pin").contact, applied.joint("piston_pin").contact
+    assert other == paper().joint("piston_pin").contact
+    assert (own.restitution, own.friction) == (0.35, 0.02)
+    assert own.reference_speed == pytest.approx(other.reference_speed / 0.5)
+    nominal = mechanism(effect("crank_pin_clearance", clearance_m=1e-4)).applied().joint("crank_pin")
+    assert hertz_stiffness(applied.joint("crank_pin")) == pytest.approx(2.0 * hertz_stiffness(nominal))
 
 
 def test_a_clearance_decides_what_friction_in_its_pin_is():

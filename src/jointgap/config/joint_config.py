@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, WrapValidator, model_validator
 
 from jointgap.config.friction_laws import FRICTION_LAWS, FRICTION_PARAMETERS, described, laws_reading
-from jointgap.joints import JOINT
+from jointgap.joints import JOINT, REFERENCE_APPROACH_SPEED
 from jointgap.quantities import (
     FrictionCoefficient,
     NonNegativeNumber,
@@ -36,10 +36,6 @@ FIRM_FORCE, FIRM_PENETRATION = 1e3, 1e-9
 """A force [N] that must press a journal into its bearing by more than this [m].
 
 Atoms are a fifth of it apart: a contact that yields less is rigid for all that continuum mechanics can say."""
-
-
-REFERENCE_APPROACH_SPEED = 0.05
-"""Default of `reference_approach_speed` [m/s]."""
 
 
 class Contact(Section):

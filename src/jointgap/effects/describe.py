@@ -29,7 +29,8 @@ def parameters_of(effect: type[Effect]) -> list[ParameterDescription]:
         number = next(iter(schema.get("anyOf", [schema])))
         numeric = number.get("type") in ("number", "integer")
         unit = schema.get("unit", "1") if numeric else ""
-        default = "" if field.default is PydanticUndefined else f"{field.default:g}" if numeric else "none"
+        stated = numeric and field.default is not None
+        default = "" if field.default is PydanticUndefined else f"{field.default:g}" if stated else "none"
         rows.append(ParameterDescription(name, unit, _bounds(number), default, schema["description"]))
     return rows
 

@@ -1,11 +1,24 @@
 """Clearance of a joint: one effect for each of the three."""
 
+import math
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-from jointgap.effects.base import Candidates, Effect, FitContext, TrialContext, TrialSize, amplitude, joint_data, page
-from jointgap.quantities import quantity
+from jointgap.effects.base import (
+    Candidates,
+    Effect,
+    FitContext,
+    TrialContext,
+    TrialSize,
+    Values,
+    amplitude,
+    joint_data,
+    page,
+)
+from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.joints import REFERENCE_APPROACH_SPEED
+from jointgap.quantities import FrictionCoefficient, quantity
 from jointgap.section import Section
 
 LEAST_CLEARANCE = 1e-9
@@ -16,6 +29,14 @@ _FIRST_CLEARANCES = (2e-5, 1e-4)
 
 _CLEARANCES = tuple(8e-6 * 1.35**place for place in range(15))
 """[m] of a joint that was ideal, 8 um to 0.5 mm, in the steps that a `Candidate`'s grid asks for."""
+
+RESTITUTIONS, FRICTIONS = (0.3, 0.9), (0.0, 0.3)
+"""What the contact of a joint may have that was taken as ideal: nobody measured it. Steel on bronze or steel, dry to
+greased."""
+
+STIFFNESS_FACTOR, DAMPING_FACTOR = 3.0, 4.0
+"""By what factor its stiffness may differ from what the file says of its contact, either way, and the damping of a
+contact that lasts: lengths of bearings and their alignment are not in Hertz's formula."""
 
 
 def _none_or_more_than_atoms(clearance: float) -> float:
@@ -33,6 +54,22 @@ class ClearanceParameters(Section):
     clearance_m: Annotated[quantity("m", ge=0), AfterValidator(_none_or_more_than_atoms)] = Field(
         description="c, whole radial clearance, not beyond nominal; 0 or 1e-9 m and more", examples=[0.0002]
     )
+    restitution: quantity("", ge=1e-3, lt=1) | None = Field(
+        None,
+        description="coefficient of restitution of the joint's contact; null: as its contact says",
+        examples=[0.6],
+    )
+    friction: FrictionCoefficient | None = Field(
+        None, description="coefficient of friction of the joint's contact; null: as its contact says", examples=[0.1]
+    )
+    stiffness_factor: quantity("", gt=0) = Field(
+        1.0, description="factor on the stiffness of the joint's contact", examples=[2.0]
+    )
+    damping_factor: quantity("", gt=0) = Field(
+        1.0,
+        description="factor on the damping of a contact that lasts, which needs one whose memory fades",
+        examples=[0.5],
+    )
 
 
 class Clearance(Effect):
@@ -47,6 +84,19 @@ class Clearance(Effect):
         joint["loose"] = self.parameters.clearance_m > 0
         if joint["loose"]:
             joint["bearing_radius"] = joint["journal_radius"] + self.parameters.clearance_m
+        joint["contact"] |= self._contact(joint["contact"])
+
+    def _contact(self, contact: dict[str, Any]) -> dict[str, Any]:
+        """What is other than `contact`, the content of the joint's in a mechanism file, says."""
+        own = self.parameters
+        changed = {key: getattr(own, key) for key in ("restitution", "friction") if getattr(own, key) is not None}
+        if own.stiffness_factor != 1.0:  # Hertz's stiffness is in proportion to the modulus
+            key = "youngs_modulus" if contact["stiffness"] is None else "stiffness"
+            changed[key] = own.stiffness_factor * contact[key]
+        if own.damping_factor != 1.0:
+            reference = contact["reference_approach_speed"] or REFERENCE_APPROACH_SPEED
+            changed["reference_approach_speed"] = reference / own.damping_factor
+        return changed
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
@@ -54,15 +104,45 @@ class Clearance(Effect):
         if mechanism.joint(cls.SITE) is None:
             return
         nominal, longest = mechanism.clearance(cls.SITE), 0.05 * mechanism.crank.length
+        if not nominal:
+            yield cls._of_ideal_joint(mechanism.joint(cls.SITE).contact, longest)
+            return
         yield cls.candidate(
-            amplitude("change_m", 0.05 * nominal if nominal else 2e-5, "m", -0.95 * nominal, longest),
+            amplitude("change_m", 0.05 * nominal, "m", -0.95 * nominal, longest),
             parameters=lambda values: {"clearance_m": nominal + values["change_m"]},
-            initial_guesses=({},) if nominal else tuple({"change_m": value} for value in _FIRST_CLEARANCES),
-            grid=() if nominal else _CLEARANCES,
-            is_perturbation=nominal > 0.0,
-            replaces=context.replaced(
-                {cls.NAME: "change_m"}
-            ),  # the nuisance of a pin's clearance has the effect's name
+            is_perturbation=True,
+            # the nuisance of a pin's clearance has the effect's name
+            replaces=context.replaced({cls.NAME: "change_m"}),
+        )
+
+    @classmethod
+    def _of_ideal_joint(cls, contact: Any, longest: float) -> Candidate:
+        """The candidate of a joint without clearance, up to the `longest` [m], whose `contact` nobody measured."""
+        shapes = []
+        if contact.restitution is not None:
+            shapes.append(Parameter("contact_restitution", contact.restitution, *RESTITUTIONS, step=0.05))
+        shapes.append(Parameter("contact_friction", contact.friction, *FRICTIONS, step=0.02))
+        factors = {"stiffness": STIFFNESS_FACTOR}
+        if contact.reference_speed is not None:
+            factors["damping"] = DAMPING_FACTOR
+        for name, factor in factors.items():
+            reach = math.log(factor)
+            shapes.append(Parameter(f"log_{name}_factor", 0.0, -reach, reach, step=0.05 * reach))
+
+        def parameters(values: Values) -> dict[str, float]:
+            measured = {"restitution": "contact_restitution", "friction": "contact_friction"}
+            stated = {key: values[name] for key, name in measured.items() if name in values}
+            stated |= {f"{name}_factor": math.exp(values[f"log_{name}_factor"]) for name in factors}
+            return {"clearance_m": values["change_m"], **stated}
+
+        nominal = {shape.name: min(max(shape.nominal, shape.low), shape.high) for shape in shapes}
+        return cls.candidate(
+            amplitude("change_m", 2e-5, "m", 0.0, longest),
+            *shapes,
+            amplitudes=("change_m",),
+            parameters=parameters,
+            initial_guesses=tuple({"change_m": value, **nominal} for value in _FIRST_CLEARANCES),
+            grid=_CLEARANCES,
         )
 
     @classmethod

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointgap.config.joint_config import REFERENCE_APPROACH_SPEED
-from jointgap.joints import PINS
+from jointgap.joints import PINS, REFERENCE_APPROACH_SPEED
 from jointgap.trials.injected_effects import RigScales
 from jointgap.trials.sensor_readings import SETTLING_REVOLUTIONS, CrankRun, Numerics, simulate_signals
 
