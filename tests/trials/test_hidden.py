@@ -10,6 +10,7 @@ import yaml
 
 from jointgap.config import EFFECTS, Mechanism
 from jointgap.config.load import load_campaign, validate
+from jointgap.joints import PINS
 from jointgap.recordings import read_measurements
 from jointgap.slider_crank.modified_mechanism import with_nuisances
 from jointgap.trials.batches import cached_record, folder_digest
@@ -17,10 +18,20 @@ from jointgap.trials.injected_effects import LISTED, OFF_LIST, InjectedEffect
 from jointgap.trials.make_trial import ar1_noise, draw_trial, make_trial, parameters_beyond_nominal
 from jointgap.trials.sensor_readings import CrankRun, faulty_reading, noise_free_readings, simulate_signals
 from jointgap.trials.size_calibration import GAP_TOLERANCE, SIZING_NUMERICS, SizeCalibrator, calibrate_size
-from jointgap.trials.trial_plan import EXUDYN_EFFECTS, TARGET_GAPS, TrialPlan, TrialSet, batch_count, plan_trials
-from jointgap.trials.virtual_rig import draw_rig, with_drawn_damping, with_drawn_starts
+from jointgap.trials.trial_plan import (
+    CLEARANCES,
+    EXUDYN_EFFECTS,
+    TARGET_GAPS,
+    TrialPlan,
+    TrialSet,
+    batch_count,
+    plan_trials,
+)
+from jointgap.trials.virtual_rig import draw_rig, with_drawn_contact, with_drawn_damping, with_drawn_starts
 
 SET = TrialSet(seed=3, single=60, nothing=50, pairs=10, off_list=11, exudyn=4, batch=9)
+KINDS = ("single", "nothing", "pair", "off_list")
+MORE = SET.model_copy(update={"clearances": 24, "exudyn_loose": 16})
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +89,54 @@ def test_every_effect_of_the_list_is_hidden_about_as_often():
     assert max(counts) - min(counts) <= 1
 
 
+def test_what_other_kinds_draw_does_not_depend_on_clearances_and_on_loose_joints_in_exudyn():
+    drawn, others = (
+        {(plan.kind, plan.base, plan.size, plan.effects) for plan in plan_trials(chosen) if plan.kind in KINDS}
+        for chosen in (SET, MORE)
+    )
+    assert drawn == others
+
+
+def test_clearances_are_hidden_in_joints_that_are_ideal_in_the_model_and_in_loose_ones():
+    hidden = [plan for plan in plan_trials(MORE) if plan.kind == "clearance"]
+    assert sorted(plan.effects[0] for plan in hidden) == sorted(8 * CLEARANCES)
+    loosened = [plan for plan in hidden if plan.loose]
+    assert {plan.loose for plan in loosened} <= set(PINS)
+    assert all(plan.base != "ideal" and plan.effects == (f"{plan.loose}_clearance",) for plan in loosened)
+    assert 3 <= len(loosened) <= 8
+    assert sum(plan.base == "ideal" for plan in hidden) >= 8
+
+
+def test_exudyn_moves_loose_joints_with_nothing_hidden_and_with_an_effect():
+    plans = [plan for plan in plan_trials(MORE) if plan.kind == "exudyn"]
+    before = [plan for plan in plan_trials(SET) if plan.kind == "exudyn"]
+    assert len(plans) == 16 + len(before)
+    assert sum(not plan.effects for plan in plans) == 4
+    ideal = [plan for plan in plans if plan.base == "ideal"]
+    assert sum(plan.effects[0] in CLEARANCES for plan in ideal) == len(ideal) - len(before)  # loose in the truth
+    assert {plan.base for plan in plans} == {"ideal", "loose"}
+
+
+def test_the_contact_of_a_joint_that_the_model_has_as_ideal_is_drawn_and_sealed(tmp_path):
+    plan = TrialPlan("0123456789ab", 3, "single", "ideal", 5.0, ("piston_pin_clearance",))
+    (effect,) = make_trial(plan, 5, tmp_path / "a")["effects"]
+    (other,) = make_trial(plan, 6, tmp_path / "b")["effects"]
+    assert list(effect["parameters"]) == [
+        "clearance_m", "restitution", "friction", "stiffness_factor", "damping_factor",
+    ]  # fmt: skip
+    assert all(effect["parameters"][key] != other["parameters"][key] for key in effect["parameters"])
+    assert 0.3 <= effect["parameters"]["restitution"] <= 0.9
+    assert 0.0 <= effect["parameters"]["friction"] <= 0.3
+    assert 1 / 3 <= effect["parameters"]["stiffness_factor"] <= 3.0
+
+
+def test_the_contact_of_a_joint_that_is_loose_already_is_that_of_the_file(loose_rig):
+    for joint in PINS:
+        effect = LISTED[f"{joint}_clearance"](loose_rig.scales({}), np.random.default_rng(0))
+        drawn = with_drawn_contact(loose_rig, effect, np.random.default_rng(0)).parameters(1e-4)
+        assert (list(drawn) == ["clearance_m"]) == (joint in loose_rig.loose), joint
+
+
 @pytest.mark.parametrize("name", ["slider_coulomb_friction", "gravity", "crank_viscous_friction", "sensor_gain"])
 def test_the_gap_is_what_was_asked_for(rig, name):
     made, calibrator = rig
@@ -97,9 +156,17 @@ def test_other_numerics_leave_a_gap_where_an_effect_rests_on_them(rig):
     made, calibrator = rig
     friction = LISTED["slider_coulomb_friction"](made.scales(calibrator.spread()), np.random.default_rng(1))
     hidden = [(friction, 20 * friction.first)]
-    assert calibrator.numerics_gap(hidden, SIZING_NUMERICS) == 1.0
-    assert 1.0 < calibrator.numerics_gap(hidden, replace(SIZING_NUMERICS, sign_factor=3.0))
-    assert calibrator.numerics_gap([], replace(SIZING_NUMERICS, sign_factor=3.0)) == pytest.approx(1.0, abs=1e-6)
+
+    def gap(effects, numerics) -> float:
+        readings = {
+            run: noise_free_readings(made.true, made.runs[run], numerics, tuple(made.sensors), effects)
+            for run in made.identify_runs
+        }
+        return calibrator.numerics_gap(effects, readings)
+
+    assert gap(hidden, SIZING_NUMERICS) == 1.0
+    assert 1.0 < gap(hidden, replace(SIZING_NUMERICS, sign_factor=3.0))
+    assert gap([], replace(SIZING_NUMERICS, sign_factor=3.0)) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_what_a_nuisance_can_take_up_is_no_gap(rig):
@@ -174,7 +241,7 @@ def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(tmp_
     plan = TrialPlan("0123456789ab", 2, "single", "ideal", 5.0, ("added_slider_mass",))
     truth = make_trial(plan, 11, tmp_path)
     file = yaml.safe_load((tmp_path / "mechanism.yaml").read_text())
-    draw = draw_trial(plan, np.random.default_rng([11, 1, plan.number]), np.random.default_rng([11, 2, plan.number]))
+    draw = draw_trial(plan, *(np.random.default_rng([11, stream, plan.number]) for stream in (1, 2, 4)))
     made, ((hidden, size),) = draw.rig, draw.effects
     (stated,) = truth["effects"]
     off = truth["nuisances"]["slider_mass"] - file["slider"]["mass"]
@@ -204,7 +271,7 @@ def test_a_trial_is_done_again_where_it_failed_or_its_files_or_code_are_others(t
 def test_readings_are_the_truth_with_its_effect_and_noise(tmp_path):
     plan = TrialPlan("0123456789ab", 3, "single", "ideal", 5.0, ("slider_spring",))
     rng = np.random.default_rng([5, 1, plan.number])
-    draw = draw_trial(plan, rng, np.random.default_rng(0))
+    draw = draw_trial(plan, rng, np.random.default_rng(0), np.random.default_rng(0))
     made, hidden = draw.rig, draw.effects
     make_trial(plan, 5, tmp_path)
     measured = read_measurements(load_campaign(tmp_path / "campaign.yaml"))

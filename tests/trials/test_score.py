@@ -291,7 +291,9 @@ def rows_of(*rows) -> pd.DataFrame:
     numbers = {"error": 0.1, "covered": 0.5, "closed": 0.9, "gap_after": 1.1, "seconds": 1.0}
     numbers |= {"windows": 4.0, "false_windows": 1.0, "bins_off": 10.0, "missed_bins": 3.0}
     numbers |= {"nuisances": 8.0, "nuisances_covered": 7.0}
-    return frame.assign(hidden="gravity", told=False, named="gravity", greedy="wrong", sparse="not asked", **numbers)
+    hidden = np.where(frame["kind"] == "clearance", "piston_pin_clearance", "gravity")
+    hidden[frame["size"] == 0.0] = "nothing"
+    return frame.assign(hidden=hidden, told=False, named="gravity", greedy="wrong", sparse="not asked", **numbers)
 
 
 def test_every_rate_counts_the_trials_that_it_says():
@@ -322,7 +324,7 @@ def test_every_rate_counts_the_trials_that_it_says():
         ("right name", "gap 1.5"): (0, 2),
         ("right name", "gap 5"): (2, 2),
         ("right name", "gap larger than asked for"): (0, 1),
-        ("right name", "from Exudyn"): (0, 1),
+        ("right name", "from Exudyn, joints ideal"): (0, 1),
     }
     assert {key[0]: shares[key] for key in shares if key[1] == "all" and "median" not in key[0]} == {
         "right name": (2, 5),
@@ -351,6 +353,29 @@ def test_every_rate_counts_the_trials_that_it_says():
         "greedy BIC: false alarm": (2, 2),
         "greedy BIC: wrong name, effect off the list": (4, 4),
     }
+
+
+def test_clearances_hidden_on_purpose_are_scored_by_themselves_and_those_from_exudyn_by_how_its_joints_are():
+    frame = rows_of(
+        ("single", "ideal", 5.0, 5.0, True, False, "named", "right"),
+        ("clearance", "ideal", 5.0, 5.0, True, False, "named", "wrong"),
+        ("clearance", "loose", 1.5, 1.5, True, False, "named", "right"),
+        ("exudyn", "ideal", 5.0, 5.0, True, False, "named", "right"),  # a clearance, by what is set below
+        ("exudyn", "loose", 5.0, 5.0, True, False, "named", "missed"),
+        ("exudyn", "loose", 0.0, np.nan, False, False, "no_disagreement", "right"),
+    )
+    frame.loc[3, "hidden"] = "crank_pin_clearance"
+    frame["error"] = [0.5, 0.5, 0.11, 0.1, 0.5, np.nan]
+    found = rates(frame).set_index(["what", "group"])
+    shares = {key: (round(row["value"] * row["count"]), row["count"]) for key, row in found.iterrows()}
+    assert shares["right name", "all"] == (2, 3)
+    assert shares["right name", "from Exudyn, joints loose"] == (1, 2)
+    assert ("right name", "from Exudyn, joints ideal") not in shares
+    assert shares["right joint, a clearance hidden", "all"] == (2, 3)
+    assert shares["wrong name, a clearance hidden", "all"] == (1, 3)
+    assert shares["size within 10 %, a clearance named right", "all"] == (1, 2)
+    assert shares["nothing found, nothing hidden", "from Exudyn, joints loose"] == (1, 1)
+    assert shares["undetectable", "all"] == (0, 3)
 
 
 def test_a_trial_is_detectable_from_the_least_gap_on_and_by_its_smallest_effect():

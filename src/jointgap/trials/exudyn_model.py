@@ -46,10 +46,31 @@ def simulate(content: Mapping, speed: float, phase: float, times: np.ndarray, se
     """
     spacing = float(times[1] - times[0])
     lead = math.ceil(2 * math.pi * settling / speed / spacing)
-    return _ExudynModel(content, speed, phase - speed * lead * spacing).run(times, lead)
+    return _IdealModel(content, speed, phase - speed * lead * spacing).run(times, lead)
 
 
-class _ExudynModel:
+class ExudynSystem:
+    """An empty system of Exudyn, the bodies' numbers with the effects that are nothing but data, and the start.
+
+    Parameters
+    ----------
+    content : mapping
+        Content of a mechanism file.
+    speed, phase : float
+        Of the crank [rad/s], [rad]; the phase is the angle at the start.
+
+    Attributes
+    ----------
+    crank, rod, crank_centre, rod_centre : float
+        Lengths, and distances of the mass centres from the end nearer to the crank's pivot [m].
+    slider_mass : float
+        [kg].
+    end, end_velocity : (2,) array
+        The crank's end at the start [m, m/s].
+    rod_angle, rod_rate, start, start_velocity : float
+        Angle of the rod [rad, rad/s], position of the slider [m, m/s] at the start, of the mechanism with ideal joints.
+    """
+
     def __init__(self, content: Mapping, speed: float, phase: float):
         import exudyn  # here, for it is an optional dependency
         import exudyn.utilities
@@ -66,38 +87,79 @@ class _ExudynModel:
         )
         self.crank_centre = crank["mass_centre"] * self.crank / crank["length"]
         self.rod_centre = rod["mass_centre"] * self.rod / rod["length"]
-        self._build()
-
-    def _build(self) -> None:
-        content, add = self.content, self.system
-        crank, rod, slider = (content[name] for name in ("crank", "rod", "slider"))
-        along, across = _directions(self.phase)
-        end, end_velocity = self.crank * along, self.crank * self.speed * across
-        angle = math.asin((slider["offset"] - end[1]) / self.rod)
-        rod_along, rod_across = _directions(angle)
-        rate = -end_velocity[1] / (self.rod * math.cos(angle))
-        self.start = end + self.rod * rod_along
-        self.start_angle = angle
-        self.ground = add.AddObject(self.items.ObjectGround())
-        self.fixed = add.AddMarker(
-            self.items.MarkerNodeCoordinate(nodeNumber=add.AddNode(self.items.NodePointGround()), coordinate=0)
+        self.slider_mass = content["slider"]["mass"] + self.effects.get("added_slider_mass", {}).get("mass_kg", 0.0)
+        along, across = directions(phase)
+        self.end, self.end_velocity = self.crank * along, self.crank * speed * across
+        self.rod_angle = math.asin((content["slider"]["offset"] - self.end[1]) / self.rod)
+        self.rod_rate = -self.end_velocity[1] / (self.rod * math.cos(self.rod_angle))
+        rod_along, rod_across = directions(self.rod_angle)
+        self.start = float((self.end + self.rod * rod_along)[0])
+        self.start_velocity = float((self.end_velocity + self.rod * self.rod_rate * rod_across)[0])
+        self.fixed = self.system.AddMarker(
+            self.items.MarkerNodeCoordinate(nodeNumber=self.system.AddNode(self.items.NodePointGround()), coordinate=0)
         )
-        mass = slider["mass"] + self.effects.get("added_slider_mass", {}).get("mass_kg", 0.0)
-        self.nodes, self.bodies = {}, {"frame": self.ground}
-        for name, body_mass, inertia, centre, body_angle, velocity, rate_of_turn in (
-            ("crank", crank["mass"], crank["inertia"], self.crank_centre * along, self.phase,
-             self.crank_centre * self.speed * across, self.speed),
-            ("rod", rod["mass"], rod["inertia"], end + self.rod_centre * rod_along, angle,
-             end_velocity + self.rod_centre * rate * rod_across, rate),
-            ("slider", mass, 1e-3, self.start, 0.0, end_velocity + self.rod * rate * rod_across, 0.0),
+
+    def coordinate(self, node: int, number: int) -> int:
+        """Marker of the coordinate `number` of a `node`."""
+        return self.system.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=node, coordinate=number))
+
+    def add_slider_effects(self, marker: int, origin: float) -> None:
+        """Loads, springs and dampers on the slider.
+
+        Parameters
+        ----------
+        marker : int
+            Of the slider's coordinate.
+        origin : float
+            Its position [m] where that coordinate is 0.
+        """
+        add, items, slider = self.system, self.items, [self.fixed, marker]
+        for name, values in self.effects.items():
+            if name == "slider_constant_force":
+                add.AddLoad(items.LoadCoordinate(markerNumber=marker, load=values["force_N"]))
+            elif name == "slider_spring":
+                rest = values["rest_position_m"] - origin
+                stiffness = values["stiffness_N_m"]
+                add.AddObject(items.CoordinateSpringDamper(markerNumbers=slider, stiffness=stiffness, offset=rest))
+            elif name == "slider_viscous_friction":
+                damping = values["damping_N_s_m"]
+                add.AddObject(items.CoordinateSpringDamper(markerNumbers=slider, damping=damping))
+            elif name == "slider_coulomb_friction":
+                self.add_friction(slider, values["force_N"])
+            elif name == "slider_quadratic_drag":
+                law = _drag(values["drag_N_s2_m2"])
+                add.AddObject(items.CoordinateSpringDamper(markerNumbers=slider, springForceUserFunction=law))
+
+    def add_friction(self, markers: list[int], size: float) -> None:
+        """Dry friction of a `size` [N or N m] between two coordinates, given by their `markers`."""
+        self.system.AddObject(
+            self.items.CoordinateSpringDamperExt(
+                markerNumbers=markers, dynamicFrictionForce=size, frictionProportionalZone=FRICTION_ZONE
+            )
+        )
+
+
+class _IdealModel(ExudynSystem):
+    def __init__(self, content: Mapping, speed: float, phase: float):
+        super().__init__(content, speed, phase)
+        add = self.system
+        crank, rod = (content[name] for name in ("crank", "rod"))
+        along, across = directions(phase)
+        rod_along, rod_across = directions(self.rod_angle)
+        self.nodes, self.bodies = {}, {"frame": add.AddObject(self.items.ObjectGround())}
+        for name, mass, inertia, centre, angle, velocity, rate in (
+            ("crank", crank["mass"], crank["inertia"], self.crank_centre * along, phase,
+             self.crank_centre * speed * across, speed),
+            ("rod", rod["mass"], rod["inertia"], self.end + self.rod_centre * rod_along, self.rod_angle,
+             self.end_velocity + self.rod_centre * self.rod_rate * rod_across, self.rod_rate),
+            ("slider", self.slider_mass, 1e-3, (self.start, content["slider"]["offset"]), 0.0,
+             (self.start_velocity, 0.0), 0.0),
         ):  # fmt: skip
             self.nodes[name] = add.AddNode(
-                self.items.NodeRigidBody2D(
-                    referenceCoordinates=[*centre, body_angle], initialVelocities=[*velocity, rate_of_turn]
-                )
+                self.items.NodeRigidBody2D(referenceCoordinates=[*centre, angle], initialVelocities=[*velocity, rate])
             )
             self.bodies[name] = add.AddObject(
-                self.items.ObjectRigidBody2D(mass=body_mass, inertia=inertia, nodeNumber=self.nodes[name])
+                self.items.ObjectRigidBody2D(mass=mass, inertia=inertia, nodeNumber=self.nodes[name])
             )
         places = {
             "crank_pivot": {"frame": 0.0, "crank": -self.crank_centre},
@@ -106,11 +168,10 @@ class _ExudynModel:
         }
         joints = {name: self._joint(name, places[name]) for name in _BODIES}
         constraint = self.items.CoordinateConstraint
-        guide = add.AddObject(constraint(markerNumbers=[self.fixed, self._coordinate("slider", 1)]))
-        add.AddObject(constraint(markerNumbers=[self.fixed, self._coordinate("slider", 2)]))
-        drive = add.AddObject(
-            constraint(markerNumbers=[self.fixed, self._coordinate("crank", 2)], velocityLevel=True, offset=self.speed)
-        )
+        guide = add.AddObject(constraint(markerNumbers=[self.fixed, self.coordinate(self.nodes["slider"], 1)]))
+        add.AddObject(constraint(markerNumbers=[self.fixed, self.coordinate(self.nodes["slider"], 2)]))
+        turning = [self.fixed, self.coordinate(self.nodes["crank"], 2)]
+        drive = add.AddObject(constraint(markerNumbers=turning, velocityLevel=True, offset=speed))
         self._add_effects()
         kinds = self.exudyn.OutputVariableType
         self.sensors = {
@@ -131,9 +192,6 @@ class _ExudynModel:
         }
         add.Assemble()
 
-    def _coordinate(self, body: str, axis: int) -> int:
-        return self.system.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[body], coordinate=axis))
-
     def _joint(self, name: str, places: Mapping[str, float]) -> int:
         markers = {
             body: self.system.AddMarker(
@@ -146,35 +204,18 @@ class _ExudynModel:
     def _add_effects(self) -> None:
         """Loads, springs and dampers for the effects."""
         add, items = self.system, self.items
-        slider = [self.fixed, self._coordinate("slider", 0)]
-        crank = [self.fixed, self._coordinate("crank", 2)]
+        self.add_slider_effects(self.coordinate(self.nodes["slider"], 0), self.start)
+        crank = [self.fixed, self.coordinate(self.nodes["crank"], 2)]
         for name, values in self.effects.items():
             if name == "gravity":
                 for body in ("crank", "rod", "slider"):
                     marker = add.AddMarker(items.MarkerBodyMass(bodyNumber=self.bodies[body]))
                     load = [0.0, -values["acceleration_m_s2"], 0.0]
                     add.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=load))
-            elif name == "slider_constant_force":
-                add.AddLoad(items.LoadCoordinate(markerNumber=slider[1], load=values["force_N"]))
-            elif name == "slider_spring":
-                rest = values["rest_position_m"] - self.start[0]
-                stiffness = values["stiffness_N_m"]
-                add.AddObject(items.CoordinateSpringDamper(markerNumbers=slider, stiffness=stiffness, offset=rest))
-            elif name in ("slider_viscous_friction", "crank_viscous_friction"):
-                (damping,) = values.values()
-                at = slider if name.startswith("slider") else crank
-                add.AddObject(items.CoordinateSpringDamper(markerNumbers=at, damping=damping))
-            elif name in ("slider_coulomb_friction", "crank_coulomb_friction"):
-                (force,) = values.values()
-                at = slider if name.startswith("slider") else crank
-                add.AddObject(
-                    items.CoordinateSpringDamperExt(
-                        markerNumbers=at, dynamicFrictionForce=force, frictionProportionalZone=FRICTION_ZONE
-                    )
-                )
-            elif name == "slider_quadratic_drag":
-                law = _drag(values["drag_N_s2_m2"])
-                add.AddObject(items.CoordinateSpringDamper(markerNumbers=slider, springForceUserFunction=law))
+            elif name == "crank_viscous_friction":
+                add.AddObject(items.CoordinateSpringDamper(markerNumbers=crank, damping=values["damping_N_m_s"]))
+            elif name == "crank_coulomb_friction":
+                self.add_friction(crank, values["torque_N_m"])
 
     def run(self, times: np.ndarray, lead: int) -> dict[str, np.ndarray]:
         """Readings at `times`, of which the first comes `lead` samples after the start."""
@@ -196,10 +237,10 @@ class _ExudynModel:
         rod_turn, travel = series["rod", "Coordinates"][:, 2], series["slider", "Coordinates"][:, 0]
         return {
             "crank_angle": self.phase + series["crank", "Coordinates"][:, 2],
-            "slider_position": self.start[0] + travel,
+            "slider_position": self.start + travel,
             "slider_velocity": series["slider", "Coordinates_t"][:, 0],
             "slider_acceleration": series["slider", "Coordinates_tt"][:, 0],
-            "rod_angle": self.start_angle + rod_turn,
+            "rod_angle": self.rod_angle + rod_turn,
             "rod_angular_velocity": series["rod", "Coordinates_t"][:, 2],
             "rod_acceleration_x": series["rod", "Coordinates_tt"][:, 0],
             "rod_acceleration_y": series["rod", "Coordinates_tt"][:, 1],
@@ -215,6 +256,6 @@ def _drag(factor: float) -> Callable[..., float]:
     return lambda mbs, time, item, displacement, velocity, *_: factor * velocity * abs(velocity)
 
 
-def _directions(angle: float) -> tuple[np.ndarray, np.ndarray]:
+def directions(angle: float) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors along a link at `angle`, and across it."""
     return np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])

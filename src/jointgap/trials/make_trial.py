@@ -13,8 +13,8 @@ import numpy as np
 from jointgap.dynamics.model.formula_evaluator import evaluate
 from jointgap.effects import EFFECTS
 from jointgap.formula import Program, compile_formula
+from jointgap.trials import exudyn_contact, exudyn_model
 from jointgap.trials.campaign_writer import write_campaign
-from jointgap.trials.exudyn_model import FRICTION_ZONE, STEPS, simulate
 from jointgap.trials.injected_effects import LISTED, OFF_LIST, InjectedEffect
 from jointgap.trials.sensor_readings import (
     SETTLING_REVOLUTIONS,
@@ -30,8 +30,8 @@ from jointgap.trials.size_calibration import (
     StatisticsSizeCalibrator,
     calibrate_size,
 )
-from jointgap.trials.trial_plan import TrialPlan
-from jointgap.trials.virtual_rig import VirtualRig, draw_rig, with_drawn_damping, with_drawn_starts
+from jointgap.trials.trial_plan import CLEARANCES, TrialPlan
+from jointgap.trials.virtual_rig import VirtualRig, draw_rig, with_drawn_contact, with_drawn_damping, with_drawn_starts
 from jointgap.trials.wiring import NEED_ENCODER, damage_campaign
 
 _MOST_RIGS = 4
@@ -77,32 +77,35 @@ def make_trial(plan: TrialPlan, seed: int, folder: Path) -> dict:
         Of the kind ``exudyn``, and Exudyn is not installed.
     """
     rng = np.random.default_rng([seed, 1, plan.number])
-    draw = draw_trial(plan, rng, np.random.default_rng([seed, 2, plan.number]))
-    record = _exudyn_trial if plan.kind == "exudyn" else _own_trial
-    truth = {"id": plan.id, **record(plan, draw, rng, folder)}
+    draw = draw_trial(plan, rng, *(np.random.default_rng([seed, stream, plan.number]) for stream in (2, 4)))
+    read = _exudyn_readings if plan.kind == "exudyn" else _own_readings
+    truth = {"id": plan.id, **_write_trial(plan, draw, rng, folder, *read(draw))}
     if plan.damage:
         truth["damage"] = damage_campaign(np.random.default_rng([seed, 3, plan.number]), plan.damage, folder)
     return truth
 
 
-def draw_trial(plan: TrialPlan, rng: np.random.Generator, unmeasured: np.random.Generator) -> TrialDraw:
+def draw_trial(
+    plan: TrialPlan, rng: np.random.Generator, unmeasured: np.random.Generator, contacts: np.random.Generator
+) -> TrialDraw:
     """Draw rigs until one shows the effects of a plan as large as asked for.
 
     Parameters
     ----------
     plan : TrialPlan
-    rng, unmeasured : numpy.random.Generator
-        The second one draws how the runs begin and how contacts that last are damped, the first one all else.
+    rng, unmeasured, contacts : numpy.random.Generator
+        The second one draws how the runs begin and how contacts that last are damped, the third one the contacts of
+        joints that the model has as ideal, the first one all else.
     """
     catalogue = OFF_LIST if plan.kind == "off_list" else LISTED
     film = [name.partition(":")[2] for name in plan.effects if name.startswith("lubricated_joint")]
     encoder = "encoder_offset" in plan.effects or plan.damage in NEED_ENCODER
     for number in range(_MOST_RIGS):
-        rig = with_drawn_starts(draw_rig(rng, plan.base, film[0] if film else "", encoder), unmeasured)
+        rig = with_drawn_starts(draw_rig(rng, plan.base, film[0] if film else plan.loose, encoder), unmeasured)
         rig = with_drawn_damping(rig, unmeasured)
         calibrator = (StatisticsSizeCalibrator if plan.base == "chaotic" else SizeCalibrator)(rig, rig.identify_runs)
         scales = rig.scales(calibrator.spread())
-        effects = [catalogue[name](scales, rng) for name in plan.effects]
+        effects = [with_drawn_contact(rig, catalogue[name](scales, rng), contacts) for name in plan.effects]
         calibrated = [calibrate_size(calibrator, effect, plan.size) for effect in effects]
         sized = [(effect, size) for effect, (size, _) in zip(effects, calibrated, strict=True)]
         draw = TrialDraw(rig, calibrator, sized, [gap for _, gap in calibrated])
@@ -119,45 +122,51 @@ def _as_large_as_planned(plan: TrialPlan, draw: TrialDraw) -> bool:
     )
 
 
-def _own_trial(plan: TrialPlan, draw: TrialDraw, rng: np.random.Generator, folder: Path) -> dict:
-    rig, calibrator, effects = draw.rig, draw.calibrator, draw.effects
+def _own_readings(draw: TrialDraw) -> tuple[VirtualRig, Readings, dict]:
+    """The rig as it was sampled, its noise-free readings, and by which numerics."""
+    rig = draw.rig
     clean = {
-        run: noise_free_readings(rig.true, crank, rig.numerics, tuple(rig.sensors), effects)
+        run: noise_free_readings(rig.true, crank, rig.numerics, tuple(rig.sensors), draw.effects)
         for run, crank in rig.runs.items()
     }
+    return rig, clean, vars(rig.numerics)
+
+
+def _exudyn_readings(draw: TrialDraw) -> tuple[VirtualRig, Readings, dict]:
+    """Likewise by Exudyn; the sizes of effects are set by the package's own numerics."""
+    rig, content = draw.rig, with_injected_effects(draw.rig.true, draw.effects)
+    if rig.loose or any(effect.name in CLEARANCES for effect, _ in draw.effects):
+        clean = {run: exudyn_contact.simulate(content, crank) for run, crank in rig.runs.items()}
+        numerics = {"tolerance": exudyn_contact.TOLERANCE, "friction_speed": exudyn_contact.FRICTION_SPEED}
+        return rig, clean, {"code": "exudyn"} | numerics
+    # Its implicit integrator takes samples in equal steps.
+    runs = {
+        run: replace(crank, times=np.linspace(0.0, crank.times[-1], crank.times.size))
+        for run, crank in rig.runs.items()
+    }
+    clean = {
+        run: exudyn_model.simulate(content, crank.speed, crank.phase, crank.times, SETTLING_REVOLUTIONS)
+        for run, crank in runs.items()
+    }
+    numerics = {"steps_per_revolution": exudyn_model.STEPS, "friction_zone": exudyn_model.FRICTION_ZONE}
+    return replace(rig, runs=runs), clean, {"code": "exudyn"} | numerics
+
+
+def _write_trial(
+    plan: TrialPlan, draw: TrialDraw, rng: np.random.Generator, folder: Path, rig: VirtualRig, clean: Readings,
+    numerics: dict,
+) -> dict:  # fmt: skip
+    """Write the campaign of a `rig` with noise on its `clean` readings; the sealed truth."""
     write_campaign(rng, rig, _noisy_readings(rng, rig, clean), folder, plan.id)
+    calibrator, effects = draw.calibrator, draw.effects
     repeats = isinstance(calibrator, SizeCalibrator)
+    comparable = repeats and rig is draw.rig  # sampled at the same times
     return {
         **_truth_record(plan, draw),
-        "numerics": vars(rig.numerics),
-        "numerics_gap": round(calibrator.numerics_gap(effects, rig.numerics), 3) if repeats else None,
-        "difference": _base_difference(rig, calibrator, effects) if repeats else None,
-        "effects": [_effect_record(rig, effect, size) for effect, size in effects],
-    }
-
-
-def _exudyn_trial(plan: TrialPlan, draw: TrialDraw, rng: np.random.Generator, folder: Path) -> dict:
-    """The sizes are set by the package's own numerics, the data are Exudyn's."""
-    # Exudyn's integrator takes samples in equal steps.
-    rig = replace(
-        draw.rig,
-        runs={
-            run: replace(crank, times=np.linspace(0.0, crank.times[-1], crank.times.size))
-            for run, crank in draw.rig.runs.items()
-        },
-    )
-    content = with_injected_effects(rig.true, draw.effects)
-    clean = {
-        run: simulate(content, crank.speed, crank.phase, crank.times, SETTLING_REVOLUTIONS)
-        for run, crank in rig.runs.items()
-    }
-    write_campaign(rng, rig, _noisy_readings(rng, rig, clean), folder, plan.id)
-    return {
-        **_truth_record(plan, draw),
-        "numerics": {"code": "exudyn", "steps_per_revolution": STEPS, "friction_zone": FRICTION_ZONE},
-        "numerics_gap": None,
-        "difference": _base_difference(draw.rig, draw.calibrator, draw.effects),
-        "effects": [_effect_record(rig, effect, size) for effect, size in draw.effects],
+        "numerics": numerics,
+        "numerics_gap": round(calibrator.numerics_gap(effects, clean), 3) if comparable else None,
+        "difference": _base_difference(draw.rig, calibrator, effects) if repeats else None,
+        "effects": [_effect_record(draw.rig, effect, size) for effect, size in effects],
     }
 
 

@@ -44,7 +44,8 @@ _BIN_DEG = 10  # [deg] width of a bin of the map of disagreement
 
 _TEXT = {
     "id": "the campaign's name",
-    "kind": "nothing, single, pair, off_list, exudyn (single, by independent code), or wiring (the data damaged)",
+    "kind": "nothing, single, pair, off_list, exudyn (nothing or single, by independent code), clearance (single), or "
+    "wiring (the data damaged)",
     "base": "ideal joints, loose joints with friction, or a chaotic motion",
     "hidden": "effects hidden; of the kind wiring: what was damaged, of which channel",
     "verdict": "verdict, or failed",

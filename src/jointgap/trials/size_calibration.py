@@ -152,17 +152,14 @@ class SizeCalibrator:
         shift = lsq_linear(slopes / scale, white, (low * scale, high * scale)).x / scale
         return white - slopes @ shift, plain - others @ shift
 
-    def numerics_gap(self, effects: InjectedEffects, numerics: Numerics) -> float:
-        """Gap between two simulations of the truth with `effects`, by `numerics` and by the calibrator's own.
+    def numerics_gap(self, effects: InjectedEffects, readings: Readings) -> float:
+        """Gap between the truth with `effects` by the calibrator's own numerics and its noise-free `readings` by
+        others.
 
         It is taken before nuisances move.
         """
-        runs, channels = self.rig.runs, tuple(self.rig.sensors)
-        own, other = (
-            {run: noise_free_readings(self.rig.true, runs[run], chosen, channels, effects) for run in self.runs}
-            for chosen in (SIZING_NUMERICS, numerics)
-        )
-        return self._gap_of(self._difference(own, other)[0])
+        own = {run: self._read(run, self.rig.true, self.rig.runs[run], effects) for run in self.runs}
+        return self._gap_of(self._difference(own, readings)[0])
 
     def gap(self, effects: InjectedEffects) -> float:
         """Root of 1 plus the mean over runs and channels of the mean square of the whitened residual."""

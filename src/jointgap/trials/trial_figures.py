@@ -11,9 +11,10 @@ from jointgap.trials.trials_report import confusion, rates
 
 GOALS = {
     "right name": (0.95, "at least"),
-    "wrong name": (0.02, "at most"),
+    "right joint, a clearance hidden": (0.85, "at least"),
+    "wrong name": (0.01, "at most"),
     "wrong name, effect off the list": (0.05, "at most"),
-    "nothing found, nothing hidden": (0.98, "at least"),
+    "nothing found, nothing hidden": (0.99, "at least"),
     "both named and no third": (0.85, "at least"),
     "wrong name, data wired wrongly": (0.01, "at most"),
     "told which channel, data wired wrongly": (0.80, "at least"),

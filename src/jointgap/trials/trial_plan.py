@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from pydantic import Field, NonNegativeInt, PositiveInt
 
 from jointgap.config.load import read_yaml, validate
 from jointgap.errors import InputError, did_you_mean
+from jointgap.joints import JOINTS, PINS
 from jointgap.section import Section
 from jointgap.trials.injected_effects import LISTED, OFF_LIST
 from jointgap.trials.wiring import DAMAGES
@@ -33,6 +35,14 @@ EXUDYN_EFFECTS = (
 )
 """What Exudyn's own loads, springs and user functions can do; the rest of the list has no counterpart there."""
 
+CLEARANCES = tuple(f"{joint}_clearance" for joint in JOINTS)
+
+EXUDYN_LOOSE_EFFECTS = (*EXUDYN_EFFECTS, *(f"{pin}_clearance" for pin in PINS))
+"""What Exudyn can do beside loose pins; with a loose crank pivot its explicit integrator would have to close a loop."""
+
+_NOTHING_IN_EXUDYN = 4
+"""Of so many trials from Exudyn with loose joints one has nothing hidden."""
+
 
 class TrialSet(Section):
     """How many trials of each kind a set has."""
@@ -42,7 +52,13 @@ class TrialSet(Section):
     nothing: NonNegativeInt = Field(description="nothing injected")
     pairs: NonNegativeInt = Field(description="two effects of the list injected")
     off_list: NonNegativeInt = Field(description="an effect injected that is not on the list")
-    exudyn: NonNegativeInt = Field(0, description="one effect injected, motion and effect by Exudyn")
+    exudyn: NonNegativeInt = Field(0, description="one effect injected, joints ideal, motion and effect by Exudyn")
+    exudyn_loose: NonNegativeInt = Field(
+        0, description="as exudyn with loose joints; a quarter with nothing injected, and clearances among the effects"
+    )
+    clearances: NonNegativeInt = Field(
+        0, description="a clearance injected: of a joint that the model has as ideal, or of a loose one"
+    )
     wiring: NonNegativeInt = Field(0, description="nothing injected, but the data are wired wrongly")
     batch: PositiveInt = Field(12, description="trials that one job runs, one after the other")
 
@@ -64,7 +80,7 @@ class TrialPlan:
     number : int
         Its place in the set.
     kind : str
-        nothing, single, pair, off_list, exudyn or wiring.
+        nothing, single, pair, off_list, exudyn, clearance or wiring.
     base : str
         One of `jointgap.trials.virtual_rig.BASES`.
     size : float
@@ -73,6 +89,8 @@ class TrialPlan:
         Names in `jointgap.trials.injected_effects.LISTED` or `OFF_LIST`.
     damage : str
         Of the kind wiring: how the data are damaged, one of `jointgap.trials.wiring.DAMAGES`; else empty.
+    loose : str
+        A joint that has to be loose in the analyst's model; empty where it may be any.
     """
 
     id: str
@@ -82,6 +100,7 @@ class TrialPlan:
     size: float
     effects: tuple[str, ...]
     damage: str = ""
+    loose: str = ""
 
 
 def read_sets(path: Path | str) -> dict[str, TrialSet]:
@@ -118,13 +137,15 @@ def plan_trials(chosen: TrialSet) -> list[TrialPlan]:
             if base == "ideal" and any(name.startswith(_NEED_LOOSE) for name in effects):
                 base = "loose"
             if kind == "exudyn":
-                base = "ideal"  # Exudyn's implicit integrator does not get through the contacts
+                base = "ideal"
             drawn.append((kind, base, TARGET_GAPS[trial % 2], effects))
     own = np.random.default_rng([chosen.seed, 2])  # what other kinds draw does not depend on how many these are
     damages = _draw_evenly(own, DAMAGES, chosen.wiring)
     drawn += [
         ("wiring", base, 0.0, (), damage) for base, damage in zip(_draw_bases(own, chosen.wiring), damages, strict=True)
     ]
+    drawn += _draw_clearances(np.random.default_rng([chosen.seed, 3]), chosen.clearances)
+    drawn += _draw_loose_exudyn(np.random.default_rng([chosen.seed, 4]), chosen.exudyn_loose)
     order = rng.permutation(len(drawn))
     return [TrialPlan(_identifier(chosen.seed, number), number, *drawn[index]) for number, index in enumerate(order)]
 
@@ -136,8 +157,30 @@ def plan_batch(chosen: TrialSet, batch: int) -> list[TrialPlan]:
 
 def batch_count(chosen: TrialSet) -> int:
     """How many batches a set has."""
-    count = chosen.single + chosen.nothing + chosen.pairs + chosen.off_list + chosen.exudyn + chosen.wiring
-    return -(-count // chosen.batch)
+    return -(-len(plan_trials(chosen)) // chosen.batch)
+
+
+def _draw_clearances(rng: np.random.Generator, count: int) -> list[tuple]:
+    """Trials that hide a clearance: of joints in turn, every second pin of a rig with loose joints loose already."""
+    drawn, is_loose = [], cycle((True, False))
+    for trial, (base, name) in enumerate(
+        zip(_draw_bases(rng, count), _draw_evenly(rng, CLEARANCES, count), strict=True)
+    ):
+        joint = name.removesuffix("_clearance")
+        loose = joint if base != "ideal" and joint in PINS and next(is_loose) else ""
+        drawn.append(("clearance", base, TARGET_GAPS[trial % 2], (name,), "", loose))
+    return drawn
+
+
+def _draw_loose_exudyn(rng: np.random.Generator, count: int) -> list[tuple]:
+    """Trials from Exudyn with loose joints; every second one that hides a clearance is of a rig with ideal joints."""
+    nothing = count // _NOTHING_IN_EXUDYN
+    drawn: list[tuple] = [("exudyn", "loose", 0.0, ())] * nothing
+    is_ideal = cycle((True, False))
+    for trial, name in enumerate(_draw_evenly(rng, EXUDYN_LOOSE_EFFECTS, count - nothing)):
+        base = "ideal" if name in CLEARANCES and next(is_ideal) else "loose"
+        drawn.append(("exudyn", base, TARGET_GAPS[trial % 2], (name,)))
+    return drawn
 
 
 def _draw_bases(rng: np.random.Generator, count: int) -> list[str]:

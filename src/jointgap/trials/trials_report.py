@@ -12,6 +12,7 @@ from jointgap.report.page import Block, Heading, Page, Paragraph, TableBlock, to
 from jointgap.track.run_record import Dataset, Record
 from jointgap.trials.score import TRIALS
 from jointgap.trials.size_calibration import GAP_TOLERANCE
+from jointgap.trials.trial_plan import CLEARANCES
 from jointgap.trials.virtual_rig import BASES
 
 CONFIDENCE = 0.95
@@ -19,6 +20,9 @@ CONFIDENCE = 0.95
 
 DESCRIPTION = "Blind trials: campaigns with hidden effects, analysed without the truth at hand"
 """Of the set's experiment in MLflow."""
+
+CLOSE_SIZE = 0.1
+"""Relative error up to which the size of a clearance that is named right is close."""
 
 _BASELINES = {"greedy": "greedy BIC", "sparse": "sparse regression"}
 
@@ -41,13 +45,17 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
     trials : DataFrame
         Table `jointgap.trials.score.TRIALS`.
     """
-    single = trials[trials["kind"].isin(["single", "exudyn"]) & trials["detectable"]]
-    nothing, pairs = trials[trials["kind"] == "nothing"], trials[trials["kind"] == "pair"]
+    is_one = trials["kind"].isin(["single", "exudyn", "clearance"]) & (trials["hidden"] != "nothing")
+    one, is_drawn_evenly = trials[is_one & trials["detectable"]], trials["kind"] != "clearance"
+    single = one[one["kind"] != "clearance"]
+    clearances = one[one["hidden"].isin(CLEARANCES)]
+    nothing = trials[(trials["hidden"] == "nothing") & (trials["kind"] != "wiring")]
+    pairs = trials[trials["kind"] == "pair"]
     detectable_pairs, off_list = pairs[pairs["detectable"]], trials[trials["kind"] == "off_list"]
-    hidden = trials[trials["kind"].isin(["single", "exudyn", "pair"])]
+    hidden = trials[(is_one & is_drawn_evenly) | (trials["kind"] == "pair")]
     undetectable = hidden[~hidden["detectable"]]
     wiring = trials[trials["kind"] == "wiring"]
-    not_excluded = trials[trials["kind"].isin(["single", "exudyn"]) & ~trials["foreseen"]]
+    not_excluded = trials[is_one & is_drawn_evenly & ~trials["foreseen"]]
     rows = [
         *_by_group("right name", single, "right"),
         _share(
@@ -58,6 +66,13 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         _outcomes("right, small effects too that preflight does not exclude", not_excluded, "right"),
         *_by_group("wrong name", single, "wrong"),
         _outcomes("wrong name, effect undetectable", undetectable, "wrong"),
+        *_by_group("right joint, a clearance hidden", clearances, "right"),
+        *_by_group("wrong name, a clearance hidden", clearances, "wrong"),
+        _share(
+            "size within 10 %, a clearance named right",
+            clearances[clearances["outcome"] == "right"],
+            clearances.loc[clearances["outcome"] == "right", "error"] <= CLOSE_SIZE,
+        ),
         *_by_group("ambiguous", single, "ambiguous"),
         *_by_group("unexplained", single, "unexplained"),
         *_by_group("missed", single, "missed"),
@@ -104,7 +119,9 @@ def _by_group(what: str, trials: pd.DataFrame, outcome: str) -> list[dict]:
     sizes = sorted(set(trials["size"]) - {0.0})
     groups |= {f"gap {size:g}": trials[(trials["size"] == size) & ~larger] for size in sizes}
     groups |= {"gap larger than asked for": trials[larger & (trials["size"] > 0)]}
-    groups |= {"from Exudyn": trials[trials["kind"] == "exudyn"]}
+    exudyn = trials[trials["kind"] == "exudyn"]
+    loose = (exudyn["base"] == "loose") | exudyn["hidden"].isin(CLEARANCES)
+    groups |= {"from Exudyn, joints ideal": exudyn[~loose], "from Exudyn, joints loose": exudyn[loose]}
     return [_share(what, group, group["outcome"] == outcome, name) for name, group in groups.items()]
 
 
@@ -152,7 +169,7 @@ def _median(what: str, values: pd.Series, group: str = "all") -> dict:
 
 def confusion(trials: pd.DataFrame) -> pd.DataFrame:
     """How often what was named, by what was hidden; sites left out, one row a true effect."""
-    kinds = trials[trials["kind"].isin(["single", "exudyn", "nothing", "off_list"])]
+    kinds = trials[trials["kind"].isin(["single", "exudyn", "clearance", "nothing", "off_list"])]
     bare = {column: kinds[column].map(_without_sites) for column in ("hidden", "named")}
     return pd.crosstab(bare["hidden"], bare["named"])
 

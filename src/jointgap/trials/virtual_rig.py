@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointgap.joints import PINS, REFERENCE_APPROACH_SPEED
-from jointgap.trials.injected_effects import RigScales
+from jointgap.effects.joint_clearance import FRICTIONS, RESTITUTIONS, STIFFNESS_FACTOR
+from jointgap.joints import JOINTS, PINS, REFERENCE_APPROACH_SPEED
+from jointgap.trials.injected_effects import InjectedEffect, RigScales
 from jointgap.trials.sensor_readings import SETTLING_REVOLUTIONS, CrankRun, Numerics, simulate_signals
 
 KINEMATIC = ("slider_position", "slider_velocity", "rod_angle", "rod_angular_velocity")
@@ -339,6 +340,31 @@ def with_drawn_damping(rig: VirtualRig, rng: np.random.Generator) -> VirtualRig:
     reach = math.log(_DAMPING_FACTOR)
     values = {f"lasting_damping_{joint}": float(rng.uniform(-reach, reach)) for joint in rig.loose}
     return replace(rig, true=with_nuisances(rig.true, values), nuisance_values=rig.nuisance_values | values)
+
+
+def with_drawn_contact(rig: VirtualRig, effect: InjectedEffect, rng: np.random.Generator) -> InjectedEffect:
+    """The effect; where it is the clearance of a joint that the analyst's model has as ideal, its contact is drawn too.
+
+    Nobody measured that contact. Restitution, friction and stiffness are anywhere in the ranges that a fit allows them,
+    and a contact that lasts is damped as those of the rig's other loose joints are.
+
+    Parameters
+    ----------
+    rig : VirtualRig
+    effect : InjectedEffect
+    rng : numpy.random.Generator
+        Of its own, so that what else is drawn of a trial does not depend on it.
+    """
+    if effect.site not in JOINTS or not effect.name.endswith("_clearance") or effect.site in rig.loose:
+        return effect
+    stiffer, damped = math.log(STIFFNESS_FACTOR), math.log(_DAMPING_FACTOR)
+    contact = {
+        "restitution": float(rng.uniform(*RESTITUTIONS)),
+        "friction": float(rng.uniform(*FRICTIONS)),
+        "stiffness_factor": math.exp(rng.uniform(-stiffer, stiffer)),
+        "damping_factor": math.exp(rng.uniform(-damped, damped)),
+    }
+    return replace(effect, parameters=lambda size: effect.parameters(size) | contact)
 
 
 def _draw_run(rng: np.random.Generator, speed: float, revolutions: float) -> CrankRun:
