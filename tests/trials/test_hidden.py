@@ -30,6 +30,9 @@ from jointgap.trials.trial_plan import (
 from jointgap.trials.virtual_rig import draw_rig, with_drawn_contact, with_drawn_damping, with_drawn_starts
 
 SET = TrialSet(seed=3, single=60, nothing=50, pairs=10, off_list=11, exudyn=4, batch=9)
+WHIRLING = 1
+"""Number of a trial whose first contact makes the pin whirl."""
+
 KINDS = ("single", "nothing", "pair", "off_list")
 MORE = SET.model_copy(update={"clearances": 24, "exudyn_loose": 16})
 
@@ -128,6 +131,17 @@ def test_the_contact_of_a_joint_that_the_model_has_as_ideal_is_drawn_and_sealed(
     assert 0.3 <= effect["parameters"]["restitution"] <= 0.9
     assert 0.0 <= effect["parameters"]["friction"] <= 0.3
     assert 1 / 3 <= effect["parameters"]["stiffness_factor"] <= 3.0
+
+
+def test_a_joint_that_becomes_loose_does_not_whirl():
+    plan = TrialPlan("0123456789ab", WHIRLING, "clearance", "ideal", 1.5, ("crank_pin_clearance",))
+    draw = draw_trial(plan, *(np.random.default_rng([20261125, stream, plan.number]) for stream in (1, 2, 4)))
+    ((hidden, size),) = draw.effects
+    assert draw.gaps[0] < 2.0
+    slippery = hidden.parameters(size)["friction"]
+    sticky = replace(hidden, parameters=lambda size: hidden.parameters(size) | {"friction": 0.3, "restitution": 0.84})
+    assert slippery < 0.2
+    assert draw.calibrator.gap([(sticky, sticky.first)]) > 50.0
 
 
 def test_the_contact_of_a_joint_that_is_loose_already_is_that_of_the_file(loose_rig):

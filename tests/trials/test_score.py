@@ -9,12 +9,14 @@ import pytest
 from scipy.stats import binom
 
 from jointgap import tables
+from jointgap.config import EFFECTS
 from jointgap.errors import InputError
+from jointgap.slider_crank.sensor_faults import FAULTS
 from jointgap.trials.analyse_trial import greedy_names
 from jointgap.trials.make_trial import ANGLE_PIECES
 from jointgap.trials.score import LEAST_GAP, TRIALS, effect_label, score_batches, score_trial
 from jointgap.trials.trial_figures import draw_score
-from jointgap.trials.trials_report import markdown, metrics, rates, share_interval
+from jointgap.trials.trials_report import EFFECT_CLASSES, class_confusion, markdown, metrics, rates, share_interval
 
 DRAG = {"name": "slider_quadratic_drag", "site": "slider", "listed": True, "parameters": {"drag_N_s2_m2": 2.0}}
 SPRING = {"name": "slider_spring", "site": "slider", "listed": True, "parameters": {"stiffness_N_m": 100.0}}
@@ -483,3 +485,40 @@ def test_nuisances_count_where_the_model_is_right_and_an_interval_is_stated():
     assert (row["nuisances"], row["nuisances_covered"]) == (2.0, 1.0)
     found["verdict"]["effects"] = [named(SPRING)]
     assert math.isnan(score_trial(known, found)["nuisances"])
+
+
+def test_every_effect_of_the_list_has_a_class():
+    members = [name for names in EFFECT_CLASSES.values() for name in names]
+    assert sorted(members) == sorted({*EFFECTS, *FAULTS})
+
+
+def test_the_confusion_by_class_parts_right_names_from_wrong_ones_of_the_same_class():
+    frame = rows_of(
+        ("single", "ideal", 5.0, 5.0, True, False, "named", "right"),
+        ("clearance", "ideal", 5.0, 5.0, True, False, "named", "wrong"),
+        ("clearance", "loose", 1.5, 1.5, True, False, "unexplained", "unexplained"),
+        ("pair", "ideal", 5.0, 5.0, True, False, "named", "partly"),
+        ("off_list", "ideal", 5.0, 5.0, True, False, "named", "wrong"),
+        ("nothing", "ideal", 0.0, np.nan, False, False, "no_disagreement", "right"),
+        ("wiring", "ideal", 0.0, np.nan, False, False, "named", "wrong"),
+    )
+    frame.loc[1, "named"] = "crank_pin_clearance"
+    frame.loc[3, ["hidden", "named"]] = "pin_friction:crank_pin + sensor_bias:crank_torque", "pin_friction:crank_pin"
+    counts = class_confusion(frame)
+    assert list(counts) == ["right", "clearance", "force", "friction", "unexplained"]
+    found = {(row, column): int(counts.loc[row, column]) for row in counts.index for column in counts}
+    assert {place: count for place, count in found.items() if count} == {
+        ("force", "right"): 1,
+        ("clearance", "clearance"): 1,
+        ("clearance", "unexplained"): 1,
+        ("two effects", "friction"): 1,
+        ("off the list", "force"): 1,
+        ("nothing", "right"): 1,
+    }
+
+
+def test_a_trial_that_is_not_right_has_a_cause_and_one_that_is_has_none():
+    assert score_trial(truth(DRAG), analysis(effects=[named(DRAG, 0.3)]))["cause"] == ""
+    fits = {"samples": 100, "chi2": {"base": 900.0, "slider_spring": 120.0}}
+    wrong = score_trial(truth(DRAG), analysis(effects=[named(SPRING)]) | {"fits": fits})
+    assert wrong["cause"] == "the truth was not fitted"

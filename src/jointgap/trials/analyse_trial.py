@@ -29,7 +29,8 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        id, seconds, doubts (what `measure` found to contradict), and verdict, greedy and sparse, or error.
+        id, seconds, doubts (what `measure` found to contradict), and verdict, greedy, sparse and fits (of
+        `least_chi2`), or error.
     """
     from jointgap.campaign import analyse
 
@@ -47,7 +48,8 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
         record["seconds"] = round(time.monotonic() - begin, 3)
         record["doubts"] = doubts(own_results)
         if "verdict" in record:
-            record["greedy"] = greedy_names(_all_fits(own_results))
+            fits = _all_fits(own_results)
+            record |= {"greedy": greedy_names(fits), "fits": least_chi2(fits)}
             try:
                 residuals = tables.read(tables.RESIDUALS, own_results / "confirm" / "residuals.parquet")
                 record["sparse"] = sparse_names(copy / "campaign.yaml", residuals)
@@ -79,6 +81,19 @@ def _all_fits(results: Path) -> pd.DataFrame:
     paths = [results / "recalibrate" / "base" / "fits.parquet"]
     paths += [path for stage in ("fit", "pair") for path in sorted(results.glob(f"{stage}/*/fits.parquet"))]
     return pd.concat([tables.read(tables.FITS, path) for path in paths], ignore_index=True)
+
+
+def least_chi2(fits: pd.DataFrame) -> dict[str, Any]:
+    """How many ``samples`` count, and the least ``chi2`` by explanation.
+
+    Parameters
+    ----------
+    fits : DataFrame
+        Table `jointgap.tables.FITS`.
+    """
+    finished = fits.dropna(subset=["chi2"])
+    least = finished.groupby("explanation")["chi2"].min()
+    return {"samples": int(finished["samples"].max()), "chi2": {str(name): float(chi2) for name, chi2 in least.items()}}
 
 
 def greedy_names(fits: pd.DataFrame) -> list[str]:

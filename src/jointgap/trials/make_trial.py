@@ -12,6 +12,7 @@ import numpy as np
 
 from jointgap.dynamics.model.formula_evaluator import evaluate
 from jointgap.effects import EFFECTS
+from jointgap.errors import SimulationError
 from jointgap.formula import Program, compile_formula
 from jointgap.trials import exudyn_contact, exudyn_model
 from jointgap.trials.campaign_writer import write_campaign
@@ -36,6 +37,13 @@ from jointgap.trials.wiring import NEED_ENCODER, damage_campaign
 
 _MOST_RIGS = 4
 """Rigs drawn for one effect; where none can show it, the last is kept, and the trial counts as undetectable."""
+
+_WHIRLS = 50.0
+"""Gap from which on a joint whirls that becomes loose by the first size of its clearance. Friction of 0.25 and more
+drives the journal around in a clearance of some ten micrometres, with forces of hundreds of times the noise. Nobody
+runs such a rig."""
+
+_MOST_CONTACTS = 20  # drawn for one joint until it does not whirl; the last is kept
 
 ANGLE_PIECES = 72
 """Pieces of the crank angle for which the truth says how far the base is off: of 5 deg each."""
@@ -105,13 +113,33 @@ def draw_trial(
         rig = with_drawn_damping(rig, unmeasured)
         calibrator = (StatisticsSizeCalibrator if plan.base == "chaotic" else SizeCalibrator)(rig, rig.identify_runs)
         scales = rig.scales(calibrator.spread())
-        effects = [with_drawn_contact(rig, catalogue[name](scales, rng), contacts) for name in plan.effects]
+        effects = [_with_contact(rig, calibrator, catalogue[name](scales, rng), contacts) for name in plan.effects]
         calibrated = [calibrate_size(calibrator, effect, plan.size) for effect in effects]
         sized = [(effect, size) for effect, (size, _) in zip(effects, calibrated, strict=True)]
         draw = TrialDraw(rig, calibrator, sized, [gap for _, gap in calibrated])
         if number == _MOST_RIGS - 1 or _as_large_as_planned(plan, draw):
             return draw
     raise AssertionError("the last draw returns")
+
+
+def _with_contact(
+    rig: VirtualRig,
+    calibrator: SizeCalibrator | StatisticsSizeCalibrator,
+    effect: InjectedEffect,
+    rng: np.random.Generator,
+) -> InjectedEffect:
+    """The effect; a joint whose clearance it is does not whirl with the contact of `with_drawn_contact`."""
+    drawn = effect
+    for _ in range(_MOST_CONTACTS):
+        drawn = with_drawn_contact(rig, effect, rng)
+        if drawn is effect:
+            break
+        try:
+            if calibrator.gap([(drawn, drawn.first)]) < _WHIRLS:
+                break
+        except SimulationError:
+            continue  # so does what cannot be simulated
+    return drawn
 
 
 def _as_large_as_planned(plan: TrialPlan, draw: TrialDraw) -> bool:

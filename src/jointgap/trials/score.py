@@ -16,6 +16,7 @@ from jointgap.identification.confirmation import share_closed
 from jointgap.slider_crank.sensor_faults import ENCODER_FAULTS, FAULTS
 from jointgap.tables.columns import Column, Table
 from jointgap.trials.batches import read_trial_records
+from jointgap.trials.causes import cause
 from jointgap.trials.make_trial import ANGLE_PIECES, formula_values
 from jointgap.trials.size_calibration import GAP_TOLERANCE
 
@@ -42,6 +43,10 @@ CLOSED_FROM_GAP = 1.5
 
 _BIN_DEG = 10  # [deg] width of a bin of the map of disagreement
 
+BASELINES = {"greedy": "greedy BIC", "sparse": "sparse regression"}
+"""Methods beside the naming, by the key of the analysis' record that holds the names they give: the least BIC, one
+effect at a time, without a gate; and sparse regression of the residual."""
+
 _TEXT = {
     "id": "the campaign's name",
     "kind": "nothing, single, pair, off_list, exudyn (nothing or single, by independent code), clearance (single), or "
@@ -52,10 +57,12 @@ _TEXT = {
     "named": "effects named, or the verdict",
     "outcome": "right, wrong, partly, ambiguous, unexplained, missed or failed; of the kind wiring wrong where "
     "anything but a fault of a damaged sensor is named, else right where the channel is told",
-    "greedy": "outcome of the least BIC, one effect at a time, without a gate",
-    "greedy_named": "what that names",
-    "sparse": "outcome of sparse regression of the residual",
-    "sparse_named": "what that names",
+    **{
+        column: meaning
+        for name, method in BASELINES.items()
+        for column, meaning in ((name, f"outcome of {method}"), (f"{name}_named", "what that names"))
+    },
+    "cause": "why it is not right, as far as seal, preflight and fits tell (`jointgap.trials.causes`)",
     "reason": "why the verdict is what it is, what it leaves open if it is ambiguous, or why the analysis failed",
 }
 _NUMBERS = {
@@ -144,7 +151,6 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     """
     verdict = analysis.get("verdict")
     hidden = frozenset(effect_label(effect) for effect in truth["effects"])
-    greedy, sparse = analysis.get("greedy"), analysis.get("sparse")
     row = dict.fromkeys(_NUMBERS, math.nan) | {
         "id": truth["id"],
         "kind": truth["kind"],
@@ -158,13 +164,14 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
         "detectable": bool(hidden),
         "told": False,
         "foreseen": False,
-        "greedy": _baseline_outcome(truth, hidden, greedy),
-        "greedy_named": " + ".join(greedy or ()) or "nothing",
-        "sparse": _baseline_outcome(truth, hidden, sparse),
-        "sparse_named": "not asked" if sparse is None else " + ".join(sparse) or "nothing",
+        "cause": "",
         "seconds": analysis.get("seconds", math.nan),
         "reason": analysis.get("error", ""),
     }
+    for baseline in BASELINES:
+        names = analysis.get(baseline)
+        row[baseline] = _baseline_outcome(truth, hidden, names)
+        row[f"{baseline}_named"] = "not asked" if names is None else " + ".join(names) or "nothing"
     if "damage" in truth:
         damaged = truth["damage"]["channels"]
         row |= {"hidden": f"{truth['damage']['what']}: {' + '.join(damaged)}", "told": _told(damaged, analysis)}
@@ -172,13 +179,16 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
             row["outcome"] = "right"  # the files were refused for what is wrong with them
             return row
     if verdict is None:
-        return row | {"outcome": "failed"}
+        return row | {"outcome": "failed", "cause": cause(truth, analysis, hidden, frozenset())}
     row["foreseen"] = bool(hidden & set(verdict["preflight"]["undetectable"]))
     row["detectable"] = bool(hidden) and not row["foreseen"] and min(truth["gaps"]) >= LEAST_GAP
     row["named"] = " + ".join(sorted(effect_label(effect) for effect in verdict["effects"])) or verdict["verdict"]
     row["outcome"] = (
         _wiring_outcome(damaged, verdict, row["told"]) if "damage" in truth else _outcome(truth, verdict, hidden)
     )
+    if row["outcome"] != "right":
+        names = frozenset(effect_label(effect) for effect in (*verdict["effects"], *verdict["certain"]))
+        row["cause"] = cause(truth, analysis, hidden, names)
     left_open = sorted(" + ".join(sorted(explanation)) or "nothing" for explanation in _equivalent(verdict))
     row["reason"] = " or ".join(left_open) or verdict["because"]
     if "damage" in truth:

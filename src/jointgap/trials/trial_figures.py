@@ -7,7 +7,7 @@ from jointgap.figures.campaign_figures import list_rows
 from jointgap.figures.sheet import Quantity, Sheet
 from jointgap.figures.style import Drawing, matplotlib_style
 from jointgap.report.plain_words import in_words
-from jointgap.trials.trials_report import confusion, rates
+from jointgap.trials.trials_report import class_confusion, confusion, rates
 
 GOALS = {
     "right name": (0.95, "at least"),
@@ -28,9 +28,13 @@ _HIDDEN, _NAMED = Quantity("hidden", ""), Quantity("named, or the verdict", "")
 
 
 def draw_score(trials: pd.DataFrame) -> dict[str, Drawing]:
-    """Rates with their intervals beside what is asked for, and the confusion matrix, by file name."""
+    """Rates with their intervals beside what is asked for, and the confusion matrices, by file name."""
     with matplotlib_style():
-        return {"rates": _rates(trials), "confusion": _confusion(trials)}
+        return {
+            "rates": _rates(trials),
+            "confusion": _confusion(confusion(trials)),
+            "confusion_by_class": _confusion(class_confusion(trials)),
+        }
 
 
 def _rates(trials: pd.DataFrame) -> Drawing:
@@ -56,8 +60,7 @@ def _rates(trials: pd.DataFrame) -> Drawing:
     return sheet.drawing()
 
 
-def _confusion(trials: pd.DataFrame) -> Drawing:
-    counts = confusion(trials)
+def _confusion(counts: pd.DataFrame) -> Drawing:
     rows, columns = counts.shape
     sheet = Sheet(2.4 + 0.2 * rows, 1, 1, width=max(6.0, 3.0 + 0.22 * columns))
     panel = sheet.panel((0, 0), "what was named, by what was hidden", _NAMED, _HIDDEN)

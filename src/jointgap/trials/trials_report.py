@@ -9,8 +9,9 @@ from scipy.stats import binom, binomtest
 
 from jointgap import tables
 from jointgap.report.page import Block, Heading, Page, Paragraph, TableBlock, to_markdown
+from jointgap.slider_crank.sensor_faults import FAULTS
 from jointgap.track.run_record import Dataset, Record
-from jointgap.trials.score import TRIALS
+from jointgap.trials.score import BASELINES, NAMED, TRIALS
 from jointgap.trials.size_calibration import GAP_TOLERANCE
 from jointgap.trials.trial_plan import CLEARANCES
 from jointgap.trials.virtual_rig import BASES
@@ -24,7 +25,23 @@ DESCRIPTION = "Blind trials: campaigns with hidden effects, analysed without the
 CLOSE_SIZE = 0.1
 """Relative error up to which the size of a clearance that is named right is close."""
 
-_BASELINES = {"greedy": "greedy BIC", "sparse": "sparse regression"}
+EFFECT_CLASSES = {
+    "clearance": CLEARANCES,
+    "friction": (
+        "slider_coulomb_friction", "slider_viscous_friction", "slider_quadratic_drag", "slider_load_friction",
+        "crank_coulomb_friction", "crank_viscous_friction", "pin_friction", "common_pin_friction", "pin_restitution",
+        "common_pin_restitution",
+    ),
+    "force": (
+        "gravity", "slider_constant_force", "slider_spring", "gas_pressure", "harmonic_force", "crank_periodic_torque",
+        "speed_fluctuation",
+    ),
+    "mass or length": ("added_slider_mass", "crank_unbalance", "slider_offset", "link_length_error"),
+    "film or rod": ("lubricated_joint", "rod_flexibility"),
+    "sensor": tuple(FAULTS),
+    "formula": ("discovered_slider_force", "discovered_crank_torque"),
+}  # fmt: skip
+"""Effects of the list by class: losses in contacts count as friction, what prescribes the crank's motion as a force."""
 
 
 def share_interval(hits: int, count: int) -> tuple[float, float]:
@@ -99,7 +116,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         _share_of_sums("bins missed", trials["missed_bins"], trials["bins_off"]),
         *(_median("seconds", trials.loc[trials["base"] == base, "seconds"], f"base {base}") for base in BASES),
     ]
-    for baseline, words in _BASELINES.items():
+    for baseline, words in BASELINES.items():
         for what, group, outcome in (
             ("right name", single, "right"),
             ("wrong name", single, "wrong"),
@@ -174,6 +191,27 @@ def confusion(trials: pd.DataFrame) -> pd.DataFrame:
     return pd.crosstab(bare["hidden"], bare["named"])
 
 
+def class_confusion(trials: pd.DataFrame) -> pd.DataFrame:
+    """How often what was named, by class of what was hidden, of all trials but those wired wrongly.
+
+    A column says ``right``, or the class of a wrong name, or the verdict where nothing was named; classes of two names
+    are given with a plus.
+    """
+    kinds = trials[trials["kind"] != "wiring"]
+    hidden = kinds["hidden"].map(_classes).where(kinds["kind"] != "off_list", "off the list")
+    hidden = hidden.where(kinds["kind"] != "pair", "two effects")
+    named = kinds["named"].map(_classes).where(kinds["verdict"].isin(NAMED), kinds["verdict"])
+    named = named.where(kinds["outcome"] != "right", "right")
+    counts = pd.crosstab(hidden.rename("hidden"), named.rename("named"))
+    return counts[["right", *(name for name in counts if name != "right")]] if "right" in counts else counts
+
+
+def _classes(names: str) -> str:
+    """The classes of some effects, for a label as it is shown; names of no effect stay."""
+    by_name = {name: own for own, members in EFFECT_CLASSES.items() for name in members}
+    return " + ".join(sorted(by_name.get(name, name) for name in _without_sites(names).split(" + ")))
+
+
 def _without_sites(names: str) -> str:
     return " + ".join(sorted(name.partition(":")[0] for name in names.split(" + ")))
 
@@ -197,6 +235,7 @@ def markdown(name: str, trials: pd.DataFrame) -> str:
         Paragraph(f"{len(trials)} campaigns. {intervals}"),
         TableBlock(("what", "group", "of", "value", "95 %"), tuple(rows), "llrrl"),
     ]
+    blocks += [Heading("What was named, by class"), _table(class_confusion(trials))]
     for base in BASES:
         part = trials[trials["base"] == base]
         if len(part):
@@ -212,7 +251,7 @@ def _section(heading: str, trials: pd.DataFrame) -> list[Block]:
     """Trials one a row, those whose effect counts as undetectable last."""
     if trials.empty:
         return []
-    columns = "id kind base size gap_caused numerics_gap detectable hidden verdict named outcome reason".split()
+    columns = "id kind base size gap_caused numerics_gap detectable hidden verdict named outcome cause reason".split()
     rows = trials.sort_values(["detectable", "kind", "base", "hidden"], ascending=[False, True, True, True])
     rows = rows.round({"gap_caused": 2, "numerics_gap": 2}).assign(
         detectable=rows["detectable"].map({True: "yes", False: "no"})
