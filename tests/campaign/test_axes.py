@@ -42,9 +42,11 @@ def test_residuals_of_angles_are_those_of_the_file():
 
 
 def test_a_first_angle_is_that_of_the_file_and_a_speed_is_positive():
-    one = {"value": 0.3, "sd": 0.1, "interval_90": [0.1, 0.5]}
+    ends = {"interval_50": [0.2, 0.4], "interval_90": [0.1, 0.5], "interval_99": [0.0, None]}
+    one = {"value": 0.3, "sd": 0.1, **ends}
     first, speed = (Parameter(name, 0.0, run="slow") for name in ("first_angle", "speed"))
-    assert axes.parameter_as_read(first, one, {"slow"}) == {"value": -0.3, "sd": 0.1, "interval_90": [-0.5, -0.1]}
+    mirrored = {"interval_50": [-0.4, -0.2], "interval_90": [-0.5, -0.1], "interval_99": [None, -0.0]}
+    assert axes.parameter_as_read(first, one, {"slow"}) == {"value": -0.3, "sd": 0.1, **mirrored}
     assert axes.parameter_as_read(speed, one, {"slow"}) == one
     assert axes.parameter_as_read(first, one, {"fast"}) == one
 

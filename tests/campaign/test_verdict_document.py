@@ -14,6 +14,7 @@ from jointgap.campaign import verdict
 from jointgap.campaign.tables_of_identification import Outcome, outcome_with_law, ranking_frame
 from jointgap.errors import InputError
 from jointgap.identification.decide_verdict import weigh
+from jointgap.identification.estimates import HALF_WIDTHS, LEVELS
 from jointgap.identification.fit import Fit
 from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.protocol import Candidate, Parameter
@@ -103,6 +104,14 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
     assert document(outcome_of(chosen))["separated_by"] == ""
 
 
+def normal(value, sd, **tolerance):
+    """The intervals of a normal number."""
+    halves = {level: half_width * sd for level, half_width in HALF_WIDTHS.items()}
+    return {
+        f"interval_{level}": pytest.approx([value - half, value + half], **tolerance) for level, half in halves.items()
+    }
+
+
 def test_an_effect_stands_with_its_site_its_gain_over_the_base_and_its_estimates():
     (stated,) = document(outcome_of(fitted([FRICTION], [1.5, 20.0])))["effects"]
     assert (stated["name"], stated["site"], set(stated)) == (
@@ -114,7 +123,7 @@ def test_an_effect_stands_with_its_site_its_gain_over_the_base_and_its_estimates
     assert stated["parameters"]["force_N"] == {
         "value": 20.0,
         "sd": pytest.approx(0.2),
-        "interval_90": pytest.approx([20.0 - 0.329, 20.0 + 0.329]),
+        **normal(20.0, 0.2),
     }
 
 
@@ -144,11 +153,10 @@ def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects()
     assert (law["name"], law["site"], law["delta_bic"]) == ("discovered_slider_force", "slider", pytest.approx(55.0))
     assert list(law["parameters"]) == ["formula", "c1", "c2"]
     assert law["parameters"]["formula"] == {"value": "c1*v^3 + c2*sin(theta)"}
-    half = 1.645 * 0.2
     assert law["parameters"]["c1"] == {
         "value": -2.5,
         "sd": pytest.approx(0.2),
-        "interval_90": pytest.approx([-2.5 - half, -2.5 + half]),
+        **normal(-2.5, 0.2),
     }
     assert (law["parameters"]["c2"]["value"], law["parameters"]["c2"]["sd"]) == (4.0, pytest.approx(0.4))
 
@@ -163,14 +171,14 @@ def test_the_interval_of_a_coefficient_ends_at_its_bound():
 def test_nuisances_stand_with_value_and_standard_error_or_the_reason_why_there_is_none():
     chosen = fitted([FRICTION], [9.0, 20.0])
     stated = document(outcome_of(chosen))["nuisances"]
-    low, high = stated["mass"].pop("interval_90")
+    lows, highs = zip(*(stated["mass"].pop(f"interval_{level}") for level in LEVELS), strict=True)
     assert stated == {"mass": {"value": 9.0, "sd": None, "remark": "at its bound"}}
-    assert low < high == 9.0
+    assert sorted(lows, reverse=True) == list(lows) and set(highs) == {9.0}
     chosen = fitted([], [0.3, 1.5], nuisances=(START, MASS))
-    angle = {"value": 0.3, "sd": pytest.approx(0.1), "interval_90": pytest.approx([0.1355, 0.4645], abs=0.01)}
+    angle = {"value": 0.3, "sd": pytest.approx(0.1)} | normal(0.3, 0.1, abs=0.02)
     assert document(outcome_of(chosen))["nuisances"]["first_angle@back"] == angle
     turned = document(outcome_of(chosen), clockwise=("back",))["nuisances"]
-    mirrored = {"value": -0.3, "interval_90": pytest.approx([-0.4645, -0.1355], abs=0.01)}
+    mirrored = {"value": -0.3} | normal(-0.3, 0.1, abs=0.02)
     assert turned["first_angle@back"] == angle | mirrored
     assert turned["mass"]["value"] == 1.5
 

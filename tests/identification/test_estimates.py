@@ -12,7 +12,7 @@ from jointgap.identification.bounded_normal import BoundedNormal
 from jointgap.identification.estimates import (
     AT_BOUND,
     CHANGES_NOTHING,
-    HALF_WIDTH_90,
+    HALF_WIDTHS,
     NOT_ESTIMATED,
     effect_estimates,
     estimate_with_interval,
@@ -23,6 +23,8 @@ from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.toy import stated_noise, toy
+
+NO_INTERVALS = {f"interval_{level}": [None, None] for level in HALF_WIDTHS}
 
 
 def fit_of(candidate, *values, nuisances=(), covariance=None):
@@ -36,13 +38,16 @@ def fit_of(candidate, *values, nuisances=(), covariance=None):
     return Fit((candidate,), parameters, np.array(values, float), np.zeros(9), jacobian, 1, "converged")
 
 
-def test_the_half_width_is_the_normal_quantile_of_95_percent():
-    assert 0.5 * (1.0 + math.erf(HALF_WIDTH_90 / math.sqrt(2.0))) == pytest.approx(0.95, abs=1e-4)
+def test_half_widths_are_those_of_the_normal_distribution():
+    for level, half_width in HALF_WIDTHS.items():
+        assert math.erf(half_width / math.sqrt(2.0)) == pytest.approx(level / 100.0, abs=1e-4)
 
 
 def test_the_interval_is_the_value_and_its_half_width_to_either_side():
     found = estimate_with_interval(10.0, 2.0, -100.0, 100.0)
-    assert found == {"value": 10.0, "sd": 2.0, "interval_90": [10.0 - 3.29, 10.0 + 3.29]}
+    assert (found["value"], found["sd"]) == (10.0, 2.0)
+    for level, half_width in HALF_WIDTHS.items():
+        assert found[f"interval_{level}"] == [10.0 - 2.0 * half_width, 10.0 + 2.0 * half_width]
 
 
 def test_the_interval_ends_at_the_bounds():
@@ -52,7 +57,7 @@ def test_the_interval_ends_at_the_bounds():
 @pytest.mark.parametrize(("value", "remark"), [(0.0, AT_BOUND), (5.0, AT_BOUND), (2.0, NOT_ESTIMATED)])
 def test_without_an_error_there_is_no_interval_but_a_remark(value, remark):
     found = estimate_with_interval(value, 0.0, 0.0, 5.0)
-    assert found == {"value": value, "sd": None, "interval_90": [None, None], "remark": remark}
+    assert found == {"value": value, "sd": None, **NO_INTERVALS, "remark": remark}
 
 
 def test_a_coordinate_that_is_stated_as_it_is_keeps_its_error_and_its_bounds():
@@ -84,7 +89,7 @@ def test_what_no_fit_varies_is_not_estimated():
         parameters=lambda values: {"viscosity": values["viscosity"], "length": 0.01},
     )  # fmt: skip
     found = effect_estimates(fit_of(film, 0.2, covariance=np.array([[0.01]])), film)
-    assert found["length"] == {"value": 0.01, "sd": None, "interval_90": [None, None], "remark": NOT_ESTIMATED}
+    assert found["length"] == {"value": 0.01, "sd": None, **NO_INTERVALS, "remark": NOT_ESTIMATED}
     assert "remark" not in found["viscosity"]
 
 
@@ -114,7 +119,7 @@ def test_a_nuisance_that_changes_nothing_is_told_as_that_and_not_as_fitted():
     model = toy(seed=0, channels=("acceleration",))  # no force is read: the mass changes nothing
     fit = fit_hypothesis(Problem(model, stated_noise(model)), refresh=True)
     told = {p.name: estimate for p, estimate in nuisance_estimates(fit)}
-    assert told["slider_mass"] == {"value": 0.5, "sd": None, "interval_90": [None, None], "remark": CHANGES_NOTHING}
+    assert told["slider_mass"] == {"value": 0.5, "sd": None, **NO_INTERVALS, "remark": CHANGES_NOTHING}
     assert told["crank_length"]["sd"] > 0.0
 
 

@@ -11,6 +11,7 @@ from scipy.stats import binom
 from jointgap import tables
 from jointgap.config import EFFECTS
 from jointgap.errors import InputError
+from jointgap.identification.estimates import LEVELS
 from jointgap.slider_crank.sensor_faults import FAULTS
 from jointgap.trials.analyse_trial import greedy_names
 from jointgap.trials.make_trial import ANGLE_PIECES
@@ -30,9 +31,14 @@ def truth(*effects, kind="single", gap=5.0, difference=None, name="a") -> dict:
     }  # fmt: skip
 
 
+def same(low, high) -> dict:
+    """The same interval at all levels."""
+    return {f"interval_{level}": [low, high] for level in LEVELS}
+
+
 def named(effect, value=None, low=0.0, high=1e3) -> dict:
     key, true = next(iter(effect["parameters"].items()))
-    stated = {key: {"value": true if value is None else value, "sd": 1.0, "interval_90": [low, high]}}
+    stated = {key: {"value": true if value is None else value, "sd": 1.0, **same(low, high)}}
     return {"name": effect["name"], "site": effect["site"], "parameters": stated}
 
 
@@ -138,12 +144,12 @@ def test_what_preflight_calls_undetectable_is_apart_and_so_is_what_could_not_be_
 def test_error_coverage_and_the_share_of_the_excess_closed():
     row = score_trial(truth(DRAG), analysis(effects=[named(DRAG, 2.1, 1.9, 2.2)], gap=(3.0, 1.5)))
     assert row["error"] == pytest.approx(0.05)
-    assert row["covered"] == 1.0
+    assert row["covered_90"] == 1.0
     assert row["closed"] == pytest.approx(1 - 1.25 / 8)
-    assert score_trial(truth(DRAG), analysis(effects=[named(DRAG, 2.1, 2.05, 2.2)]))["covered"] == 0.0
+    assert score_trial(truth(DRAG), analysis(effects=[named(DRAG, 2.1, 2.05, 2.2)]))["covered_90"] == 0.0
     assert math.isnan(score_trial(truth(DRAG), analysis(effects=[named(DRAG)], gap=(1.4, 1.0)))["closed"])
     at_a_bound = score_trial(truth(DRAG), analysis(effects=[named(DRAG, 2.1, None, None)], gap=(3.0, None)))
-    assert (at_a_bound["covered"], at_a_bound["closed"]) == (0.0, 0.0)
+    assert (at_a_bound["covered_90"], at_a_bound["closed"]) == (0.0, 0.0)
 
 
 def test_a_window_is_false_where_nothing_differs_and_a_bin_is_missed_where_none_is():
@@ -290,9 +296,10 @@ def rows_of(*rows) -> pd.DataFrame:
     """A table of trials of kind, base, size, gap caused, detectable, foreseen, verdict and outcome; numbers by hand."""
     names = ("kind", "base", "size", "gap_caused", "detectable", "foreseen", "verdict", "outcome")
     frame = pd.DataFrame([dict(zip(names, row, strict=True)) for row in rows])
-    numbers = {"error": 0.1, "covered": 0.5, "closed": 0.9, "gap_after": 1.1, "seconds": 1.0}
+    numbers = {"error": 0.1, "covered_90": 0.5, "closed": 0.9, "gap_after": 1.1, "seconds": 1.0}
     numbers |= {"windows": 4.0, "false_windows": 1.0, "bins_off": 10.0, "missed_bins": 3.0}
-    numbers |= {"nuisances": 8.0, "nuisances_covered": 7.0}
+    numbers |= {"covered_50": 0.0, "covered_99": 1.0, "nuisances_covered_50": 4.0, "nuisances_covered_99": 8.0}
+    numbers |= {"nuisances": 8.0, "nuisances_covered_90": 7.0}
     hidden = np.where(frame["kind"] == "clearance", "piston_pin_clearance", "gravity")
     hidden[frame["size"] == 0.0] = "nothing"
     return frame.assign(hidden=hidden, told=False, named="gravity", greedy="wrong", sparse="not asked", **numbers)
@@ -347,7 +354,11 @@ def test_every_rate_counts_the_trials_that_it_says():
         "undetectable, as preflight says": (1, 9),
         "failed": (1, 15),
         "size within the 90 % interval": (2, 5),  # five halves, to the even number
+        "size within the 50 % interval": (0, 5),
+        "size within the 99 % interval": (5, 5),
+        "nuisance within its 50 % interval": (60, 120),
         "nuisance within its 90 % interval": (105, 120),
+        "nuisance within its 99 % interval": (120, 120),
         "false windows": (15, 60),
         "bins missed": (45, 150),
         "greedy BIC: right name": (0, 5),
@@ -404,7 +415,7 @@ def test_a_gap_of_one_and_a_half_before_is_too_small_for_a_share():
 def test_errors_of_a_pair_are_averaged_and_ends_of_an_interval_belong_to_it():
     effects = [named(DRAG, 1.0, 0.5, 2.0), named(SPRING, 110.0, 101.0, 120.0)]
     row = score_trial(truth(DRAG, SPRING, kind="pair"), analysis(effects=effects))
-    assert (row["error"], row["covered"]) == (pytest.approx((0.5 + 0.1) / 2), 0.5)  # 2.0 is covered, 100 is not
+    assert (row["error"], row["covered_90"]) == (pytest.approx((0.5 + 0.1) / 2), 0.5)  # 2.0 is covered, 100 is not
 
 
 def test_a_baseline_that_names_too_much_is_wrong_and_one_of_two_is_partly_right():
@@ -473,16 +484,16 @@ def test_the_rates_of_wrongly_wired_data_are_by_base_and_damage():
 
 def test_nuisances_count_where_the_model_is_right_and_an_interval_is_stated():
     stated = {
-        "slider_mass": {"value": 0.5, "sd": 0.1, "interval_90": [0.4, 0.6]},
-        "rod_mass": {"value": 0.7, "sd": None, "interval_90": [0.65, 0.7], "remark": "at its bound"},
-        "rod_inertia": {"value": 0.1, "sd": None, "interval_90": [None, None], "remark": "changes nothing"},
-        "first_angle@slow": {"value": 0.1, "sd": 0.1, "interval_90": [0.0, 0.2]},
+        "slider_mass": {"value": 0.5, "sd": 0.1, **same(0.4, 0.6), "interval_50": [0.45, 0.55]},
+        "rod_mass": {"value": 0.7, "sd": None, **same(0.65, 0.7), "interval_99": [0.6, 0.8], "remark": "at its bound"},
+        "rod_inertia": {"value": 0.1, "sd": None, **same(None, None), "remark": "changes nothing"},
+        "first_angle@slow": {"value": 0.1, "sd": 0.1, **same(0.0, 0.2)},
     }
     known = truth(DRAG) | {"nuisances": {"slider_mass": 0.58, "rod_mass": 0.8, "rod_inertia": 0.1}}
     found = analysis(effects=[named(DRAG)])
     found["verdict"]["nuisances"] = stated
     row = score_trial(known, found)
-    assert (row["nuisances"], row["nuisances_covered"]) == (2.0, 1.0)
+    assert [row["nuisances"], *(row[f"nuisances_covered_{level}"] for level in LEVELS)] == [2.0, 0.0, 1.0, 2.0]
     found["verdict"]["effects"] = [named(SPRING)]
     assert math.isnan(score_trial(known, found)["nuisances"])
 

@@ -125,7 +125,7 @@ def test_joints_are_listed_in_one_place():
 
 
 def test_tuned_numbers_of_naming_stand_in_the_settings():
-    definitions = {"HALF_WIDTH_90", "STANDARD_GRAVITY", "FILTER_ORDER"}  # nobody would tune these
+    definitions = {"STANDARD_GRAVITY", "FILTER_ORDER"}  # nobody would tune these
     constants = []
     for path, tree in MODULES.items():
         if path.parent.name in {"identification", "slider_crank"} and path.name != "settings.py":

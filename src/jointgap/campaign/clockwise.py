@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config.campaign_file import Campaign
-from jointgap.identification.estimates import nuisance_estimates
+from jointgap.identification.estimates import LEVELS, nuisance_estimates
 from jointgap.identification.fit import Fit
 from jointgap.identification.protocol import Parameter
 
@@ -65,15 +65,16 @@ def parameter_as_read(parameter: Parameter, estimate: dict[str, Any], runs: Coll
     ----------
     parameter : Parameter
     estimate : dict
-        ``value`` and ``interval_90`` [rad of angles].
+        ``value`` and intervals [rad of angles].
     runs : collection of str
         Runs whose crank turns clockwise.
     """
     if parameter.name != "first_angle" or parameter.run not in runs:
         return estimate
-    low, high = estimate["interval_90"]
-    mirrored = [None, None] if low is None else [-high, -low]
-    return estimate | {"value": -estimate["value"], "interval_90": mirrored}
+    mirrored = {"value": -estimate["value"]}
+    for key in (f"interval_{level}" for level in LEVELS):
+        mirrored[key] = [None if end is None else -end for end in reversed(estimate[key])]
+    return estimate | mirrored
 
 
 def nuisances_as_read(fit: Fit, runs: Collection[str] = ()) -> list[tuple[Parameter, dict[str, Any]]]:

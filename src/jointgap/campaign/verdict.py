@@ -182,11 +182,7 @@ def _gains(outcome: Outcome) -> dict[str, float]:
 
 
 def _nuisances(fit: Fit, clockwise: Collection[str]) -> dict[str, dict[str, Any]]:
-    nuisances = nuisances_as_read(fit, clockwise)
-    return {
-        p.key: {key: estimate[key] for key in ("value", "sd", "interval_90", "remark") if key in estimate}
-        for p, estimate in nuisances
-    }
+    return {p.key: estimate for p, estimate in nuisances_as_read(fit, clockwise)}
 
 
 def _finite(value: Any) -> Any:

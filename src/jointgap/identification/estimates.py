@@ -8,9 +8,12 @@ import numpy as np
 from jointgap.identification.fit import Fit
 from jointgap.identification.protocol import Candidate, Parameter
 
-HALF_WIDTH_90 = 1.645
-"""Half the width of a 90 % interval of the normal distribution, in standard deviations [1]: five percent lie beyond
-either end."""
+HALF_WIDTHS = {50: 0.6745, 90: 1.645, 99: 2.576}
+"""By level [%], half the width of an interval of the normal distribution in standard deviations [1]: five percent lie
+beyond either end of that of 90 %."""
+
+LEVELS = tuple(HALF_WIDTHS)
+"""Of the intervals that are stated [%]: that of 90 to read, the others to see by how often they hold what is wrong."""
 
 AT_BOUND = "at its bound"
 """A parameter that the fit drew to an end of its range: the data would have it beyond, and an error within says
@@ -40,7 +43,7 @@ def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
 
 
 def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:
-    """Value, standard error and 90 % interval of one parameter of a fit, by its `place` among them.
+    """Value, standard error and intervals (`LEVELS`) of one parameter of a fit, by its `place` among them.
 
     An interval that the bounds cut off is that of the draws, to one side where it would not hold the value. At a bound
     there is no standard error, but an interval to the other side and the remark; where the fit says nothing of the
@@ -93,7 +96,7 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
         error = float(np.sqrt(max(slopes[name] @ block @ slopes[name], 0.0)))
         at_bound = any(candidate.parameters(fitted | {p.key: nearby})[name] != value for p, nearby in inside)
         if at_bound and known.draws is None:
-            estimates[name] = {"value": float(value), "sd": None, "interval_90": [None, None], "remark": AT_BOUND}
+            estimates[name] = _no_estimate(value, AT_BOUND)
         elif at_bound or (known.draws is not None and any(cut & (slopes[name] != 0.0))):
             mapped = _mapped_draws(fit, candidate, [p.key for p in own], columns, name)
             estimates[name] = _from_draws(float(value), mapped, error, -np.inf, np.inf, at_bound)
@@ -118,21 +121,24 @@ def _mapped_draws(fit: Fit, candidate: Candidate, keys: Sequence[str], columns: 
 
 def _from_draws(value: float, draws: np.ndarray, sd: float, low: float, high: float, at_bound: bool) -> dict[str, Any]:
     """The estimate of a `value` that is distributed as its `draws` (s,) between `low` and `high`."""
-    with np.errstate(invalid="ignore"):  # some draws may be infinite
-        tail_low, inner_low, inner_high, tail_high = np.quantile(draws, [0.05, 0.1, 0.9, 0.95])
-    ends = [tail_low, tail_high]
-    if value < tail_low:
-        ends = [low if np.isfinite(low) else min(value, draws.min()), inner_high]
-    elif value > tail_high:
-        ends = [inner_low, high if np.isfinite(high) else max(value, draws.max())]
-    # what grows without end at a bound, as the frequency of a rod that does not bend, has no end there
-    interval = [float(end) if np.isfinite(end) else None for end in ends]
-    estimate = {"value": value, "sd": None if at_bound else sd, "interval_90": interval}
+    estimate: dict[str, Any] = {"value": value, "sd": None if at_bound else sd}
+    for level in LEVELS:
+        beyond = 1.0 - level / 100.0
+        with np.errstate(invalid="ignore"):  # some draws may be infinite
+            quantiles = np.quantile(draws, [beyond / 2.0, beyond, 1.0 - beyond, 1.0 - beyond / 2.0])
+        tail_low, inner_low, inner_high, tail_high = quantiles
+        ends = [tail_low, tail_high]
+        if value < tail_low:
+            ends = [low if np.isfinite(low) else min(value, draws.min()), inner_high]
+        elif value > tail_high:
+            ends = [inner_low, high if np.isfinite(high) else max(value, draws.max())]
+        # what grows without end at a bound, as the frequency of a rod that does not bend, has no end there
+        estimate[f"interval_{level}"] = [float(end) if np.isfinite(end) else None for end in ends]
     return estimate | {"remark": AT_BOUND} if at_bound else estimate
 
 
 def estimate_with_interval(value: float, sd: float, low: float, high: float) -> dict[str, Any]:
-    """Value, standard error and 90 % interval, cut at the bounds; where there is no error to state, a remark why.
+    """Value, standard error and intervals (`LEVELS`), cut at the bounds; where there is no error, a remark why.
 
     Parameters
     ----------
@@ -143,9 +149,14 @@ def estimate_with_interval(value: float, sd: float, low: float, high: float) -> 
     """
     if not sd > 0.0:
         return _no_estimate(value, NOT_ESTIMATED if low < value < high else AT_BOUND)
-    ends = np.clip([value - HALF_WIDTH_90 * sd, value + HALF_WIDTH_90 * sd], low, high)
-    return {"value": float(value), "sd": float(sd), "interval_90": [float(end) for end in ends]}
+    estimate: dict[str, Any] = {"value": float(value), "sd": float(sd)}
+    for level in LEVELS:
+        half_width = HALF_WIDTHS[level] * sd
+        ends = np.clip([value - half_width, value + half_width], low, high)
+        estimate[f"interval_{level}"] = [float(end) for end in ends]
+    return estimate
 
 
 def _no_estimate(value: float, remark: str) -> dict[str, Any]:
-    return {"value": float(value), "sd": None, "interval_90": [None, None], "remark": remark}
+    intervals = {f"interval_{level}": [None, None] for level in LEVELS}
+    return {"value": float(value), "sd": None, **intervals, "remark": remark}

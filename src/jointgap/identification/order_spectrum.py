@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from jointgap.identification.estimates import HALF_WIDTH_90
+from jointgap.identification.estimates import HALF_WIDTHS
 from jointgap.identification.problem import Part, Problem
 from jointgap.identification.whitening import unwhiten
 
@@ -144,7 +144,7 @@ def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
         deviation = y - np.average(y, weights=weight) - exponent * x
         # Where runs scatter more than noise lets them, the interval is as wide as their scatter says.
         variance = max(1.0, np.sum(weight * deviation**2) / max(x.size - 2, 1)) / np.sum(weight * x**2)
-        half_width = HALF_WIDTH_90 * np.sqrt(variance)
+        half_width = HALF_WIDTHS[90] * np.sqrt(variance)
         rows.append(
             {
                 "channel": channel,

@@ -13,6 +13,7 @@ from jointgap.effects import EFFECTS
 from jointgap.errors import InputError
 from jointgap.formula import compile_formula
 from jointgap.identification.confirmation import share_closed
+from jointgap.identification.estimates import LEVELS
 from jointgap.slider_crank.sensor_faults import ENCODER_FAULTS, FAULTS
 from jointgap.tables.columns import Column, Table
 from jointgap.trials.batches import read_trial_records
@@ -74,9 +75,9 @@ _NUMBERS = {
     ),
     "seconds": ("s", "time that the analysis took"),
     "error": ("1", "relative error of the effect's size, where it is named right"),
-    "covered": ("1", "share of sizes within their 90 % interval"),
+    **{f"covered_{level}": ("1", f"share of sizes within their {level} % interval") for level in LEVELS},
     "nuisances": ("1", "nuisances for which the verdict states an interval, where it is right and not ambiguous"),
-    "nuisances_covered": ("1", "of these, within their 90 % interval"),
+    **{f"nuisances_covered_{level}": ("1", f"of these, within their {level} % interval") for level in LEVELS},
     "gap_before": ("1", "gap of the held-out run before"),
     "gap_after": ("1", "gap of the held-out run after"),
     "closed": ("1", "share of the held-out excess closed, where the gap before is over 1.5"),
@@ -305,27 +306,35 @@ def _size_errors(truth: Mapping, verdict: Mapping) -> dict[str, float]:
     if verdict["verdict"] not in NAMED or _is_off_list(truth):
         return {}
     named = {effect_label(effect): effect["parameters"] for effect in verdict["effects"]}
-    errors, covered = [], []
+    errors: list[float] = []
+    covered: dict[str, list[float]] = {f"covered_{level}": [] for level in LEVELS}
     for effect in truth["effects"]:
         key, true = next(iter(effect["parameters"].items()))
         estimate = named[effect_label(effect)].get(key)
         if estimate is None or not true:
             continue
         errors.append(abs(estimate["value"] - true) / abs(true))
-        low, high = estimate["interval_90"]
-        covered.append(float(low is not None and low <= true <= high))
-    return {"error": float(np.mean(errors)), "covered": float(np.mean(covered))} if errors else {}
+        for level in LEVELS:
+            covered[f"covered_{level}"].append(_holds(estimate, level, true) or 0.0)
+    return {key: float(np.mean(values)) for key, values in ({"error": errors} | covered).items() if values}
 
 
 def _nuisances_covered(truth: Mapping, verdict: Mapping) -> dict[str, float]:
-    """How many nuisances have an interval, and how many true values lie in it."""
-    inside = []
-    for key, estimate in verdict.get("nuisances", {}).items():
-        low, high = estimate.get("interval_90") or (None, None)
-        true = truth.get("nuisances", {}).get(key)
-        if low is not None and true is not None:
-            inside.append(low <= true <= high)
-    return {"nuisances": float(len(inside)), "nuisances_covered": float(sum(inside))} if inside else {}
+    """How many nuisances have intervals, and how many true values lie in them."""
+    known = truth.get("nuisances", {})
+    stated = [(estimate, known[key]) for key, estimate in verdict.get("nuisances", {}).items() if key in known]
+    counts = {}
+    for level in LEVELS:
+        inside = [held for estimate, true in stated if (held := _holds(estimate, level, true)) is not None]
+        if inside:
+            counts |= {"nuisances": float(len(inside)), f"nuisances_covered_{level}": sum(inside)}
+    return counts
+
+
+def _holds(estimate: Mapping, level: int, true: float) -> float | None:
+    """Whether the interval of an estimate holds the true value, 1 or 0; None where none is stated."""
+    low, high = estimate.get(f"interval_{level}") or (None, None)
+    return None if low is None or high is None else float(low <= true <= high)
 
 
 def _held_out_gaps(verdict: Mapping) -> dict[str, float]:

@@ -8,6 +8,7 @@ import pandas as pd
 from scipy.stats import binom, binomtest
 
 from jointgap import tables
+from jointgap.identification.estimates import LEVELS
 from jointgap.report.page import Block, Heading, Page, Paragraph, TableBlock, to_markdown
 from jointgap.slider_crank.sensor_faults import FAULTS
 from jointgap.track.run_record import Dataset, Record
@@ -105,9 +106,12 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         *_by_base("told which channel, data wired wrongly", wiring, wiring["told"]),
         _outcomes("failed", trials, "failed"),
         _median("error of the size", single["error"]),
-        _share_of_values("size within the 90 % interval", single["covered"]),
+        *(_share_of_values(f"size within the {level} % interval", single[f"covered_{level}"]) for level in LEVELS),
         *(
-            _share_of_sums("nuisance within its 90 % interval", own["nuisances_covered"], own["nuisances"], group)
+            _share_of_sums(
+                f"nuisance within its {level} % interval", own[f"nuisances_covered_{level}"], own["nuisances"], group
+            )
+            for level in LEVELS
             for group, own in {"all": trials, **{f"base {b}": trials[trials["base"] == b] for b in BASES}}.items()
         ),
         _median("share of the excess closed", single["closed"]),
