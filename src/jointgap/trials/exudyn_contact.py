@@ -24,7 +24,7 @@ from jointgap.trials.sensor_readings import CrankRun
 
 TOLERANCE = 1e-7
 """Local error of a step, of all coordinates and velocities [m, rad, m/s, rad/s]: a tenth of it changes readings of
-settled motions by less than 2e-5 of their standard deviation."""
+settled motions by less than 3e-5 of their standard deviation."""
 
 FRICTION_SPEED = 1e-3
 """Sliding speed [m/s] up to which friction in a loose pin rises along a straight line."""
