@@ -30,7 +30,7 @@ FRICTION_SPEED = 1e-3
 """Sliding speed [m/s] up to which friction in a loose pin rises along a straight line."""
 
 _LEAST_APPROACH = 1e-3  # [m/s] a slower impact is damped as one at this speed
-_LONGEST_STEP = 1e-4  # [s] a fiftieth of a turn of the crank at 600 rpm
+_LONGEST_STEP = 1e-4  # [s] a thousandth of a turn of the crank at 600 rpm
 _MEMORY = 2.5  # durations of the slowest elastic impact after which a contact forgets, and in which it does
 _EXPONENT = 1.5
 _IMMOVABLE = 1e30  # mass [kg] or inertia [kg m^2] of the crank: no force here changes a digit of its speed
@@ -360,8 +360,9 @@ class _ContactModel(ExudynSystem):
         forces, begin = np.zeros(size), self.lead_time - 2 * _LONGEST_STEP
 
         def force(mbs, time, item, q, v):
+            place, rate = np.array(q), np.array(v)
             _generalised_forces(
-                self.geometry, self.contacts, time, q, v, self.memory, FRICTION_SPEED, self.pins, forces
+                self.geometry, self.contacts, time, place, rate, self.memory, FRICTION_SPEED, self.pins, forces
             )
             return forces
 

@@ -39,9 +39,9 @@ _MOST_RIGS = 4
 """Rigs drawn for one effect; where none can show it, the last is kept, and the trial counts as undetectable."""
 
 _WHIRLS = 50.0
-"""Gap from which on a joint whirls that becomes loose by the first size of its clearance. Friction of 0.25 and more
-drives the journal around in a clearance of some ten micrometres, with forces of hundreds of times the noise. Nobody
-runs such a rig."""
+"""Gap from which on a joint whirls that becomes loose by the first size of its clearance, or with another effect beside
+it. Friction of 0.25 and more drives the journal around in a clearance of some ten micrometres, with forces of hundreds
+of times the noise. Nobody runs such a rig."""
 
 _MOST_CONTACTS = 20  # drawn for one joint until it does not whirl; the last is kept
 
@@ -117,9 +117,15 @@ def draw_trial(
         calibrated = [calibrate_size(calibrator, effect, plan.size) for effect in effects]
         sized = [(effect, size) for effect, (size, _) in zip(effects, calibrated, strict=True)]
         draw = TrialDraw(rig, calibrator, sized, [gap for _, gap in calibrated])
-        if number == _MOST_RIGS - 1 or _as_large_as_planned(plan, draw):
+        if number == _MOST_RIGS - 1 or (_as_large_as_planned(plan, draw) and not _whirls_together(draw)):
             return draw
     raise AssertionError("the last draw returns")
+
+
+def _whirls_together(draw: TrialDraw) -> bool:
+    """Whether a joint whirls with its clearance and the other effect of a pair, though not with that alone."""
+    has_clearance = any(effect.name in CLEARANCES for effect, _ in draw.effects)
+    return has_clearance and len(draw.effects) > 1 and draw.calibrator.gap(draw.effects) >= _WHIRLS
 
 
 def _with_contact(
