@@ -143,13 +143,14 @@ def test_fits_come_back_from_files_with_the_same_intervals(chain, tmp_path):
     np.testing.assert_allclose(np.diag(named.covariance()), np.diag(same.covariance()), rtol=1e-6)
 
 
-def test_what_a_verdict_states_comes_back_from_files_with_the_slope_and_the_shifts_that_intervals_need(chain, tmp_path):
+def test_what_a_verdict_states_comes_back_from_files_with_what_intervals_need(chain, tmp_path):
     folder, chosen = ResultsFolder(tmp_path), chain.outcome.chosen
-    shifts = np.arange(2.0 * chosen.values.size).reshape(2, -1)
-    folder.write_all(fits_to_frames([replace(chosen, shifts=shifts)]), "decide")
+    shifts, draws = (np.arange(count * chosen.values.size, dtype=float).reshape(count, -1) for count in (2, 12))
+    folder.write_all(fits_to_frames([replace(chosen, shifts=shifts, draws=draws)]), "decide")
     (again,) = fits_from_frames(folder.read_all(FIT_TABLES, "decide"), chain.recalibrated.problem)
     np.testing.assert_allclose(again.half_derivative, chosen.half_derivative, rtol=1e-12)
     np.testing.assert_array_equal(again.shifts, shifts)
+    np.testing.assert_array_equal(again.draws, draws)
 
 
 def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):

@@ -193,7 +193,7 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
     """
     fits = list(fits)
     durations = [np.nan] * len(fits) if seconds is None else list(seconds)
-    rows, values, curvature, residuals, shifts = [], [], [], [], []
+    rows, values, curvature, residuals, shifts, draws = [], [], [], [], [], []
     for fit, duration in zip(fits, durations, strict=True):
         failed = fit.status == FAILED
         rows.append(
@@ -225,12 +225,17 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
                 _labelled(fit, {"numerics": number, "key": keys, "shift": shift})
                 for number, shift in enumerate(() if fit.shifts is None else fit.shifts, 1)
             ]
+            if fit.draws is not None:
+                places = np.repeat(np.arange(len(fit.draws)), len(keys))
+                columns = {"draw": places, "key": keys * len(fit.draws), "value": fit.draws.ravel()}
+                draws.append(_labelled(fit, columns))
     return {
         "fits": _frame(tables.FITS, [pd.DataFrame(rows)] if rows else []),
         "fit_values": _frame(tables.FIT_VALUES, values),
         "fit_curvature": _frame(tables.FIT_CURVATURE, curvature),
         "fit_residuals": _frame(tables.FIT_RESIDUALS, residuals),
         "fit_shifts": _frame(tables.FIT_SHIFTS, shifts),
+        "fit_draws": _frame(tables.FIT_DRAWS, draws),
     }
 
 
@@ -250,9 +255,9 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
         Candidates beside the model's own, such as those of a library.
     """
     candidates = (*problem.model.candidates, *more)
-    values, jacobians, residuals, all_shifts = (
+    values, jacobians, residuals, all_shifts, all_draws = (
         {label: rows for label, rows in frames[name].groupby("explanation", sort=False)}
-        for name in ("fit_values", "fit_curvature", "fit_residuals", "fit_shifts")
+        for name in ("fit_values", "fit_curvature", "fit_residuals", "fit_shifts", "fit_draws")
     )
     fits = []
     for row in frames["fits"].to_dict("records"):
@@ -268,12 +273,14 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
             residual = residuals[label]["residual"].to_numpy()
             if keys:
                 jacobian = jacobians[label].pivot(index="sample", columns="key", values="derivative")[keys].to_numpy()
-        shifts = None
+        shifts = draws = None
+        if label in all_draws:
+            draws = all_draws[label].pivot(index="draw", columns="key", values="value")[keys].to_numpy()
         if label in all_shifts:
             shifts = all_shifts[label].pivot(index="numerics", columns="key", values="shift")[keys].to_numpy()
         status = row["simulations"], row["status"], row["reason"] or ""
         slope = own.loc[keys, "slope"].to_numpy(dtype=float)
-        known = slope, shifts, problem.settings
+        known = slope, shifts, draws, problem.settings
         fits.append(Fit(hypothesis, parameters, fitted, residual, jacobian, *status, *known))
     return fits
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
+from jointgap.identification.curved_valley import draws_along_valley
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.noise_model import numerics_noise
@@ -66,7 +67,7 @@ def recalibrate(
         differences=differences,
         vary=[p for p in problem.nuisances if p.run is not None],
     )
-    base = with_shifts(problem, fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True))
+    base = fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True)
     # differences probed anew, as they are when a later stage reads the fits from files
     return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 
@@ -144,12 +145,19 @@ def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteD
     return differences
 
 
-def with_shifts(problem: Problem, fit: Fit) -> Fit:
-    """A fit to the `problem` that knows what other numerics, another start among them, change in its values.
+def with_intervals(problem: Problem, fit: Fit, differences: FiniteDifferences) -> Fit:
+    """A fit to the `problem` that knows what its intervals ask for: draws along a curved valley of chi2, or shifts.
 
-    They are projected onto the parameters as the data and the widths of the bounds determine them. A fit that cannot be
-    simulated by other numerics is left as it is.
+    Where chi2 is quadratic, intervals count what other numerics, another start among them, change in the values: it is
+    projected onto the parameters as the data and the widths of the bounds determine them. Along a curved valley a
+    projection would lead astray, and there numerics count in the noise alone. A fit that failed, or that cannot be
+    simulated by other numerics, is left as it is; the `differences` know the numerical noise.
     """
+    if fit.status == FAILED:
+        return fit
+    draws = draws_along_valley(problem, fit, differences.numerical_noise_chi2)
+    if draws is not None:
+        return replace(fit, draws=draws)
     try:
         changes = other_numerics(problem, fit)
     except (InputError, SimulationError):

@@ -60,7 +60,8 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
     """Parameters of an effect as a verdict states them, by name, each as `coordinate_estimate` gives it.
 
     Parameters that follow from the coordinates (an amplitude from its cosine and sine parts) take their errors from
-    these linearly, and their intervals from draws where a bound cuts off a coordinate on which they depend.
+    these linearly, as they do draws along a curved valley; where a bound cuts off a coordinate on which they depend
+    their intervals are from draws, each followed through.
 
     Parameters
     ----------
@@ -100,6 +101,9 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
         elif at_bound or (known.draws is not None and any(cut & (slopes[name] != 0.0))):
             mapped = _mapped_draws(fit, candidate, [p.key for p in own], columns, name)
             estimates[name] = _from_draws(float(value), mapped, error, -np.inf, np.inf, at_bound)
+        elif fit.draws is not None and error > 0.0:
+            moved_by = (fit.draws[:, columns] - fit.values[columns]) @ slopes[name]
+            estimates[name] = _from_draws(float(value), value + moved_by, error, -np.inf, np.inf, False)
         else:
             estimates[name] = estimate_with_interval(value, error, -np.inf, np.inf)
     return estimates

@@ -44,6 +44,8 @@ class Fit:
         Half the derivative of chi2 by the values [1/SI]: of a fit that no longer has its whole Jacobian.
     shifts : (m, k) array, optional
         What m other numerics, or other starts, change in the values [SI]; none where they were not asked.
+    draws : (s, k) array, optional
+        Of the values [SI], where chi2 is not quadratic (`jointgap.identification.curved_valley`).
     settings : IdentificationSettings
         Those of the problem that was fitted.
     """
@@ -58,6 +60,7 @@ class Fit:
     reason: str = ""
     slope: np.ndarray | None = None
     shifts: np.ndarray | None = None
+    draws: np.ndarray | None = None
     settings: IdentificationSettings = DEFAULT_SETTINGS
 
     @property
@@ -104,15 +107,21 @@ class Fit:
         """Half the derivative of chi2 by the values, (k,) [1/SI]."""
         return self.jacobian.T @ self.residual if self.slope is None else self.slope
 
+    @property
+    def inflation(self) -> float:
+        """Factor of the variance where the residual is more than noise [1]: chi2 over its degrees of freedom."""
+        return max(1.0, self.chi2 / max(self.residual.size - self.values.size, 1))
+
     @cached_property
     def distribution(self) -> BoundedNormal:
         """What the data and the bounds say of the values, for intervals; variances inflated like the `covariance`."""
+        if self.draws is not None:
+            return BoundedNormal(np.atleast_2d(np.cov(self.draws, rowvar=False)), self.draws)
         low, high = bounds_of(self.parameters)
-        inflation = max(1.0, self.chi2 / max(self.residual.size - self.values.size, 1))
         shifts = np.empty((0, self.values.size)) if self.shifts is None else self.shifts
         slope = np.nan_to_num(self.half_derivative)
         intervals = self.settings.intervals
-        return bounded_normal(self.jacobian, slope, inflation, self.values, low, high, shifts, intervals)
+        return bounded_normal(self.jacobian, slope, self.inflation, self.values, low, high, shifts, intervals)
 
     def covariance(self, released: Sequence[int] = ()) -> np.ndarray:
         """Of the values, (k, k) [SI], where those at a bound are held there: zero rows for them.

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jointgap.identification.baseline import with_intervals
 from jointgap.identification.decide_verdict import Ranked, reduced_chi2, weigh
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
@@ -191,9 +192,9 @@ def find_force_law(
     ]
     accepted, because = _gate(base, best, cost[best.label], limits, problem.settings)
     others = [fit for fit in rest if fit not in rivals]
-    best = fit_hypothesis(
-        problem, best.hypothesis, best.mapping, differences=differences, refresh=True
-    )  # for its intervals
+    differences = differences or FiniteDifferences(problem)
+    best = fit_hypothesis(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
+    best = with_intervals(problem, best, differences)
     ranking = [weigh(base, fit, limits) for fit in (best, *rivals, *others)]
     return ForceLawResult(best, accepted, because, rivals, others, signatures.failed, ranking)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.baseline import Baseline, multistart_fit, other_numerics, random_nuisances, with_shifts
+from jointgap.identification.baseline import Baseline, multistart_fit, other_numerics, random_nuisances, with_intervals
 from jointgap.identification.decide_verdict import Decision, decide, reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
@@ -127,14 +127,11 @@ def nonlinearity(problem: Problem, fit: Fit) -> float:
 
 
 def refit_jacobian(baseline: Baseline, fit: Fit) -> Fit:
-    """The `fit` to the problem of the `baseline`, with its Jacobian made anew at the end and what other numerics change
-    in its values: what intervals need.
-    """
+    """The `fit` to the problem of the `baseline`, with its Jacobian made anew at the end."""
     if fit.status == FAILED:
         return fit
     problem, differences = baseline.problem, baseline.differences
-    again = fit_hypothesis(problem, fit.hypothesis, fit.mapping, differences=differences, refresh=True)
-    return with_shifts(problem, again)
+    return fit_hypothesis(problem, fit.hypothesis, fit.mapping, differences=differences, refresh=True)
 
 
 def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
@@ -319,12 +316,18 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         baseline = replace(baseline, base=decision.base)
         fits = [*(ranked.fit for ranked in decision.ranking), *members]
         decision = refit_and_decide(baseline, signatures, fits, limits)
+
+    def stated(fit: Fit) -> Fit:
+        return with_intervals(baseline.problem, fit, baseline.differences)
+
     base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
-    chosen = base if decision.chosen is decision.base else decision.chosen
-    if chosen.hypothesis:
-        chosen = refit_jacobian(baseline, chosen)
-    equivalent = [refit_jacobian(baseline, fit) for fit in decision.equivalent]
-    best_known = refit_jacobian(baseline, decision.best_known) if decision.best_known else None
+    chosen = decision.chosen
+    if chosen is decision.base:
+        chosen = base = stated(base)
+    elif chosen.hypothesis:
+        chosen = stated(refit_jacobian(baseline, chosen))
+    equivalent = [stated(refit_jacobian(baseline, fit)) for fit in decision.equivalent]
+    best_known = stated(refit_jacobian(baseline, decision.best_known)) if decision.best_known else None
     return replace(decision, chosen=chosen, base=base, equivalent=equivalent, best_known=best_known)
 
 

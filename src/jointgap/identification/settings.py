@@ -568,6 +568,62 @@ class IntervalSettings:
 
 
 @dataclass(frozen=True)
+class ValleySettings:
+    """Draws where chi2 is not quadratic (`jointgap.identification.curved_valley`).
+
+    Attributes
+    ----------
+    probes : int
+        Points drawn from the quadratic chi2 that are simulated to see whether it is right; so many simulations it costs
+        where it is.
+    probe_reach : float
+        [1] They lie so many times farther from the fit than drawn. Ideal joints miss 0.3 there at most, loose ones
+        more than 1 at one of three (experience).
+    quadratic_within : float
+        [chi2] By how much it may be wrong there. An error of one changes odds by a factor of 1.6.
+    temperatures : tuple of float
+        [1] By which chi2 is divided where points are drawn for the next simulations: from ten standard errors out,
+        which find where the valley leads, to those that count. Beginning at three or five, the far end of a long
+        valley is missed (experience).
+    batch : int
+        Simulations at each of these. With some 100 in all chi2 is known to within 1 along the valley in most campaigns
+        (experience).
+    usual_length : float
+        [standard errors] Over which derivatives change, if nothing is known of it.
+    log_length_spread : float
+        [1] Standard deviation of the logarithm of such lengths between parameters: a factor of seven.
+    max_length_steps : int
+        Steps towards the most likely lengths, at each batch; they begin from those of the batch before.
+    nugget : float
+        [1, of the variance] What neighbouring points may differ by, so that the matrix can be inverted.
+    walkers, steps : int
+        Points that are moved side by side, and how often; the first half of the steps is dropped.
+    kept_draws : int
+        From which intervals are taken: the ends of those of 99 % have ten draws beyond them.
+    long_jumps : float
+        [1] Share of moves by a whole difference between two walkers, from one valley into another; the usual tenth
+        (ter Braak 2006).
+    jitter : float
+        [standard errors] Of the moves, so that they lead out of the plane of the walkers.
+    """
+
+    probes: int = 3
+    probe_reach: float = 2.0
+    quadratic_within: float = 1.0
+    temperatures: tuple[float, ...] = (100.0, 100.0, 30.0, 15.0, 8.0, 4.0, 2.0, 1.0)
+    batch: int = 12
+    usual_length: float = 3.0
+    log_length_spread: float = 2.0
+    max_length_steps: int = 30
+    nugget: float = 1e-6
+    walkers: int = 200
+    steps: int = 400
+    kept_draws: int = 2000
+    long_jumps: float = 0.1
+    jitter: float = 1e-3
+
+
+@dataclass(frozen=True)
 class IdentificationSettings:
     """All tuned numbers of naming, by subject."""
 
@@ -587,6 +643,7 @@ class IdentificationSettings:
     decision: DecisionSettings = field(default_factory=DecisionSettings)
     disagreement: DisagreementSettings = field(default_factory=DisagreementSettings)
     intervals: IntervalSettings = field(default_factory=IntervalSettings)
+    valley: ValleySettings = field(default_factory=ValleySettings)
 
 
 DEFAULT_SETTINGS = IdentificationSettings()

@@ -69,6 +69,18 @@ FIT_SHIFTS = Table(
     path="{stage}/shifts.parquet",
 )
 
+FIT_DRAWS = Table(
+    "fit_draws",
+    "Draws of fitted values where chi2 is not quadratic, from which intervals are taken; of what a verdict states",
+    (
+        _EXPLANATION,
+        Column("draw", "1", "which draw, counted from 0", "int"),
+        _KEY,
+        Column("value", "SI", "as drawn"),
+    ),
+    path="{stage}/draws.parquet",
+)
+
 FIT_CURVATURE = Table(
     "fit_curvature",
     "Derivatives of the whitened residuals; of the base, singles and pairs all rows, else as many as parameters, with "
@@ -160,7 +172,7 @@ FIT_RESIDUALS = Table(
     path="{stage}/residuals.parquet",
 )
 
-FIT_TABLES = (FITS, FIT_VALUES, FIT_CURVATURE, FIT_RESIDUALS, FIT_SHIFTS)
+FIT_TABLES = (FITS, FIT_VALUES, FIT_CURVATURE, FIT_RESIDUALS, FIT_SHIFTS, FIT_DRAWS)
 """Tables that together hold fits."""
 
 OUTCOME_TABLES = (*FIT_TABLES, RANKING, DECISION, FIT_PARAMETERS)
