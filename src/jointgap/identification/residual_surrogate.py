@@ -50,13 +50,17 @@ class ResidualSurrogate:
         self._changes = np.vstack([self._changes, residuals - self._residual - away @ self._jacobian.T])
         products = self._changes @ self._changes.T
         apart = (self._points[:, None, :] - self._points[None, :, :]) ** 2
+        settings = self._settings
+        farthest = settings.max_length_spreads * settings.log_length_spread  # beyond, exponentials overflow
+        ends = np.log(settings.usual_length) + farthest * np.array([-1.0, 1.0])
         found = minimize(
             self._improbability,
             self._log_lengths,
             (products, apart),
             jac=True,
             method="L-BFGS-B",
-            options={"maxiter": self._settings.max_length_steps},
+            bounds=[ends] * self._log_lengths.size,
+            options={"maxiter": settings.max_length_steps},
         )
         self._log_lengths = found.x
         self._prepare()

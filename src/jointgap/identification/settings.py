@@ -592,6 +592,8 @@ class ValleySettings:
         [standard errors] Over which derivatives change, if nothing is known of it.
     log_length_spread : float
         [1] Standard deviation of the logarithm of such lengths between parameters: a factor of seven.
+    max_length_spreads : float
+        [1] How many of these from the usual length such a length may be: exponentials of more overflow.
     max_length_steps : int
         Steps towards the most likely lengths, at each batch; they begin from those of the batch before.
     nugget : float
@@ -614,6 +616,7 @@ class ValleySettings:
     batch: int = 12
     usual_length: float = 3.0
     log_length_spread: float = 2.0
+    max_length_spreads: float = 5.0
     max_length_steps: int = 30
     nugget: float = 1e-6
     walkers: int = 200
