@@ -94,7 +94,7 @@ def test_a_fit_may_begin_at_a_told_size_of_either_sign(size):
 
 
 @pytest.mark.parametrize(
-    ("sizes", "starts", "grid"),
+    ("sizes", "starts", "searched"),
     [
         (("a", "b"), {"a": 1.0}, ()),
         (("a",), {"a": 0.0}, ()),
@@ -102,9 +102,9 @@ def test_a_fit_may_begin_at_a_told_size_of_either_sign(size):
         (("a", "b"), {}, (1.0, 1.35)),
     ],
 )
-def test_finite_starts_are_of_a_single_size_that_is_not_zero_and_grids_above_it(sizes, starts, grid):
+def test_finite_starts_are_of_a_single_size_that_is_not_zero_and_searches_above_it(sizes, starts, searched):
     with pytest.raises(ValueError, match="single amplitude"):
-        Candidate("odd", "slider", tuple(Parameter(key, 0.0) for key in sizes), sizes, (starts,), grid=grid)
+        Candidate("odd", "slider", tuple(Parameter(key, 0.0) for key in sizes), sizes, (starts,), search_range=searched)
 
 
 def test_what_is_told_of_the_size_of_an_effect_makes_it_no_other_effect():

@@ -51,7 +51,7 @@ def test_a_pair_keeps_the_effect_that_was_fitted_and_lacks_the_other():
 def test_no_fit_of_a_single_effect_ends_above_the_base():
     """A ringing that is not there, whose fits start at a finite size and find no way back to none."""
     model = toy({"viscous": {"damping_N_s_m": 0.2}}, seed=3)
-    loose = replace(RINGING, grid=(), initial_guesses=({"size": 0.3},))
+    loose = replace(RINGING, search_range=(), initial_guesses=({"size": 0.3},))
     base, signatures = recalibrated(replace(model, candidates=(loose, candidate_of("viscous"))))
     fits, _ = fit_singles(base, signatures, LIMITS)
     assert {fit.label for fit in fits} == {"ringing", "viscous"}

@@ -67,7 +67,7 @@ RINGING = _effect(
     "1",
     low=0.0,
     initial_guesses=({"size": 0.1},),
-    grid=tuple(0.02 * 1.35**i for i in range(13)),
+    search_range=(0.02, 0.73),
 )
 """Not among those: a hit that rings, whose phase tells a size to some percent and beyond that nothing."""
 
@@ -103,7 +103,7 @@ class Toy:
         slope = -r * (np.sin(angle) + ROD_RATIO / 2 * np.sin(2 * angle))
         v, a = slope * w, -r * w**2 * (np.cos(angle) + ROD_RATIO * np.cos(2 * angle))
         mass, force = values["slider_mass"], np.zeros(angle.size)
-        width = 0.01 if numerics == 0 else 0.02  # m/s
+        width = 0.02 if numerics > 0 else 0.01  # m/s
         for candidate, at in effects:
             if candidate.name == "added_mass":
                 mass = mass + at["mass_kg"]

@@ -126,7 +126,11 @@ def crank_angles(options: Simulate) -> np.ndarray:
 
 
 def integrate_to_angles(
-    p: Parameters, start: tuple[np.ndarray, np.ndarray], angles: np.ndarray, tolerance: float
+    p: Parameters,
+    start: tuple[np.ndarray, np.ndarray],
+    angles: np.ndarray,
+    tolerance: float,
+    steps_per_revolution: int = STEPS_PER_REVOLUTION,
 ) -> IntegrationResult:
     """Integrate from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start angle.
 
@@ -139,6 +143,8 @@ def integrate_to_angles(
         Samples [rad].
     tolerance : float
         Local error of a step [m].
+    steps_per_revolution : int
+        Most steps that a revolution may take on average.
 
     Raises
     ------
@@ -162,7 +168,7 @@ def integrate_to_angles(
         events=np.empty((0, len(EVENT))),
         steps=0,
     )
-    limit = math.ceil(STEPS_PER_REVOLUTION * max((angles[-1] - angles[0]) / (2 * math.pi), 1.0))
+    limit = math.ceil(steps_per_revolution * max((angles[-1] - angles[0]) / (2 * math.pi), 1.0))
     status, end, events, steps = integrate(
         p, *start, times, angles, tolerance, VELOCITY_TIME, limit, samples.states, samples.auxiliary_states,
         samples.modes, samples.approaches, samples.begins, samples.directions,

@@ -27,8 +27,8 @@ LEAST_CLEARANCE = 1e-9
 _FIRST_CLEARANCES = (2e-5, 1e-4)
 """[m] of a joint that was ideal, from which fits start: any of them lets the pin fly and hit."""
 
-_CLEARANCES = tuple(8e-6 * 1.35**place for place in range(15))
-"""[m] of a joint that was ideal, 8 um to 0.5 mm, in the steps that a `Candidate`'s grid asks for."""
+_CLEARANCES = (2.5e-6, 1.2e-3)
+"""[m] of a joint that was ideal, between which it is searched: from a fit's play to a rattle."""
 
 RESTITUTIONS, FRICTIONS = (0.3, 0.9), (0.0, 0.3)
 """What the contact of a joint may have that was taken as ideal: nobody measured it. Steel on bronze or steel, dry to
@@ -142,7 +142,7 @@ class Clearance(Effect):
             amplitudes=("change_m",),
             parameters=parameters,
             initial_guesses=tuple({"change_m": value, **nominal} for value in _FIRST_CLEARANCES),
-            grid=_CLEARANCES,
+            search_range=(_CLEARANCES[0], min(_CLEARANCES[1], longest)),
         )
 
     @classmethod

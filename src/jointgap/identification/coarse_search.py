@@ -58,8 +58,7 @@ def search_pairs(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) ->
         singles.setdefault(fit.label, fit)
     limit = settings.eliminated_factor * min((_chi2(fit, first) for fit in singles.values()), default=np.inf)
     leading = [fit for fit in singles.values() if _chi2(fit, first) < limit]
-    # what failed alone would fail in a pair; but an amplitude on a grid may come nearer beside another effect
-    failed = {fit.label for fit in fits if not any(c.grid for c in fit.hypothesis)} - singles.keys()
+    failed = {fit.label for fit in fits} - singles.keys()  # what failed alone would fail in a pair
     chosen: dict[frozenset[str], tuple[LinearizedFit, Signatures]] = {}
     remaining: Sequence[Smoother] = ()
     for rank, fit in enumerate(leading[: settings.leading_singles]):
@@ -92,7 +91,7 @@ def _shortlist(
 def _is_nonlinear(screened: LinearizedFit) -> bool:
     """Whether small amplitudes say little of an effect, so that how much it would explain does not rank it."""
     candidates = [signature.candidate for signature in screened.signatures]
-    return any(candidate.replaces or candidate.grid or candidate.is_perturbation for candidate in candidates)
+    return any(candidate.replaces or candidate.is_perturbation for candidate in candidates)
 
 
 def successive_elimination(

@@ -9,7 +9,7 @@ import numpy as np
 from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.coarse_search import search_pairs, search_singles
 from jointgap.identification.decide_verdict import reduced_chi2
-from jointgap.identification.fit import Fit
+from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import (
     best_sufficient,
@@ -18,7 +18,8 @@ from jointgap.identification.model_selection import (
     two_effect_thresholds,
 )
 from jointgap.identification.nesting import not_above_its_parts
-from jointgap.identification.screening import LinearizedFit, Signatures
+from jointgap.identification.rough_search import leaves_rough_motion, search_rough
+from jointgap.identification.screening import LinearizedFit, Signatures, is_searched
 from jointgap.identification.thresholds import Thresholds
 
 TimedFits = tuple[list[Fit], list[float]]
@@ -51,9 +52,9 @@ def fit_pairs(
 ) -> TimedFits:
     """Fit every pair of one part that is worth it beside the fits of single effects.
 
-    Where none of those is sufficient, the first part makes the coarse search for single effects, and then for pairs:
-    how far each one goes there depends on all others, so it is not shared out. Single effects that it finds are among
-    the fits then.
+    Where none of those is sufficient, the first part searches: effects on which motion depends roughly, if what is left
+    is rough, then single effects by smoothed residuals, then pairs. How far each one goes there depends on all others,
+    so it is not shared out. Single effects that it finds are among the fits then.
 
     Parameters
     ----------
@@ -91,11 +92,15 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
     # steps as nobody else left them: the result must not depend on what else ran in this process
     start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
-    fits = search_singles(baseline, limits)
-    singles = [*alone, *fits]
-    if _insufficient(baseline, singles, limits):
+    fits = _search_rough(baseline, alone, limits)
+    pairs = [fit for fit in fits if len(fit.hypothesis) > 1]
+    singles = [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
+    if not pairs and _insufficient(baseline, singles, limits):
+        fits += search_singles(baseline, limits)
+        singles = [*alone, *fits]
+    if _insufficient(baseline, [*singles, *pairs], limits):
         fits += search_pairs(baseline, singles, limits)
-    else:
+    elif not pairs:
         fits += _pairs_of_best(baseline, signatures, limits, singles)[0]
     best: dict[str, Fit] = {}
     for fit in fits:
@@ -104,6 +109,22 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
     found = [not_above_its_parts(baseline.problem, baseline.differences, fit, parts) for fit in best.values()]
     share = (time.monotonic() - begin) / max(len(found), 1)
     return found, [share] * len(found)
+
+
+def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> list[Fit]:
+    """Fits of effects on which motion depends roughly: alone, and beside the best of those that are fitted `alone`."""
+    problem, fits = baseline.problem, []
+    candidates = [candidate for candidate in problem.model.candidates if is_searched(problem, candidate)]
+    best = min((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.bic, default=baseline.base)
+    origins = [baseline.base] if best.bic >= baseline.base.bic else [baseline.base, best]
+    if candidates and leaves_rough_motion(problem, origins[-1]):
+        for origin in origins:
+            taken = {candidate.label for candidate in origin.hypothesis}
+            others = [candidate for candidate in candidates if candidate.label not in taken]
+            fits += search_rough(baseline, origin, others, limits.omnibus)
+            if any(reduced_chi2(fit) <= limits.omnibus for fit in fits):
+                break
+    return fits
 
 
 def _fit_each(

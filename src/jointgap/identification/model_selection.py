@@ -29,11 +29,7 @@ def shortlist_singles(
     dof = signatures.residual.size - len(signatures.parameters)
     chi2 = signatures.residual @ signatures.residual
     if chi2 > limits.omnibus * dof:
-        shortlist = singles[: selection.max_singles]
-        if singles and singles[0].chi2 - dof > selection.unexplained_share * (chi2 - dof):
-            rest = singles[selection.max_singles :]
-            shortlist += [single for single in rest if single.signatures[0].candidate.grid]
-        return shortlist
+        return singles[: selection.max_singles]
     # the base leaves noise alone: effects are small, and signatures nearly exact
     min_gain = selection.min_gain_share * max(settings.decision.min_delta_bic, limits.max_gain_threshold)
     limit = chi2 + len(signatures.parameters) * np.log(signatures.residual.size) - min_gain

@@ -13,6 +13,9 @@ import numpy as np
 
 Role = Literal["identify", "confirm"]
 
+FAST = -1
+"""The numerics of `Model.simulate` for a search: they tell where impacts come and how hard they are, not more."""
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -84,9 +87,9 @@ class Candidate:
     is_perturbation : bool
         Whether its amplitude is the change of a known quantity, such as a clearance, down to the lower bound where
         nothing is left of that: small changes then say little of large ones. Both bounds are finite.
-    grid : tuple of float
+    search_range : tuple of two floats
         Of an effect with one amplitude on which the motion depends so roughly that a fit converges from near by alone:
-        values to begin from, growing, each 1.35 times the one before or nearer.
+        between which values it is searched, evenly in its logarithm; () of others.
     """
 
     name: str
@@ -100,16 +103,16 @@ class Candidate:
     has_site: bool = False
     steady_counterpart: str = ""
     is_perturbation: bool = False
-    grid: tuple[float, ...] = ()
+    search_range: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse finite amplitudes that nothing could be derived from."""
-        finite = [*self.grid]
+        finite = [*self.search_range]
         finite += [guess[key] for guess in self.initial_guesses for key in self.amplitudes if key in guess]
-        if finite and (len(self.amplitudes) > 1 or 0.0 in finite or min(self.grid, default=1.0) < 0.0):
+        if finite and (len(self.amplitudes) > 1 or 0.0 in finite or min(self.search_range, default=1.0) < 0.0):
             raise ValueError(
-                f"{self.name}: initial_guesses and grid hold values of a single amplitude, none of them 0, those of a "
-                f"grid above 0; got {finite}"
+                f"{self.name}: initial_guesses and search_range hold values of a single amplitude, none of them 0, "
+                f"those of a search_range above 0; got {finite}"
             )
         if self.is_perturbation and not all(
             np.isfinite((p.low, p.high)).all() for p in self.coordinates if p.name in self.amplitudes
@@ -221,7 +224,7 @@ class Model(Protocol):
         effects : sequence
             Sensor faults among them are applied to what is read.
         numerics : int
-            0 for the usual numerics, i for `self.numerics[i - 1]`.
+            0 for the usual numerics, i for `self.numerics[i - 1]`, `FAST` for faster ones, where a model has such.
 
         Returns
         -------

@@ -33,6 +33,9 @@ class Signature:
         The runs that residuals are of.
     secant_factor : float
         [1] A secant holds from this part of its amplitude to this multiple of it.
+    is_searched : bool
+        Whether the motion depends so roughly on its amplitude that `columns` say nothing of where a fit should start,
+        so that it is searched (`jointgap.identification.rough_search`).
     """
 
     candidate: Candidate
@@ -41,6 +44,7 @@ class Signature:
     origin: np.ndarray
     runs: tuple[str, ...]
     secant_factor: float = DEFAULT_SETTINGS.screening.secant_factor
+    is_searched: bool = False
 
     @property
     def coordinates(self) -> tuple[Parameter, ...]:
@@ -191,6 +195,13 @@ def simulate_signatures(
     return Signatures(base.parameters, base.values, base.jacobian, base.residual, finite, failed)
 
 
+def is_searched(problem: Problem, candidate: Candidate) -> bool:
+    """Whether a `candidate` is searched by features of the cycle: the motion depends on it roughly, and samples of it
+    are compared; statistics over cycles are smooth.
+    """
+    return bool(candidate.search_range) and not any(part.series.statistic for part in problem.parts)
+
+
 def _initial_shapes(
     problem: Problem, base: Fit, candidate: Candidate, steady: Sequence[Signature]
 ) -> Sequence[Mapping[str, float]]:
@@ -228,7 +239,8 @@ def _signature(
         (key,) = finite
         # Not linear near zero: the derivative is a secant to a finite amplitude.
         change = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, both) - origin
-        return Signature(candidate, dict(shapes), change[:, None] / shapes[key], origin, problem.runs, factor)
+        rough = is_searched(problem, candidate)
+        return Signature(candidate, dict(shapes), change[:, None] / shapes[key], origin, problem.runs, factor, rough)
     columns = [
         differences.column(p, values, origin, both) for p in problem.parameters((candidate,)) if p.key in amplitudes
     ]
@@ -296,9 +308,9 @@ class SignatureRegression:
         return LinearizedFit(tuple(chosen), chi2, start, chi2 + free * np.log(self._rows), self.fitted_effects, near)
 
     def singles(self) -> list[LinearizedFit]:
-        """Every candidate with its best start, best first."""
+        """Every candidate that is not searched with its best start, best first."""
         best: dict[str, LinearizedFit] = {}
-        for signature in self.signatures.entries:
+        for signature in (signature for signature in self.signatures.entries if not signature.is_searched):
             screened = self.explained((signature,))
             if screened.label not in best or screened.chi2 < best[screened.label].chi2:
                 best[screened.label] = screened

@@ -208,23 +208,86 @@ class InitialGuessSettings:
     max_multiple : float
         [1, of the linear answer] How far an amplitude is doubled: a loose joint answers a small force more than in
         proportion, so an effect may be several times as large as small steps say.
-    cycle_bins : int
-        Bins of the cycle over which the departure of an amplitude on a grid is compared: 15 deg each (experience).
-    max_departure_share : float
-        [1, of the departure without the effect] A grid whose best amplitude stays above is dropped: it explains
-        nothing.
-    refinement_factor : float
-        [1] How far around the best amplitude on the grid samples are compared: one step of a grid (`Candidate.grid`).
-    refinement_points : int
-        Amplitudes in that comparison: 2 % apart, since samples respond only to amplitudes that are right to some
-        percent.
     """
 
     max_multiple: float = 16.0
-    cycle_bins: int = 24
-    max_departure_share: float = 0.5
-    refinement_factor: float = 1.35
-    refinement_points: int = 31
+
+
+@dataclass(frozen=True)
+class CycleFeatureSettings:
+    """Energy and mean of residuals by angle of the cycle.
+
+    Attributes
+    ----------
+    bins : int
+        Of a cycle: 10 deg each, about the width of what an impact leaves.
+    energy_floor : float
+        [1, of the noise's variance] Added to an energy before its logarithm is taken, so that bins with noise alone do
+        not scatter far.
+    model_variance : float
+        [1] Variance of a feature by what the model cannot tell, beside that by noise: impacts that come as hard but
+        ring in another phase (experience).
+    degrees_of_freedom : float
+        [1] Of the Student likelihood: a bin that is far off does not decide.
+    """
+
+    bins: int = 36
+    energy_floor: float = 0.3
+    model_variance: float = 0.02
+    degrees_of_freedom: float = 4.0
+
+
+@dataclass(frozen=True)
+class RoughSearchSettings:
+    """The search for effects on which motion depends roughly.
+
+    Attributes
+    ----------
+    min_rough_share : float
+        [1, of the energy beyond noise] What has to ring within a bin of the cycle for such an effect to be searched.
+    first_points_log2 : int
+        Logarithm to base 2 of how many points of a Sobol sequence are simulated first: 64 in five dimensions.
+    rounds, points : int
+        How often points are drawn anew, and how many each time (experience).
+    rounds_for_all : int
+        So many before the first candidate is dropped.
+    elite : int
+        The best points, from which the next ones are drawn: twice as many as there are coordinates.
+    kernel_width : float
+        [1, of the spread of the best points] By which the next ones are spread about each of them: there are several
+        valleys, and a distribution over all of them ends in none (experience).
+    least_spread : float
+        [1, of a coordinate's range] By which points are spread at least.
+    eliminated_share : float
+        [1, of what the features of the best candidate explain] One that explains so much less is dropped
+        (experience).
+    reached_share : float
+        [1, of the misfit of samples] A point that explains so much of them lies in a valley: it is fitted at once.
+    deeper : float
+        [1, of chi2] A candidate is fitted once more from a point that leaves less than this part of what the point
+        before left.
+    refinements : int
+        How often points are drawn about a fit that ended in a valley, but not at its bottom.
+    nearby_spread : float
+        [1, of a coordinate's range] By which these are spread: valleys are that wide.
+    seed : int
+        Of what is drawn.
+    """
+
+    min_rough_share: float = 0.3
+    first_points_log2: int = 6
+    rounds: int = 8
+    rounds_for_all: int = 2
+    points: int = 32
+    elite: int = 12
+    kernel_width: float = 0.25
+    least_spread: float = 0.01
+    eliminated_share: float = 0.3
+    reached_share: float = 0.5
+    deeper: float = 0.7
+    refinements: int = 2
+    nearby_spread: float = 0.01
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -266,10 +329,7 @@ class ModelSelectionSettings:
     Attributes
     ----------
     max_singles : int
-        Candidates that are fitted alone, beside those that are searched on a grid (experience).
-    unexplained_share : float
-        [1, of the misfit] Where the best signature would leave more, candidates with a grid are fitted too: their
-        signatures say little of them.
+        Candidates that are fitted alone (experience).
     max_delta_bic : float
         [BIC] Where the baseline leaves no more than noise, effects are small and signatures nearly exact: candidates
         this much behind the best are not fitted. Three times the 10 of a very strong preference.
@@ -292,7 +352,6 @@ class ModelSelectionSettings:
     """
 
     max_singles: int = 8
-    unexplained_share: float = 0.1
     max_delta_bic: float = 30.0
     min_gain_share: float = 0.5
     min_singles: int = 2
@@ -636,6 +695,8 @@ class IdentificationSettings:
     baseline: BaselineSettings = field(default_factory=BaselineSettings)
     smoothing: SmoothingSettings = field(default_factory=SmoothingSettings)
     initial_guess: InitialGuessSettings = field(default_factory=InitialGuessSettings)
+    cycle_features: CycleFeatureSettings = field(default_factory=CycleFeatureSettings)
+    rough_search: RoughSearchSettings = field(default_factory=RoughSearchSettings)
     coarse_search: CoarseSearchSettings = field(default_factory=CoarseSearchSettings)
     selection: ModelSelectionSettings = field(default_factory=ModelSelectionSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)

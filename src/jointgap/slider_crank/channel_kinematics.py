@@ -21,16 +21,20 @@ Columns = Mapping[str, np.ndarray]
 """Channels of a motion (n,), by column."""
 
 
-def tolerance_for(mechanism: Mechanism, settings: SimulationSettings = DEFAULT_SETTINGS.simulation) -> float:
+def tolerance_for(
+    mechanism: Mechanism, settings: SimulationSettings = DEFAULT_SETTINGS.simulation, fast: bool = False
+) -> float:
     """Local error of a step [m] for a fit: smaller where steps would jump over the contacts of a small clearance.
 
     Parameters
     ----------
     mechanism : Mechanism
     settings : SimulationSettings
+    fast : bool
+        Whether it is enough to know where impacts come and how hard they are.
     """
     film = any(mechanism.effect("lubricated_joint", joint) for joint in mechanism.loose)
-    usual = settings.film_tolerance_m if film else settings.tolerance_m
+    usual = settings.film_tolerance_m if film else settings.fast_tolerance_m if fast else settings.tolerance_m
     return min([usual, *(TOLERANCE_SHARE * mechanism.clearance(joint) for joint in mechanism.loose)])
 
 
@@ -90,6 +94,7 @@ def channels_at(
     settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
     change: Callable[[Columns, Columns], float] | None = None,
     read: int | None = None,
+    fast: bool = False,
 ) -> dict[str, np.ndarray]:
     """All channels at crank angles, by column of `jointgap.dynamics.solver.sampling`, with the ``time`` [s].
 
@@ -108,21 +113,33 @@ def channels_at(
         With it one settled revolution may stand for the record; without it the whole record is simulated.
     read : int, optional
         How many of the angles, from the first, `change` gets; all by default.
+    fast : bool
+        For a search: one revolution stands for the record whether it has settled or not, and a motion that takes more
+        steps than a plain one is given up.
+
+    Raises
+    ------
+    SimulationError
+        The motion cannot be simulated, or not `fast`.
     """
     if _is_kinematic(p):
         return _sampled(p, angles, lambda sorted_angles: _kinematic_motion(p, sorted_angles))
     start = start_state(p, perturbation)
+    most_steps = (settings.fast_steps_per_revolution,) if fast else ()
 
     def integrate(sorted_angles: np.ndarray) -> IntegrationResult:
-        return integrate_to_angles(p, start, sorted_angles, tolerance)
+        return integrate_to_angles(p, start, sorted_angles, tolerance, *most_steps)
 
     back = (angles.min() - p.drive.start_angle) / tau
     if change is not None and perturbation is None and _may_repeat(p) and back > settings.transient_revolutions:
         # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
-        for dropped in dict.fromkeys(max(least, round(back)) for least in settings.settled_after):
+        settled_after = (settings.settling_revolutions,) if fast else settings.settled_after
+        for dropped in dict.fromkeys(max(least, round(back)) for least in settled_after):
             first = p.drive.start_angle + dropped * tau
             within = first + np.mod(angles - first, tau)
             places = within[:read]
+            if fast:
+                return _sampled(p, within, integrate) | {"crank_angle": angles, "time": _times(p, angles)}
             three = _sampled(p, np.concatenate([within, places - tau, places - 2.0 * tau]), integrate)
             kept = {name: values[: angles.size] for name, values in three.items()}
             last, before, earlier = (

@@ -11,7 +11,7 @@ from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.dynamics.model.parameters import Parameters
-from jointgap.identification.protocol import Effects
+from jointgap.identification.protocol import FAST, Effects
 from jointgap.joints import JOINTS
 from jointgap.recordings.recording import noise_of
 from jointgap.slider_crank import driven_run as drives
@@ -77,7 +77,7 @@ def channels_read(
         Every nuisance that the run has, by name [SI].
     effects : sequence of (Candidate, mapping)
     numerics : int
-        0 for the usual ones, i for ``NUMERICS[i - 1]``.
+        0 for the usual ones, i for ``NUMERICS[i - 1]``, or `FAST`.
     perturbation : (6,) array, optional
         Clearance vectors at the start [m], as in `jointgap.dynamics.simulation`; zero by default.
 
@@ -109,7 +109,7 @@ def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> d
     if clockwise:
         mechanism = mirrored(mechanism)
     finer, change = other_numerics(numerics)
-    tolerance = finer * tolerance_for(mechanism, plan.settings.simulation)
+    tolerance = finer * tolerance_for(mechanism, plan.settings.simulation, numerics == FAST)
     another = numerics == len(NUMERICS) and drives.began_anywhere(plan.run)
     earlier = plan.settings.simulation.other_start_revolutions * tau if another else 0.0
     driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier)
@@ -117,7 +117,7 @@ def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> d
     harmonic = driven.numbers.effects
     # phases of forces count from the record's time 0, that of the simulation is earlier
     harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
-    return _read(campaign, plan, driven, faults, tolerance, perturbation)
+    return _read(campaign, plan, driven, faults, tolerance, perturbation, numerics == FAST)
 
 
 def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:
@@ -150,8 +150,8 @@ def _driven_run(
     return drives.constant_speed_run(mechanism, plan.run, plan.samples, values, offset, tolerance, settings, earlier)
 
 
-def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, np.ndarray]:
-    """What the sensors make of the motion at the samples."""
+def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -> dict[str, np.ndarray]:
+    """What the sensors make of the motion at the samples; if `fast`, as if the motion had settled."""
     channels = {name: campaign.channels[name] for name in plan.channels}
     late = driven.at(plan.samples.elapsed - faults.lag) if faults.lag and plan.pieces is None else driven.angles
     if channels.keys() == {"crank_angle"}:
@@ -163,7 +163,7 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation) -> dict[str, 
         angles = np.append(angles, driven.at(grid))
     count = driven.angles.size
     change = _change_over_noise(campaign, plan) if drives.began_anywhere(plan.run) else None
-    true = channels_at(driven.numbers, angles, tolerance, perturbation, plan.settings.simulation, change, count)
+    true = channels_at(driven.numbers, angles, tolerance, perturbation, plan.settings.simulation, change, count, fast)
     elapsed = true["time"][:count] - driven.begin
     readings = {}
     for name, channel in channels.items():

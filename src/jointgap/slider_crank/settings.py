@@ -22,6 +22,11 @@ class SimulationSettings:
         [m] Local error of a step. Whitened channels of loose pins with friction are then rough by some hundredths in
         length, over all samples; 1e-9 saves a sixth of the time and is ten to thirty times as rough, so that fits do
         not converge.
+    fast_tolerance_m : float
+        [m] The same for a search, which needs the energy of impacts, not their phase.
+    fast_steps_per_revolution : int
+        Most steps of a search: plain motions take 1000 to 2000. Where friction makes a journal whirl, with forces far
+        beyond any reading, there are ten times as many.
     film_tolerance_m : float
         [m] The same where a joint is lubricated: films are stiff, so that steps are short anyway, and thin; 1e-11 costs
         no more.
@@ -55,6 +60,8 @@ class SimulationSettings:
     """
 
     tolerance_m: float = 1e-10
+    fast_tolerance_m: float = 1e-8
+    fast_steps_per_revolution: int = 3000
     film_tolerance_m: float = 1e-11
     settling_revolutions: int = 2
     max_settling_revolutions: int = 30

@@ -1,0 +1,213 @@
+"""The search for effects on which motion depends roughly: by features of the cycle first, then by samples.
+
+Around the truth chi2 of samples has a valley that is a percent wide; outside it is flat. Features of the cycle
+(`jointgap.identification.cycle_features`) lead there. As in sequential Monte Carlo without likelihoods (Sisson, Fan and
+Tanaka, PNAS 104 (2007) 1760-1765) points are drawn from the range of the coordinates, the best are kept, and the next
+ones drawn about these. Candidates compete: one that falls behind is dropped. From the best points fits of the samples
+start. One that ends in a valley, but not at its bottom, is where points are drawn once more, now for the samples.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+from jointgap.errors import InputError, SimulationError
+from jointgap.identification.baseline import Baseline
+from jointgap.identification.cycle_features import CycleFeatures
+from jointgap.identification.decide_verdict import reduced_chi2
+from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
+from jointgap.identification.problem import Hypothesis, Problem
+from jointgap.identification.protocol import FAST, Candidate, Parameter
+from jointgap.identification.settings import RoughSearchSettings
+
+
+@dataclass
+class _Point:
+    """One simulated point."""
+
+    place: np.ndarray  # in the box of the coordinates, each from 0 to 1
+    misfit: float  # of the features of the cycle; infinite where it was given up
+    chi2: float  # of the samples
+
+
+class _Box:
+    """The ranges of a candidate's coordinates, each from 0 to 1; the amplitude by its logarithm."""
+
+    def __init__(self, candidate: Candidate, parameters: Sequence[Parameter]):
+        key = f"{candidate.label}.{candidate.amplitudes[0]}"
+        own = [p for p in parameters if p.name.startswith(f"{candidate.label}.")]
+        own = [p for p in own if p.key == key or np.isfinite(p.high - p.low)]
+        self._keys = [p.key for p in own]
+        self._logarithmic = np.array([p.key == key for p in own])
+        ends = np.array([np.log(candidate.search_range) if p.key == key else (p.low, p.high) for p in own])
+        self._low, self._width = ends[:, 0], ends[:, 1] - ends[:, 0]
+
+    @property
+    def dimensions(self) -> int:
+        return len(self._keys)
+
+    def values(self, place: np.ndarray) -> dict[str, float]:
+        """By key [SI]."""
+        plain = self._low + self._width * place
+        return dict(zip(self._keys, np.where(self._logarithmic, np.exp(plain), plain).tolist(), strict=True))
+
+    def place(self, values: Mapping[str, float]) -> np.ndarray:
+        """Of values by key [SI], on the edge where they are beyond."""
+        plain = np.array([values[key] for key in self._keys])
+        plain = np.where(self._logarithmic, np.log(np.maximum(plain, 1e-300)), plain)
+        return np.clip((plain - self._low) / self._width, 0.0, 1.0)
+
+
+class _Contestant:
+    """A candidate beside the effects of a fit, and the points at which it was simulated."""
+
+    def __init__(self, baseline: Baseline, origin: Fit, candidate: Candidate, number: int):
+        self._baseline, self._origin = baseline, origin
+        self._settings: RoughSearchSettings = baseline.problem.settings.rough_search
+        self._box = _Box(candidate, baseline.problem.parameters((candidate,)))
+        self._generator = np.random.default_rng([number, self._settings.seed])
+        self.hypothesis: Hypothesis = (*origin.hypothesis, candidate)
+        self.points: list[_Point] = []
+
+    @property
+    def least(self) -> float:
+        """The least misfit of the features."""
+        return min((point.misfit for point in self.points), default=np.inf)
+
+    @property
+    def deepest(self) -> _Point:
+        """The point of least chi2."""
+        return min(self.points, key=lambda point: point.chi2)
+
+    def begin(self, features: CycleFeatures) -> None:
+        """Simulate points spread evenly over the box."""
+        sobol = qmc.Sobol(self._box.dimensions, seed=self._generator)
+        self._simulate(features, sobol.random_base2(self._settings.first_points_log2))
+
+    def go_on(self, features: CycleFeatures) -> None:
+        """Simulate points about those with the best features."""
+        ranked = sorted(self.points, key=lambda point: point.misfit)
+        self._simulate(features, self._drawn([point.place for point in ranked[: self._settings.elite]]))
+
+    def _drawn(self, elite: Sequence[np.ndarray]) -> np.ndarray:
+        """Places (points, dimensions) about the `elite`, normally distributed with a part of their spread."""
+        settings, dimensions = self._settings, self._box.dimensions
+        spread = settings.kernel_width**2 * np.cov(np.transpose(elite)).reshape(dimensions, -1)
+        spread = spread + settings.least_spread**2 * np.eye(dimensions)
+        centres = np.array(elite)[self._generator.integers(len(elite), size=settings.points)]
+        return np.clip(
+            self._generator.multivariate_normal(np.zeros(dimensions), spread, settings.points) + centres, 0, 1
+        )
+
+    def _simulate(self, features: CycleFeatures, places: np.ndarray) -> None:
+        """Simulate places run by run, each as long as its misfit may still be among the best."""
+        problem, origin = self._baseline.problem, self._origin
+        for place in places:
+            known = sorted(point.misfit for point in self.points)
+            limit = known[self._settings.elite - 1] if len(known) >= self._settings.elite else np.inf
+            values, residual, misfit = origin.mapping | self._box.values(place), origin.residual, 0.0
+            try:
+                for run in problem.runs:
+                    residual = problem.residual(values, self.hypothesis, (run,), residual, FAST)
+                    misfit += features.misfit(origin.residual - residual, run)
+                    if misfit > limit:
+                        misfit = np.inf
+                        break
+            except (InputError, SimulationError):
+                misfit = np.inf
+            chi2 = float(residual @ residual) if misfit < np.inf else np.inf
+            self.points.append(_Point(place, misfit, chi2))
+
+    def fit(self, point: _Point, sufficient: float) -> Fit:
+        """The fit of the samples from a point; from others about it where it ends in a valley, not at its bottom."""
+        start = self._origin.mapping | self._box.values(point.place)
+        known = dict(zip((p.key for p in self._origin.parameters), self._origin.jacobian.T, strict=True))
+        fit = self._fitted(start, known, sufficient)
+        for _ in range(self._settings.refinements):
+            if not self.reached(fit.chi2) or reduced_chi2(fit) <= sufficient:
+                break
+            again = self._fitted(self._nearby(fit), None, sufficient)
+            if again.chi2 >= fit.chi2:
+                break
+            fit = again
+        return fit
+
+    def _fitted(self, start: Mapping[str, float], known: Mapping[str, np.ndarray] | None, sufficient: float) -> Fit:
+        problem, differences = self._baseline.problem, self._baseline.differences
+        enough = sufficient * problem.size
+        return fit_hypothesis(problem, self.hypothesis, start, known, differences, sufficient_chi2=enough)
+
+    def _nearby(self, fit: Fit) -> dict[str, float]:
+        """The best of points drawn about a fit, for the samples: values by key [SI], its nuisances stay."""
+        problem, centre = self._baseline.problem, self._box.place(fit.mapping)
+        nearby, best, least = self._settings.nearby_spread, fit.mapping, fit.chi2
+        for place in centre + nearby * self._generator.standard_normal((self._settings.points, centre.size)):
+            values = fit.mapping | self._box.values(np.clip(place, 0.0, 1.0))
+            try:
+                residual = problem.residual(values, self.hypothesis)
+            except (InputError, SimulationError):
+                continue
+            if (chi2 := float(residual @ residual)) < least:
+                best, least = values, chi2
+        return dict(best)
+
+    def reached(self, chi2: float) -> bool:
+        """Whether so little `chi2` says that a valley is reached."""
+        excess = self._origin.chi2 - self._baseline.problem.size
+        return self._origin.chi2 - chi2 > self._settings.reached_share * max(excess, 0.0)
+
+
+def leaves_rough_motion(problem: Problem, fit: Fit) -> bool:
+    """Whether what a fit leaves is rough, so that an effect could be missing on which motion depends roughly."""
+    if fit.status == FAILED:
+        return False
+    return CycleFeatures(problem, fit.residual).rough_share > problem.settings.rough_search.min_rough_share
+
+
+def search_rough(baseline: Baseline, origin: Fit, candidates: Sequence[Candidate], sufficient: float) -> list[Fit]:
+    """Fits of candidates on which motion depends roughly, each beside the effects of a fit that is there.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    origin : Fit
+        The base, or a fit whose effects every hypothesis here has too.
+    candidates : sequence of Candidate
+        Those with a `search_range`.
+    sufficient : float
+        [1] Reduced chi2 of a fit that ends the search.
+
+    Returns
+    -------
+    list of Fit
+        One for each candidate whose features are among the best, and for each valley that was reached before.
+    """
+    problem, fits = baseline.problem, []
+    settings, features = problem.settings.rough_search, CycleFeatures(problem, origin.residual)
+    absent = sum(features.misfit(np.zeros(problem.size), run) for run in problem.runs)
+    contestants = [_Contestant(baseline, origin, candidate, number) for number, candidate in enumerate(candidates)]
+    for one in contestants:
+        one.begin(features)
+    fitted: dict[int, float] = {}  # chi2 of the point from which a contestant was fitted
+    for round_ in range(settings.rounds):
+        for one in contestants:
+            one.go_on(features)
+        if round_ + 1 >= settings.rounds_for_all:
+            least = min((one.least for one in contestants), default=np.inf)
+            limit = least + settings.eliminated_share * max(absent - least, 0.0)
+            contestants = [one for one in contestants if one.least <= limit]
+        for one in sorted(contestants, key=lambda one: one.deepest.chi2)[:1]:
+            point = one.deepest
+            if one.reached(point.chi2) and point.chi2 < settings.deeper * fitted.get(id(one), np.inf):
+                fitted[id(one)] = point.chi2
+                fits.append(one.fit(point, sufficient))
+                if reduced_chi2(fits[-1]) <= sufficient:
+                    return fits
+    for one in sorted(contestants, key=lambda one: one.least):
+        if id(one) not in fitted and one.least < np.inf:
+            fits.append(one.fit(min(one.points, key=lambda point: point.misfit), sufficient))
+            if reduced_chi2(fits[-1]) <= sufficient:
+                break
+    return fits

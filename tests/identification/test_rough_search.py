@@ -1,0 +1,94 @@
+"""Effects on which motion depends roughly: features of the cycle lead where samples do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.identification.baseline import recalibrate
+from jointgap.identification.cycle_features import CycleFeatures
+from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.problem import Problem
+from jointgap.identification.rough_search import leaves_rough_motion, search_rough
+from tests.identification.toy import CANDIDATES, RINGING, ringing, stated_noise, toy
+
+
+def rough(size, seed, other=lambda x, v: 0.0):
+    """A baseline of the toy with a ringing hidden, and perhaps another force."""
+    model = toy(hidden=lambda x, v, angle, time: ringing(size, angle) + other(x, v), seed=seed)
+    model = replace(model, candidates=(*CANDIDATES, RINGING))
+    return recalibrate(model, stated_noise(model))
+
+
+def ring(size, angle):
+    """Whitened change of a hit each turn that rings, faster than bins can follow."""
+    since = np.mod(angle, 2.0 * np.pi)
+    return 20.0 * size * np.exp(-since / (0.5 + size)) * np.cos(100.0 * since + 90.0 * size * since)
+
+
+def test_features_have_one_broad_minimum_where_samples_have_a_narrow_one():
+    problem = Problem(model := toy(samples=360), stated_noise(model))
+    angle = np.concatenate([part.series.angle[part.used] for part in problem.parts])
+    residual = ring(0.5, angle) + np.random.default_rng(1).standard_normal(problem.size)
+    features, of_features, of_samples = CycleFeatures(problem, residual), [], []
+    for size in 0.5 * np.array([0.5, 0.6, 0.75, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0]):
+        change = ring(size, angle)
+        of_features.append(sum(features.misfit(change, run) for run in problem.runs))
+        of_samples.append(np.sum((residual - change) ** 2))
+    assert np.all(np.diff(of_features[:5]) < 0.0)
+    assert np.all(np.diff(of_features[4:]) > 0.0)
+    assert np.argmin(of_samples) == 4
+    assert min(of_samples[3], of_samples[5]) > np.sum(residual**2)  # ten percent off is worse than nothing
+
+
+def test_features_of_noise_alone_are_those_of_no_change():
+    model = toy(seed=3)
+    problem = Problem(model, stated_noise(model))
+    noise = np.random.default_rng(0).standard_normal(problem.size)
+    features, nothing = CycleFeatures(problem, noise), np.zeros(problem.size)
+    bins = 2 * 36 * len(problem.parts)
+    assert sum(features.misfit(nothing, run) for run in problem.runs) < 0.75 * bins
+
+
+def test_features_of_a_run_do_not_depend_on_the_other_runs():
+    base = rough(0.31, 4)
+    problem, features = base.problem, CycleFeatures(base.problem, base.base.residual)
+    change = np.zeros(problem.size)
+    first, *others = problem.runs
+    before = features.misfit(change, first)
+    for part in problem.parts:
+        if part.series.run in others:
+            change[part.place] = 5.0
+    assert features.misfit(change, first) == before
+
+
+def test_ringing_is_rough_and_a_smooth_force_is_not():
+    base = rough(0.31, 4)
+    assert leaves_rough_motion(base.problem, base.base)
+    smooth = toy({"coulomb": {"force_N": 0.3}}, seed=4)
+    base = recalibrate(smooth, stated_noise(smooth))
+    assert not leaves_rough_motion(base.problem, base.base)
+
+
+@pytest.mark.parametrize("size", [0.05, 0.2, 0.6])
+def test_the_search_ends_at_the_bottom_of_the_valley(size):
+    base = rough(size, 5)
+    (found,) = search_rough(base, base.base, [RINGING], 1.2)
+    assert found.mapping["ringing.size"] == pytest.approx(size, rel=0.01)
+    assert found.chi2 < 1.2 * base.problem.size
+
+
+def test_an_effect_is_searched_beside_one_that_is_fitted():
+    base = rough(0.2, 6, other=lambda x, v: -0.5 * v)
+    viscous = next(one for one in CANDIDATES if one.label == "viscous")
+    beside = fit_hypothesis(base.problem, (viscous,), refresh=True)
+    (found,) = search_rough(base, beside, [RINGING], 1.2)
+    assert found.label == "viscous + ringing"
+    assert found.mapping["ringing.size"] == pytest.approx(0.2, rel=0.01)
+    assert found.mapping["viscous.damping_N_s_m"] == pytest.approx(0.5, rel=0.05)
+
+
+def test_the_same_search_finds_the_same():
+    base = rough(0.2, 5)
+    first, second = (search_rough(base, base.base, [RINGING], 1.2)[0] for _ in range(2))
+    assert np.array_equal(first.values, second.values)
