@@ -142,6 +142,20 @@ def test_another_choice_of_numerics_is_no_second_effect():
     assert limits.max_gain_threshold < second.max_gain_threshold
 
 
+@pytest.mark.parametrize("size", [0.09, 0.31])
+def test_an_effect_whose_samples_answer_from_near_alone_is_found_beside_another(size):
+    decision, gap = named(
+        {"viscous": {"damping_N_s_m": 0.4}},
+        more=[RINGING],
+        hidden=lambda x, v, angle, time: ringing(size, angle),
+        seed=4,
+    )
+    assert gap > 1.3
+    assert decision.verdict == "named"
+    assert {one.label for one in decision.chosen.hypothesis} == {"viscous", "ringing"}
+    assert decision.chosen.mapping["ringing.size"] == pytest.approx(size, rel=0.02)
+
+
 def test_such_an_effect_is_not_named_where_another_is_hidden():
     decision, _ = named({"coulomb": {"force_N": 0.3}}, more=[RINGING], seed=4)
     assert decision.verdict == "named"

@@ -16,8 +16,9 @@ from jointgap.trials.trial_plan import TrialPlan
         ("single", "ideal", 5.0, ("crank_coulomb_friction",)),
         ("single", "loose", 5.0, ("crank_coulomb_friction",)),
         ("nothing", "ideal", 0.0, ()),
+        pytest.param("single", "ideal", 5.0, ("crank_pin_clearance",), marks=pytest.mark.slow),
     ],
-    ids=["one", "one-with-loose-joints", "none"],
+    ids=["one", "one-with-loose-joints", "none", "a-joint-that-became-loose"],
 )
 def test_what_was_hidden_is_named_and_nothing_else(tmp_path, kind, base, size, effects):
     plan = TrialPlan("0123456789ab", 8, kind, base, size, effects)

@@ -48,6 +48,11 @@ class CycleFeatures:
         self.rough_share = 1.0 - repeating / total if total > 0.0 else 0.0
         """Share of the residual's energy beyond noise [1] that is not in its means: what rings, within a bin."""
 
+    @property
+    def size(self) -> int:
+        """How many features there are."""
+        return 2 * int(np.sum(self._counts > 0))
+
     def _energy_and_mean(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean square and mean of residuals (n,) by bin, each (m,)."""
         used, count = self._cells >= 0, np.maximum(self._counts, 1)

@@ -70,6 +70,7 @@ class _Contestant:
         self._generator = np.random.default_rng([number, self._settings.seed])
         self.hypothesis: Hypothesis = (*origin.hypothesis, candidate)
         self.points: list[_Point] = []
+        self._population: list[_Point] = []
 
     @property
     def least(self) -> float:
@@ -82,13 +83,14 @@ class _Contestant:
         return min(self.points, key=lambda point: point.chi2)
 
     def begin(self, features: CycleFeatures) -> None:
-        """Simulate points spread evenly over the box."""
+        """Simulate points spread evenly over the box, others at each call: a new population."""
+        self._population = []
         sobol = qmc.Sobol(self._box.dimensions, seed=self._generator)
         self._simulate(features, sobol.random_base2(self._settings.first_points_log2))
 
     def go_on(self, features: CycleFeatures) -> None:
-        """Simulate points about those with the best features."""
-        ranked = sorted(self.points, key=lambda point: point.misfit)
+        """Simulate points about those of the population with the best features."""
+        ranked = sorted(self._population, key=lambda point: point.misfit)
         self._simulate(features, self._drawn([point.place for point in ranked[: self._settings.elite]]))
 
     def _drawn(self, elite: Sequence[np.ndarray]) -> np.ndarray:
@@ -105,7 +107,7 @@ class _Contestant:
         """Simulate places run by run, each as long as its misfit may still be among the best."""
         problem, origin = self._baseline.problem, self._origin
         for place in places:
-            known = sorted(point.misfit for point in self.points)
+            known = sorted(point.misfit for point in self._population)
             limit = known[self._settings.elite - 1] if len(known) >= self._settings.elite else np.inf
             values, residual, misfit = origin.mapping | self._box.values(place), origin.residual, 0.0
             try:
@@ -118,7 +120,8 @@ class _Contestant:
             except (InputError, SimulationError):
                 misfit = np.inf
             chi2 = float(residual @ residual) if misfit < np.inf else np.inf
-            self.points.append(_Point(place, misfit, chi2))
+            self._population.append(_Point(place, misfit, chi2))
+            self.points.append(self._population[-1])
 
     def fit(self, point: _Point, sufficient: float) -> Fit:
         """The fit of the samples from a point; from others about it where it ends in a valley, not at its bottom."""
@@ -188,13 +191,17 @@ def search_rough(baseline: Baseline, origin: Fit, candidates: Sequence[Candidate
     settings, features = problem.settings.rough_search, CycleFeatures(problem, origin.residual)
     absent = sum(features.misfit(np.zeros(problem.size), run) for run in problem.runs)
     contestants = [_Contestant(baseline, origin, candidate, number) for number, candidate in enumerate(candidates)]
-    for one in contestants:
-        one.begin(features)
     fitted: dict[int, float] = {}  # chi2 of the point from which a contestant was fitted
-    for round_ in range(settings.rounds):
+    for round_ in range(settings.populations * settings.rounds):
+        population, since = divmod(round_, settings.rounds)
+        if not since:
+            if min((one.least for one in contestants), default=0.0) < settings.matched_misfit * features.size:
+                break
+            for one in contestants:
+                one.begin(features)
         for one in contestants:
             one.go_on(features)
-        if round_ + 1 >= settings.rounds_for_all:
+        if population or since + 1 >= settings.rounds_for_all:
             least = min((one.least for one in contestants), default=np.inf)
             limit = least + settings.eliminated_share * max(absent - least, 0.0)
             contestants = [one for one in contestants if one.least <= limit]

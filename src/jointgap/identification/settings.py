@@ -251,6 +251,11 @@ class RoughSearchSettings:
         How often points are drawn anew, and how many each time (experience).
     rounds_for_all : int
         So many before the first candidate is dropped.
+    populations : int
+        How often the search begins anew, as long as the features are not met: in five dimensions a population may end
+        in a valley that is none of the truth.
+    matched_misfit : float
+        [1, for each feature] A misfit below which the features are met: of the truth 0.5 to 0.65.
     elite : int
         The best points, from which the next ones are drawn: twice as many as there are coordinates.
     kernel_width : float
@@ -278,6 +283,8 @@ class RoughSearchSettings:
     first_points_log2: int = 6
     rounds: int = 8
     rounds_for_all: int = 2
+    populations: int = 3
+    matched_misfit: float = 0.75
     points: int = 32
     elite: int = 12
     kernel_width: float = 0.25
