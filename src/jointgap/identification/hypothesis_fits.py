@@ -93,14 +93,14 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
     start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
     fits = _search_rough(baseline, alone, limits)
-    pairs = [fit for fit in fits if len(fit.hypothesis) > 1]
     singles = [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
-    if not pairs and _insufficient(baseline, singles, limits):
-        fits += search_singles(baseline, limits)
-        singles = [*alone, *fits]
-    if _insufficient(baseline, [*singles, *pairs], limits):
-        fits += search_pairs(baseline, singles, limits)
-    elif not pairs:
+    if not any(_explains(baseline, fit) for fit in fits):
+        if _insufficient(baseline, singles, limits):
+            found = search_singles(baseline, limits)
+            fits, singles = [*fits, *found], [*singles, *found]
+        if _insufficient(baseline, singles, limits):
+            fits += search_pairs(baseline, singles, limits)
+    if not any(len(fit.hypothesis) > 1 for fit in fits):
         fits += _pairs_of_best(baseline, signatures, limits, singles)[0]
     best: dict[str, Fit] = {}
     for fit in fits:
@@ -122,9 +122,15 @@ def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) 
             taken = {candidate.label for candidate in origin.hypothesis}
             others = [candidate for candidate in candidates if candidate.label not in taken]
             fits += search_rough(baseline, origin, others, limits.omnibus)
-            if any(reduced_chi2(fit) <= limits.omnibus for fit in fits):
+            if any(_explains(baseline, fit) for fit in fits):
                 break
     return fits
+
+
+def _explains(baseline: Baseline, fit: Fit) -> bool:
+    """Whether a fit explains so much of what the base leaves that nothing else is searched for."""
+    chi2, size = baseline.base.chi2, baseline.problem.size
+    return chi2 - fit.chi2 >= baseline.problem.settings.decision.min_explained_share * (chi2 - size)
 
 
 def _fit_each(

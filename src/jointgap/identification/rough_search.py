@@ -203,7 +203,9 @@ def search_rough(baseline: Baseline, origin: Fit, candidates: Sequence[Candidate
             one.go_on(features)
         if population or since + 1 >= settings.rounds_for_all:
             least = min((one.least for one in contestants), default=np.inf)
-            limit = least + settings.eliminated_share * max(absent - least, 0.0)
+            limit = min(
+                least + settings.eliminated_share * (absent - least), (1.0 - settings.least_explained_share) * absent
+            )
             contestants = [one for one in contestants if one.least <= limit]
         for one in sorted(contestants, key=lambda one: one.deepest.chi2)[:1]:
             point = one.deepest

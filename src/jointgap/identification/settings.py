@@ -266,6 +266,8 @@ class RoughSearchSettings:
     eliminated_share : float
         [1, of what the features of the best candidate explain] One that explains so much less is dropped
         (experience).
+    least_explained_share : float
+        [1, of the misfit of features] One that explains less is dropped too.
     reached_share : float
         [1, of the misfit of samples] A point that explains so much of them lies in a valley: it is fitted at once.
     deeper : float
@@ -283,13 +285,14 @@ class RoughSearchSettings:
     first_points_log2: int = 6
     rounds: int = 8
     rounds_for_all: int = 2
-    populations: int = 3
+    populations: int = 2
     matched_misfit: float = 0.75
     points: int = 32
     elite: int = 12
     kernel_width: float = 0.25
     least_spread: float = 0.01
     eliminated_share: float = 0.3
+    least_explained_share: float = 0.2
     reached_share: float = 0.5
     deeper: float = 0.7
     refinements: int = 2
