@@ -51,11 +51,12 @@ def outcome_of(chosen, base=None, equivalent=(), ranking=()):
     return Outcome("named", "it is so", chosen, base or fitted([], [1.0], 900.0), list(equivalent), rows)
 
 
-def gaps(after=(1.0, 1.05), fall=(60.0, 64.0)):
+def gaps(after=(1.0, 1.05), fall=(60.0, 64.0), features=(np.nan, np.nan)):
     """Table of gaps of both roles, all channels and runs together."""
     rows = [
         {"role": role, "run": "all", "channel": "all", "before": before, "after": ends}
         | {"fall_low": fall[0], "fall_high": fall[1], "fall_expected": 62.0}
+        | {"features_before": features[0], "features_after": features[1]}
         for role, before, ends in (("identify", 9.0, after[0]), ("confirm", 8.0, after[1]))
     ]
     return pd.DataFrame(rows)
@@ -89,6 +90,7 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "separated_by": "A faster run.",
         "best_known": None,
         "held_out_test": "falls",
+        "held_out_features": None,
         "doubted_channels": [],
         "where": [
             {"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350.0, 10.0], "p_adjusted": 1e-9},

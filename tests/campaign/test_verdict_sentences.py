@@ -152,6 +152,14 @@ def test_how_the_gap_on_held_out_data_goes_once_something_is_added(test, before,
     )
 
 
+def test_it_is_told_that_features_of_the_cycle_confirm_what_samples_cannot():
+    verdict = held_out("named", 3.0, 4.0) | {"held_out_features": {"before": 210.4, "after": 80.6}}
+    assert held_out_in_words(verdict) == (
+        "On data that took no part in fitting or choosing it the gap goes from 3.00 to 4.00, for impacts ring in "
+        "another phase; where in the cycle they come and how hard they are is met, its misfit falls from 210 to 81"
+    )
+
+
 @pytest.mark.parametrize(("before", "told"), [(TOLERATED**0.5 - 1e-6, False), (TOLERATED**0.5 + 1e-6, True)])
 def test_of_a_gap_that_counts_as_a_slight_misfit_no_share_is_told(before, told):
     assert ("of what exceeds the noise is gone" in held_out_in_words(held_out("named", before, 0.99))) == told

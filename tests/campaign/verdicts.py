@@ -22,6 +22,7 @@ NAMED = {
     "certain": [],
     "best_known": None,
     "held_out_test": "falls",
+    "held_out_features": None,
     "doubted_channels": [],
     "nuisances": {"slider_mass": {"value": 0.447, "sd": 0.002}},
     "where": [{"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350, 10], "p_adjusted": 1e-9}],

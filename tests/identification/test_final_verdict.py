@@ -39,10 +39,19 @@ def decided(verdict, *effects, chi2=1000.0, base=BASE, others=()):
     return Decision(verdict, best, base, because="as the fits have it")
 
 
-def confirmed(identify=1.0, confirm=1.0, before=2.0, fall=(2.0, 4.0), expected=3.0, signal=1.0, channel="torque"):
+def confirmed(
+    identify=1.0,
+    confirm=1.0,
+    before=2.0,
+    fall=(2.0, 4.0),
+    expected=3.0,
+    signal=1.0,
+    channel="torque",
+    features=(np.nan, np.nan),
+):
     """Gaps of one channel with the effects, the bootstrap's interval of the fall, and the fall that is foretold.
 
-    The noise is 1 and the channel varies by `signal`.
+    The noise is 1 and the channel varies by `signal`; `features` are the misfits of the features of the cycle.
     """
     frames, gaps = [], []
     for role, gap in (("identify", identify), ("confirm", confirm)):
@@ -60,6 +69,7 @@ def confirmed(identify=1.0, confirm=1.0, before=2.0, fall=(2.0, 4.0), expected=3
             )
         )
         row = {"role": role, "before": before, "after": gap, "fall_low": fall[0], "fall_high": fall[1]}
+        row |= {f"features_{when}": value for when, value in zip(("before", "after"), features, strict=True)}
         gaps += [
             row | {"run": run, "channel": of, "fall_expected": expected} for run, of in ((role, channel), (role, "all"))
         ]
@@ -71,6 +81,23 @@ def confirmed(identify=1.0, confirm=1.0, before=2.0, fall=(2.0, 4.0), expected=3
 def test_a_name_that_the_held_out_data_bear_out_stands():
     found = decided("named", COULOMB)
     assert final_verdict(found, confirmed()) is found
+
+
+@pytest.mark.parametrize(("misfits", "confirms"), [((90.0, 79.9), True), ((90.0, 80.1), False), ((79.0, 90.0), False)])
+def test_where_samples_do_not_fall_the_features_of_the_cycle_may_bear_a_name_out(misfits, confirms):
+    found = decided("named", COULOMB)
+    data = confirmed(confirm=4.0, before=3.0, fall=(-8.0, -6.0), features=misfits)
+    final = final_verdict(found, data)
+    assert final.verdict == ("named_with_remaining_misfit" if confirms else "unexplained")
+    if confirms:
+        assert "its misfit falls from 90 to 80" in final.because
+        assert (data.test.outcome, data.test.features) == ("falls", misfits)
+
+
+def test_features_are_not_asked_where_samples_fall():
+    found, data = decided("named", COULOMB), confirmed(features=(90.0, 20.0))
+    assert final_verdict(found, data) is found
+    assert data.test.features is None
 
 
 def test_a_verdict_that_names_nothing_is_not_put_to_the_held_out_data():

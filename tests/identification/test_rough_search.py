@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.identification.baseline import recalibrate
+from jointgap.identification.confirmation import confirm
 from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.problem import Problem
@@ -92,3 +93,22 @@ def test_the_same_search_finds_the_same():
     base = rough(0.2, 5)
     first, second = (search_rough(base, base.base, [RINGING], 1.2)[0] for _ in range(2))
     assert np.array_equal(first.values, second.values)
+
+
+def test_held_out_data_confirm_by_features_what_rings_in_another_phase_and_not_what_is_elsewhere():
+    base = rough(0.3, 4)
+    model, problem = base.problem.model, base.problem
+    found = fit_hypothesis(problem, (RINGING,), {"ringing.size": 0.3}, differences=base.differences)
+    place = [p.key for p in found.parameters].index("ringing.size")
+
+    def held_out(size):
+        values = found.values.copy()
+        values[place] = size
+        return confirm(model, stated_noise(model), base.base, replace(found, values=values)).test
+
+    assert held_out(found.values[place]).features is None  # samples fall
+    near = held_out(1.12 * found.values[place])
+    assert near.after > near.before
+    assert near.outcome == "falls"
+    assert near.features[0] - near.features[1] > 10.0
+    assert held_out(0.02).features is None

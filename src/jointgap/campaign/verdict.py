@@ -64,6 +64,7 @@ def document(
     """
     gains = _gains(outcome)
     certain = {candidate.label for candidate in certain_effects(outcome.equivalent)}
+    test = held_out_test(gaps) if outcome.proposed else None
     return {
         "schema_version": SCHEMA_VERSION,
         "campaign": campaign,
@@ -74,7 +75,8 @@ def document(
         "certain": effects(outcome.equivalent[0], gains, certain) if certain else [],
         "separated_by": separated_by,
         "best_known": _best_known(outcome, gaps, gains),
-        "held_out_test": held_out_test(gaps).outcome if outcome.proposed else None,
+        "held_out_test": test and test.outcome,
+        "held_out_features": test and test.features and dict(zip(("before", "after"), test.features, strict=True)),
         "doubted_channels": list(doubted_channels),
         "nuisances": _nuisances(outcome.chosen, clockwise),
         "where": [

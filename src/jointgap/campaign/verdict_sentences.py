@@ -140,7 +140,11 @@ def _held_out_test(verdict: Mapping[str, Any], gap: Mapping[str, float | None]) 
     where = "On data that took no part in fitting or choosing it"
     if after is None:
         return f"{where} is {rounded_gap(before)} before anything is added"
-    words = HeldOutTest(test, before, after).words.removeprefix("it ")
+    features = verdict["held_out_features"]
+    words = HeldOutTest(test, before, after, features and (features["before"], features["after"])).words
+    if features:
+        return f"{where} the gap {words.removeprefix('it ')}"
+    words = words.removeprefix("it ")
     told = {
         "stays": ", though it should fall",
         "rises": ", so what was added does not hold there",
@@ -198,6 +202,8 @@ def held_out_in_words(verdict: Mapping[str, Any]) -> str:
     if after is None:
         return f"{sentence} is {rounded_gap(before)} before anything is added. {_not_simulated(verdict)}"
     sentence = _held_out_test(verdict, verdict["gap"]["confirm"])
+    if verdict["held_out_features"]:
+        return sentence
     if verdict["held_out_test"] == "falls" and before**2 > _DECISION.tolerated_reduced_chi2:
         closed = share_closed(before, after)
         sentence += f": {percent(min(closed, 1.0))} of what exceeds the noise is gone"

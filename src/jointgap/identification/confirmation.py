@@ -7,9 +7,11 @@ import numpy as np
 import pandas as pd
 
 from jointgap.errors import InputError, SimulationError
+from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.fit import Fit, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Model
+from jointgap.identification.screening import is_searched
 from jointgap.identification.settings import DEFAULT_SETTINGS, ConfirmationSettings, IdentificationSettings
 from jointgap.identification.whitening import Noise
 
@@ -33,16 +35,25 @@ class HeldOutTest:
         ``nothing_held_out``.
     before, after : float
         Gaps [1] of the runs that could be simulated; NaN where none could.
+    features : (float, float), optional
+        Misfits [1] of the features of the cycle before and after, where these decide since samples cannot be followed.
     """
 
     outcome: str
     before: float = np.nan
     after: float = np.nan
+    features: tuple[float, float] | None = None
 
     @property
     def words(self) -> str:
         """``falls from 3.00 to 1.02``, ``stays at 1.18``, ``rises from 1.09 to 1.12``; more digits where two show no
         difference."""
+        if self.features:
+            met, left = self.features
+            return (
+                f"it goes from {self.before:.2f} to {self.after:.2f}, for impacts ring in another phase; where in the "
+                f"cycle they come and how hard they are is met, its misfit falls from {met:.0f} to {left:.0f}"
+            )
         digits = next((n for n in (2, 3, 4) if f"{self.before:.{n}f}" != f"{self.after:.{n}f}"), 2)
         before, after = (f"{gap:.{digits if gap < 100 else 0}f}" for gap in (self.before, self.after))
         if self.outcome in (FALLS, RISES):
@@ -149,9 +160,17 @@ def held_out_test(gaps: pd.DataFrame) -> HeldOutTest:
     rows = held_out[held_out["run"] == "all"].dropna(subset=["after"])
     if rows.empty:
         rows = held_out[held_out["run"] != "all"].dropna(subset=["after"])
-    tests = [HeldOutTest(_outcome(row), row["before"], row["after"]) for row in rows.to_dict("records")]
+    tests = [_test(row) for row in rows.to_dict("records")]
     order = (RISES, STAYS, FALLS, CANNOT_TELL)
     return min(tests, key=lambda test: order.index(test.outcome), default=HeldOutTest(NOT_SIMULATED))
+
+
+def _test(row: Mapping[str, float]) -> HeldOutTest:
+    """What one row of the gaps says; the features of the cycle where the samples do not fall and these do."""
+    outcome, features = _outcome(row), (row["features_before"], row["features_after"])
+    if outcome != FALLS and features[0] - features[1] > DEFAULT_SETTINGS.confirmation.min_fall_of_features:
+        return HeldOutTest(FALLS, row["before"], row["after"], features)
+    return HeldOutTest(outcome, row["before"], row["after"])
 
 
 def _outcome(row: Mapping[str, float]) -> str:
@@ -208,6 +227,7 @@ def confirm(
     named = base if named is None else named
     used = Problem(model, noise, settings=settings)
     frames, remarks = [_compared(used, base.mapping, named.mapping, named.hypothesis).assign(role="identify")], {}
+    features: dict[str, tuple[float, float]] = {}
     for run in Problem(model, noise, held_out=True, settings=settings).runs:
         problem = Problem(_Alone(model, run), noise, held_out=True, settings=settings)
         before = fit_run_parameters(problem, base)
@@ -217,11 +237,33 @@ def confirm(
         except (InputError, SimulationError) as error:
             remarks[run] = str(error)
             frame = _compared(problem, before).assign(augmented=np.nan, whitened_augmented=np.nan)
+        else:
+            if any(is_searched(problem, candidate) for candidate in named.hypothesis):
+                features[run] = _misfits_of_features(problem, frame)
         frames.append(frame.assign(role="confirm"))
     residuals = pd.concat(frames, ignore_index=True)
-    gaps = _gaps(residuals, remarks, np.random.default_rng(seed), settings.confirmation)
+    gaps = _with_features(_gaps(residuals, remarks, np.random.default_rng(seed), settings.confirmation), features)
     variation = {series.key: series.variation(series.value) for series in model.series}
     return Confirmed(residuals.drop(columns="role"), gaps, variation)
+
+
+def _misfits_of_features(problem: Problem, compared: pd.DataFrame) -> tuple[float, float]:
+    """Misfits of the features of the cycle in a run without and with the effects, whose residuals are `compared`."""
+    base, augmented = (compared[f"whitened_{model}"].to_numpy() for model in ("base", "augmented"))
+    features, (run,) = CycleFeatures(problem, base), problem.runs
+    return features.misfit(np.zeros(base.size), run), features.misfit(base - augmented, run)
+
+
+def _with_features(gaps: pd.DataFrame, features: Mapping[str, tuple[float, float]]) -> pd.DataFrame:
+    """Rows of the table gaps with the misfits of `features` by run, and of all runs together where each has one."""
+    own = gaps.query("role == 'confirm' and channel == 'all'")
+    total = dict(features)
+    if set(features) == set(own["run"]) - {"all"}:
+        total["all"] = tuple(np.sum(list(features.values()), axis=0)) if features else (np.nan, np.nan)
+    for place, when in enumerate(("before", "after")):
+        of_run = {run: float(misfits[place]) for run, misfits in total.items()}
+        gaps[f"features_{when}"] = own["run"].map(of_run).reindex(gaps.index).astype(float)
+    return gaps
 
 
 class _Alone:

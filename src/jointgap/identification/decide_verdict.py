@@ -38,6 +38,10 @@ part, and to what is known of the channels. Again the first line that holds coun
  14  otherwise                                                                    as the fits say
 ===  ==========================================================================  ===============================
 
+Of an effect on which motion depends roughly the features of the cycle tell whether the held-out data confirm it where
+samples cannot be followed (`jointgap.identification.cycle_features`): these stand for the gap in lines 11 and 12, and
+line 10 is then asked of the data used for fitting alone.
+
 Lines 11 to 13 are not asked of ``ambiguous``. Wherever the verdict is ``unexplained`` and one hypothesis gains enough,
 `Decision.best_known` holds the best one: shown, not named.
 
@@ -296,7 +300,10 @@ def final_verdict(
         verb = "reads contradicts" if len(doubted_channels) == 1 else "read contradicts"
         return withheld(f"what {names} {verb} other channels, so no effect can be told from it")
     # 10
-    for role, where in (("identify", "the data used for fitting"), ("confirm", "the held-out data")):
+    test, places = confirmed.test, {"identify": "the data used for fitting", "confirm": "the held-out data"}
+    if test.features:  # there impacts ring in another phase: samples are met nowhere, whatever is true
+        del places["confirm"]
+    for role, where in places.items():
         rest = confirmed.worst_rest(role, settings.max_gap_left, settings.max_share_of_signal_left)
         if rest.over_small > 1.0:
             channel = rest.channel.replace("_", " ")
@@ -306,7 +313,6 @@ def final_verdict(
     if decision.verdict == AMBIGUOUS:
         return decision
     # 11 and 12
-    test = confirmed.test
     # Of what the effects change in the held-out data the share a is there: the squared gap falls by (2 a - 1) times
     # that change's mean square. Where it falls at all, more of the change is there than not.
     if test.outcome == RISES or (test.outcome == STAYS and not test.after < test.before):
@@ -321,6 +327,8 @@ def final_verdict(
     # 13
     if decision.verdict == NAMED and test.after > settings.max_gap_of_noise:
         because = "it leaves noise alone on the data used for fitting, but more on the held-out data"
+        if test.features:
+            because += f": {test.words}"
         return replace(decision, verdict=NAMED_WITH_REMAINING_MISFIT, because=because)
     if decision.verdict == NAMED and test.outcome == STAYS:
         because = f"the gap on the held-out data falls by less than noise leaves open: {test.words}"

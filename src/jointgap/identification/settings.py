@@ -518,10 +518,14 @@ class ConfirmationSettings:
         samples.
     draws : int
         Bootstrap samples; the ends of a 90 % interval are known to a few percent of its width.
+    min_fall_of_features : float
+        [log likelihood] By which the features of the cycle have to be met better for them to confirm what samples do
+        not: odds of 20 000 to 1.
     """
 
     blocks: int = 20
     draws: int = 1000
+    min_fall_of_features: float = 10.0
 
 
 @dataclass(frozen=True)

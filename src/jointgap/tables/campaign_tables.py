@@ -321,6 +321,16 @@ GAPS = Table(
             "fall_expected", "1", "mean square of what the effects change: the fall if they are true", nullable=True
         ),
         Column("closed", "1", "share of the excess closed, 1 - (after^2 - 1) / (before^2 - 1)", nullable=True),
+        *(
+            Column(
+                f"features_{when}",
+                "1",
+                f"held-out runs: misfit of the features of the cycle {words} the effects, minus log likelihood; null "
+                "where samples can be followed",
+                nullable=True,
+            )
+            for when, words in (("before", "without"), ("after", "with"))
+        ),
         Column("remark", "", "why there is no gap after", "text", nullable=True),
     ),
     path="confirm/gaps.parquet",
