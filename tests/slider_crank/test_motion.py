@@ -50,9 +50,9 @@ def marches(monkeypatch):
     """How many revolutions each simulation takes."""
     found = []
 
-    def counted(p, start, angles, tolerance):
+    def counted(p, start, angles, tolerance, *most_steps):
         found.append(np.ptp(angles) / TURN)
-        return integrate_to_angles(p, start, angles, tolerance)
+        return integrate_to_angles(p, start, angles, tolerance, *most_steps)
 
     monkeypatch.setattr(motion, "integrate_to_angles", counted)
     return found
@@ -85,19 +85,32 @@ def test_a_motion_that_does_not_repeat_is_simulated_throughout(marches):
     run = constant_speed_run(own.mechanism.applied(), plan.run, plan.samples, {}, 0.0, TOLERANCE)
     marches.clear()
     found = seen_at(run)
-    assert len(marches) == 3  # after three revolutions, after six, and all of the record
-    assert apart(found, integrated(run.numbers, run.angles)) < 1e-6
+    assert len(marches) == 4  # after three revolutions, after six, after twelve, and all of the record after these
+    later = integrated(run.numbers, run.angles + 10 * TURN)  # it begins after two revolutions
+    assert apart(found, later) < 1e-6
+    assert found["crank_angle"] == pytest.approx(run.angles)
 
 
 def test_a_revolution_stands_for_the_record_only_if_what_is_read_has_settled(marches):
     """Its ends may agree where its impacts still differ from those of the revolution before."""
     run = driven(("piston_pin",))
-    for still, length in ((0, 4.0), (1, 7.0), (2, 7.0)):
+    for still, length in ((0, 4.0), (1, 7.0), (2, 13.0)):
         changes = chain([2.0] * still, repeat(0.0))
         marches.clear()
         motion.channels_at(run.numbers, run.angles, TOLERANCE, change=lambda one, other, rest=changes: next(rest))
         assert marches[-1] == pytest.approx(length, abs=0.1)
         assert len(marches) == still + 1
+
+
+def test_a_search_takes_the_seventh_revolution_whether_it_has_settled_or_not(marches):
+    run = driven(("crank_pin", "piston_pin"))
+    marches.clear()
+    found = motion.channels_at(run.numbers, run.angles, TOLERANCE, change=lambda one, other: 99.0, fast=True)
+    assert marches == [pytest.approx(7.0, abs=0.1)]
+    within = np.mod(run.angles - run.numbers.drive.start_angle, TURN) + run.numbers.drive.start_angle + 6 * TURN
+    order = np.argsort(within)
+    seventh = integrated(run.numbers, within[order])
+    assert apart({name: found[name][order] for name in SEEN}, seventh) < 1e-4
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.2, 1.0, np.pi])

@@ -27,7 +27,7 @@ LEAST_CLEARANCE = 1e-9
 _FIRST_CLEARANCES = (2e-5, 1e-4)
 """[m] of a joint that was ideal, from which fits start: any of them lets the pin fly and hit."""
 
-_CLEARANCES = (2.5e-6, 1.2e-3)
+_CLEARANCES = (2e-6, 2e-3)
 """[m] of a joint that was ideal, between which it is searched: from a fit's play to a rattle."""
 
 RESTITUTIONS, FRICTIONS = (0.3, 0.9), (0.0, 0.3)

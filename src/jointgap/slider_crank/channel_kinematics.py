@@ -133,7 +133,7 @@ def channels_at(
     back = (angles.min() - p.drive.start_angle) / tau
     if change is not None and perturbation is None and _may_repeat(p) and back > settings.transient_revolutions:
         # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
-        settled_after = (settings.settling_revolutions,) if fast else settings.settled_after
+        settled_after = (settings.fast_settled_after,) if fast else settings.settled_after
         for dropped in dict.fromkeys(max(least, round(back)) for least in settled_after):
             first = p.drive.start_angle + dropped * tau
             within = first + np.mod(angles - first, tau)
@@ -148,6 +148,8 @@ def channels_at(
             )
             if has_settled(earlier, before, last, change, settings.settled_length):
                 return kept | {"crank_angle": angles, "time": _times(p, angles)}
+        later = max(settings.settled_after[-1] - round(back), 0) * tau  # so much later it has settled at least this far
+        return _sampled(p, angles + later, integrate) | {"crank_angle": angles, "time": _times(p, angles)}
     return _sampled(p, angles, integrate)
 
 

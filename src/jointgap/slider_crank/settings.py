@@ -25,7 +25,7 @@ class SimulationSettings:
     fast_tolerance_m : float
         [m] The same for a search, which needs the energy of impacts, not their phase.
     fast_steps_per_revolution : int
-        Most steps of a search: plain motions take 1000 to 2000. Where friction makes a journal whirl, with forces far
+        Most steps of a search: plain motions take 1000 to 4000. Where friction makes a journal whirl, with forces far
         beyond any reading, there are ten times as many.
     film_tolerance_m : float
         [m] The same where a joint is lubricated: films are stiff, so that steps are short anyway, and thin; 1e-11 costs
@@ -44,8 +44,11 @@ class SimulationSettings:
         small part of the one before.
     settled_after : tuple of int
         Revolutions dropped before the one that is kept, in turn, two at least; never fewer than are simulated before
-        the first sample. After three all but a few motions have settled; what has not after six is simulated as long as
-        the record, which is hardly longer.
+        the first sample. After three most motions of loose pins have settled; with a loose crank pivot some take ten.
+        What has not settled after twelve is simulated as long as the record, from there on.
+    fast_settled_after : int
+        Revolutions dropped in a search: after six what is read is near its end with a loose crank pivot too, after two
+        or three it is not.
     other_start_revolutions : float
         [revolutions] How much earlier the motion begins for another start: one, and the part of the next that meets no
         symmetry of a slider-crank (the golden section).
@@ -61,13 +64,14 @@ class SimulationSettings:
 
     tolerance_m: float = 1e-10
     fast_tolerance_m: float = 1e-8
-    fast_steps_per_revolution: int = 3000
+    fast_steps_per_revolution: int = 6000
     film_tolerance_m: float = 1e-11
     settling_revolutions: int = 2
     max_settling_revolutions: int = 30
     settling_time_constants: float = 7.0
     settled_length: float = 1.0
-    settled_after: tuple[int, ...] = (3, 6)
+    settled_after: tuple[int, ...] = (3, 6, 12)
+    fast_settled_after: int = 6
     other_start_revolutions: float = 1.382
     transient_revolutions: float = 1.5
     motor_samples_per_revolution: int = 60

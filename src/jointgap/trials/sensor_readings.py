@@ -18,9 +18,9 @@ from jointgap.trials.injected_effects import InjectedEffect
 InjectedEffects = Sequence[tuple[InjectedEffect, float]]
 """Effects, each with its size."""
 
-SETTLING_REVOLUTIONS = 4
+SETTLING_REVOLUTIONS = 12
 """Revolutions between the start and the first sample, unless others are drawn: a rig has run for a while before it is
-measured."""
+measured, and with a loose crank pivot a motion takes up to ten to settle."""
 
 _LAG_GRID = 2880  # samples per revolution on which a lag is applied: between them the signal is linear enough
 _LAGS_BEFORE = 5.0  # lags that are simulated before the first sample: what was before has decayed to 1 %

@@ -26,8 +26,8 @@ _REPEATS_BELOW = 3e-3
 _CHAOTIC_ABOVE = 0.05
 """The same share above which samples cannot be compared, so that only statistics can."""
 
-_LEAST_SETTLING, _MOST_SETTLING = 4, 8
-"""Whole revolutions that a rig has run before it is measured: with a start up to a turn later, three at least."""
+_LEAST_SETTLING, _MOST_SETTLING = 12, 16
+"""Whole revolutions that a rig has run before it is measured: enough for a motion that repeats to have settled."""
 
 _DAMPING_FACTOR = 3.5
 """A contact that lasts is damped less or more than the analyst's file says by at most this factor: the last impacts
