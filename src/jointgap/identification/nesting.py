@@ -71,7 +71,7 @@ def not_above_its_parts(problem: Problem, differences: FiniteDifferences, fit: F
         return fit
     lowest = min(lower, key=lambda part: part.chi2)
     start = with_effects_absent(problem, fit.hypothesis, lowest)
-    again = fit_hypothesis(problem, fit.hypothesis, start, _derivatives(fit) | _derivatives(lowest), differences)
+    again = fit_hypothesis(problem, fit.hypothesis, start, derivatives_of(fit) | derivatives_of(lowest), differences)
     return again if again.chi2 < fit.chi2 else fit
 
 
@@ -124,8 +124,13 @@ def chi2_without_effects(problem: Problem, fit: Fit) -> float:
     return fit.chi2 + rise
 
 
-def _derivatives(fit: Fit) -> dict[str, np.ndarray]:
-    """By key; none where the fit comes from a file, which holds them in fewer rows."""
+def derivatives_of(fit: Fit) -> dict[str, np.ndarray]:
+    """Derivatives of a fit's residuals by key, each (n,) [1/SI]; none where it comes from a file, which has fewer rows.
+
+    Parameters
+    ----------
+    fit : Fit
+    """
     if fit.jacobian.shape[0] != fit.residual.size:
         return {}
     return dict(zip((p.key for p in fit.parameters), fit.jacobian.T, strict=True))

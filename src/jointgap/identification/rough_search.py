@@ -18,6 +18,7 @@ from jointgap.identification.baseline import Baseline
 from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
+from jointgap.identification.nesting import derivatives_of
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import FAST, Candidate, Parameter
 from jointgap.identification.settings import RoughSearchSettings
@@ -33,7 +34,7 @@ class _Point:
 
 
 class _Box:
-    """The ranges of a candidate's coordinates, each from 0 to 1; the amplitude by its logarithm."""
+    """The ranges of a candidate's coordinates, each from 0 to 1; the amplitude by its logarithm, others as they are."""
 
     def __init__(self, candidate: Candidate, parameters: Sequence[Parameter]):
         key = f"{candidate.label}.{candidate.amplitudes[0]}"
@@ -126,8 +127,7 @@ class _Contestant:
     def fit(self, point: _Point, sufficient: float) -> Fit:
         """The fit of the samples from a point; from others about it where it ends in a valley, not at its bottom."""
         start = self._origin.mapping | self._box.values(point.place)
-        known = dict(zip((p.key for p in self._origin.parameters), self._origin.jacobian.T, strict=True))
-        fit = self._fitted(start, known, sufficient)
+        fit = self._fitted(start, derivatives_of(self._origin), sufficient)
         for _ in range(self._settings.refinements):
             if not self.reached(fit.chi2) or reduced_chi2(fit) <= sufficient:
                 break
