@@ -13,7 +13,16 @@ from jointgap.dynamics.model.parameters import MEASURED, Parameters
 from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
 from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, sample_modes
 from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.dynamics.solver.integrate import DONE, NOT_FINITE, STALLED, STEP_TOO_SMALL, TOO_MANY_STEPS, integrate
+from jointgap.dynamics.solver.integrate import (
+    DONE,
+    NOT_FINITE,
+    STALLED,
+    STEP_TOO_SMALL,
+    TOO_MANY_STEPS,
+    Progress,
+    beginning,
+    integrate,
+)
 from jointgap.dynamics.solver.sampling import SAMPLE, fill_samples
 from jointgap.errors import InputError, SimulationError
 from jointgap.joints import JOINT, JOINTS
@@ -130,7 +139,7 @@ def integrate_to_angles(
     start: tuple[np.ndarray, np.ndarray],
     angles: np.ndarray,
     tolerance: float,
-    steps_per_revolution: int = STEPS_PER_REVOLUTION,
+    steps_per_revolution: int | None = None,
 ) -> IntegrationResult:
     """Integrate from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start angle.
 
@@ -143,8 +152,8 @@ def integrate_to_angles(
         Samples [rad].
     tolerance : float
         Local error of a step [m].
-    steps_per_revolution : int
-        Most steps that a revolution may take on average.
+    steps_per_revolution : int, optional
+        Most steps that a revolution may take on average; `STEPS_PER_REVOLUTION` by default.
 
     Raises
     ------
@@ -152,6 +161,38 @@ def integrate_to_angles(
         A measured angle that ends before the last sample.
     SimulationError
         See `simulate`.
+    """
+    progress = beginning(p, *start, crank_times(p, angles[:1])[0])
+    return integrate_on(p, progress, angles, tolerance, steps_per_revolution)[0]
+
+
+def integrate_on(
+    p: Parameters,
+    progress: Progress,
+    angles: np.ndarray,
+    tolerance: float,
+    steps_per_revolution: int | None = None,
+) -> tuple[IntegrationResult, Progress]:
+    """Integrate on from where another integration ended, as if it had never ended.
+
+    Parameters
+    ----------
+    p, tolerance, steps_per_revolution
+        As of `integrate_to_angles`.
+    progress : Progress
+        From where.
+    angles : (n,) array
+        Samples [rad], growing; none before the last of the other integration.
+
+    Returns
+    -------
+    tuple
+        Samples and events, and from where a further integration may go on.
+
+    Raises
+    ------
+    InputError, SimulationError
+        As of `integrate_to_angles`.
     """
     n = angles.size
     times = crank_times(p, angles)
@@ -168,9 +209,10 @@ def integrate_to_angles(
         events=np.empty((0, len(EVENT))),
         steps=0,
     )
-    limit = math.ceil(steps_per_revolution * max((angles[-1] - angles[0]) / (2 * math.pi), 1.0))
+    revolutions = max((angles[-1] - progress.here.crank_angle) / (2 * math.pi), 1.0)
+    limit = math.ceil((steps_per_revolution or STEPS_PER_REVOLUTION) * revolutions)
     status, end, events, steps = integrate(
-        p, *start, times, angles, tolerance, VELOCITY_TIME, limit, samples.states, samples.auxiliary_states,
+        p, progress, times, angles, tolerance, VELOCITY_TIME, limit, samples.states, samples.auxiliary_states,
         samples.modes, samples.approaches, samples.begins, samples.directions,
     )  # fmt: skip
     if status != DONE:
@@ -179,10 +221,11 @@ def integrate_to_angles(
             "restitution, friction_speed or bristle_stiffness of the contacts, a small mass, an effect or its formula"
         )
         raise SimulationError(
-            f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.time:.9g} s, crank angle "
-            f"{math.degrees(end.crank_angle):.6g} deg ({_state_in_words(p, end)}); {_ADVICE.get(status, advice)}"
+            f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.here.time:.9g} s, crank "
+            f"angle {math.degrees(end.here.crank_angle):.6g} deg ({_state_in_words(p, end.here)}); "
+            f"{_ADVICE.get(status, advice)}"
         )
-    return IntegrationResult(**{**vars(samples), "events": events, "steps": steps})
+    return IntegrationResult(**{**vars(samples), "events": events, "steps": steps}), end
 
 
 def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None:

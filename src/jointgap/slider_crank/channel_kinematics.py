@@ -12,8 +12,9 @@ from jointgap.dynamics.compilation import compiled
 from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.model.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
 from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
-from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles
+from jointgap.dynamics.simulation import IntegrationResult, integrate_on
 from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.dynamics.solver.integrate import beginning
 from jointgap.joints import JOINTS
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SimulationSettings
 
@@ -124,43 +125,43 @@ def channels_at(
     """
     if _is_kinematic(p):
         return _sampled(p, angles, lambda sorted_angles: _kinematic_motion(p, sorted_angles))
-    start = start_state(p, perturbation)
-    most_steps = (settings.fast_steps_per_revolution,) if fast else ()
+    most_steps = settings.fast_steps_per_revolution if fast else None
+    progress = beginning(p, *start_state(p, perturbation), 0.0)
 
     def integrate(sorted_angles: np.ndarray) -> IntegrationResult:
-        return integrate_to_angles(p, start, sorted_angles, tolerance, *most_steps)
+        nonlocal progress
+        motion, progress = integrate_on(p, progress, sorted_angles, tolerance, most_steps)
+        return motion
 
     back = (angles.min() - p.drive.start_angle) / tau
-    if change is not None and perturbation is None and _may_repeat(p) and back > settings.transient_revolutions:
-        # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
-        settled_after = (settings.fast_settled_after,) if fast else settings.settled_after
-        for dropped in dict.fromkeys(max(least, round(back)) for least in settled_after):
-            first = p.drive.start_angle + dropped * tau
-            within = first + np.mod(angles - first, tau)
-            places = within[:read]
-            if fast:
-                return _sampled(p, within, integrate) | {"crank_angle": angles, "time": _times(p, angles)}
-            three = _sampled(p, np.concatenate([within, places - tau, places - 2.0 * tau]), integrate)
-            kept = {name: values[: angles.size] for name, values in three.items()}
-            last, before, earlier = (
-                {name: values[begin : begin + places.size] for name, values in three.items()}
-                for begin in (0, angles.size, angles.size + places.size)
-            )
-            if has_settled(earlier, before, last, change, settings.settled_length):
-                return kept | {"crank_angle": angles, "time": _times(p, angles)}
-        later = max(settings.settled_after[-1] - round(back), 0) * tau  # so much later it has settled at least this far
-        return _sampled(p, angles + later, integrate) | {"crank_angle": angles, "time": _times(p, angles)}
-    return _sampled(p, angles, integrate)
+    if change is None or perturbation is not None or not _may_repeat(p) or back <= settings.transient_revolutions:
+        return _sampled(p, angles, integrate)
+    # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
+    within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
+    whole_record = {"crank_angle": angles, "time": _times(p, angles)}
+    if fast:
+        return _sampled(p, within + max(settings.fast_settled_after, round(back)) * tau, integrate) | whole_record
+    first, last = (max(dropped, round(back)) for dropped in settings.settled_after)
+    earlier = _sampled(p, within[:read] + (first - 2) * tau, integrate)
+    before = _sampled(p, within[:read] + (first - 1) * tau, integrate)
+    for dropped in range(first, last + 1):
+        motion = _sampled(p, within + dropped * tau, integrate)
+        now = {name: values[:read] for name, values in motion.items()}
+        if has_settled(earlier, before, now, change, settings.settled_length):
+            return motion | whole_record
+        earlier, before = before, now
+    later = (last + 1 - math.floor(back)) * tau  # so much later it has settled at least this far
+    return _sampled(p, angles + later, integrate) | whole_record
 
 
 def _sampled(
     p: Parameters, angles: np.ndarray, integrate: Callable[[np.ndarray], IntegrationResult]
 ) -> dict[str, np.ndarray]:
-    """Channels at `angles`."""
-    sorted_angles, places = np.unique(np.append(p.drive.start_angle, angles), return_inverse=True)
+    """Channels at `angles`, in any order."""
+    sorted_angles, places = np.unique(angles, return_inverse=True)
     motion = integrate(sorted_angles)
     columns = motion.observed(p) | {"time": motion.times}
-    return {name: values[places[1:]] for name, values in columns.items()}
+    return {name: values[places] for name, values in columns.items()}
 
 
 def _times(p: Parameters, angles: np.ndarray) -> np.ndarray:

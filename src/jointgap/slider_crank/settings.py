@@ -42,10 +42,10 @@ class SimulationSettings:
         is less than this away from what the last two changes tend to: lengths, over all samples and channels, over the
         noise. A parameter is then off by a standard error at most, and by much less as a rule, for each change is a
         small part of the one before.
-    settled_after : tuple of int
-        Revolutions dropped before the one that is kept, in turn, two at least; never fewer than are simulated before
-        the first sample. After three most motions of loose pins have settled; with a loose crank pivot some take ten.
-        What has not settled after twelve is simulated as long as the record, from there on.
+    settled_after : tuple of two int
+        Least and most revolutions dropped before the one that is kept, the least at least two; never fewer than are
+        simulated before the first sample. After three or four most motions of loose pins have settled; with a loose
+        crank pivot some take ten. What has not settled after the most is simulated as long as the record, from there.
     fast_settled_after : int
         Revolutions dropped in a search: after six what is read is near its end with a loose crank pivot too, after two
         or three it is not.
@@ -70,7 +70,7 @@ class SimulationSettings:
     max_settling_revolutions: int = 30
     settling_time_constants: float = 7.0
     settled_length: float = 1.0
-    settled_after: tuple[int, ...] = (3, 6, 12)
+    settled_after: tuple[int, int] = (3, 12)
     fast_settled_after: int = 6
     other_start_revolutions: float = 1.382
     transient_revolutions: float = 1.5

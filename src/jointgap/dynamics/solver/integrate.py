@@ -5,6 +5,7 @@ and the integration does not depend on where samples are taken.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from jointgap.dynamics.solver.runge_kutta import (
     COLUMNS,
     COUNT,
     LINEAR,
+    Instant,
     ds_for,
     elapsed_time,
     instant,
@@ -33,6 +35,39 @@ DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE, STALLED = range(5)
 _LONGEST_TURN = 0.1  # rad of crank angle in one step: a clearance vector leaves its circle once in it, not twice
 _AFTER_IMPACT = 0.1  # share of the tolerance there: velocities wrong by that much last through the flight that follows
 _FAR = 20.0  # steps after an impact from which on its branch point no longer matters
+
+
+class Progress(NamedTuple):
+    """How far an integration has come: all that it needs to go on as if it had never stopped.
+
+    Attributes
+    ----------
+    here : Instant
+        From which the next step begins; the samples so far end before or within this step.
+    seen : tuple
+        `relative_motion` at the instant up to which the directions of the clearance vectors were followed.
+    seen_time : float
+        That instant [s].
+    turns : tuple of 3 floats
+        Angles through which the clearance vectors have turned [rad].
+    episodes : (3, 4) array
+        See `jointgap.dynamics.solver.contact_episodes`.
+    proposal : float
+        Length of the next step [s].
+    time_map : int
+        How time runs in it.
+    s : float
+        Where it begins in the variable of that map.
+    """
+
+    here: Instant
+    seen: tuple
+    seen_time: float
+    turns: tuple
+    episodes: np.ndarray
+    proposal: float
+    time_map: int
+    s: float
 
 
 @compiled
@@ -151,11 +186,43 @@ def time_at_angle(p, here, there, step_map, step_start, angle, velocity_time, k)
     return time
 
 
+@inlined
+def longest_step(p) -> float:
+    """Longest step [s].
+
+    Parameters
+    ----------
+    p : Parameters
+    """
+    fastest = max(p.drive.speed, p.drive.no_load_speed) if p.drive.kind == MOTOR else abs(p.drive.speed)
+    return _LONGEST_TURN / fastest
+
+
+@compiled
+def beginning(p, y, x, time):
+    """Progress of an integration that has not begun, all joints in flight.
+
+    Parameters
+    ----------
+    p : Parameters
+    y, x : (8,), (11,) arrays
+        State and auxiliary states.
+    time : float
+        [s].
+    """
+    y_start = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
+    x_start = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
+    nowhere = (math.inf, math.inf, math.inf)
+    here = instant(p, time, y_start, x_start, (FLIGHT, FLIGHT, FLIGHT), nowhere, nowhere)
+    motion = relative_motion(here)
+    episodes = np.zeros((3, EPISODE))
+    return Progress(here, motion, here.time, (0.0, 0.0, 0.0), episodes, 0.1 * longest_step(p), LINEAR, 0.0)
+
+
 @compiled
 def integrate(
     p,
-    y,
-    x,
+    progress,
     times,
     angles,
     tolerance,
@@ -168,16 +235,16 @@ def integrate(
     begins_at,
     directions_at,
 ):
-    """Integrate from `times[0]`, all joints in flight, and take samples.
+    """Integrate on and take samples.
 
     Parameters
     ----------
     p : Parameters
-    y, x : (8,), (11,) arrays
-        State and auxiliary states at the start.
+    progress : Progress
+        From where: of `beginning`, or as an earlier call left it, whose samples lie before these.
     times, angles : (n,) arrays
-        Samples [s, rad], growing. A motor's samples lie at `angles`, and `times` beyond the first are overwritten; else
-        they lie at `times`.
+        Samples [s, rad], growing. A motor's samples lie at `angles`, and `times` are overwritten; else they lie at
+        `times`.
     tolerance : float
         Local error of a step [m].
     velocity_time : float
@@ -193,29 +260,20 @@ def integrate(
     Returns
     -------
     tuple
-        Status, instant at the end, events as an (m, 9) array (see `jointgap.dynamics.solver.contact_episodes`), number
-        of steps.
+        Status, progress, events as an (m, 9) array (see `jointgap.dynamics.solver.contact_episodes`), number of steps.
     """
     k = np.zeros((COUNT, COLUMNS))
     events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
-    episodes = np.zeros((3, EPISODE))
-    motor = p.drive.kind == MOTOR
-    longest = _LONGEST_TURN / (max(p.drive.speed, p.drive.no_load_speed) if motor else abs(p.drive.speed))
-    proposal, time_map, s = 0.1 * longest, LINEAR, 0.0
-
-    y_start = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
-    x_start = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
-    modes = (FLIGHT, FLIGHT, FLIGHT)
-    approaches = begins = (math.inf, math.inf, math.inf)
-    here = instant(p, times[0], y_start, x_start, modes, approaches, begins)
+    motor, longest = p.drive.kind == MOTOR, longest_step(p)
+    here, seen, seen_time, turns, episodes, proposal, time_map, s = progress
+    episodes = episodes.copy()  # those of the caller stay
     motion = relative_motion(here)
     holding = all_conditions(p, here, motion)
-    seen, seen_time = motion, here.time  # where the directions were last followed to
-    turns = (0.0, 0.0, 0.0)
 
     while True:
         if steps >= step_limit:
-            return TOO_MANY_STEPS, here, events[:event_count], steps
+            end = Progress(here, seen, seen_time, turns, episodes, proposal, time_map, s)
+            return TOO_MANY_STEPS, end, events[:event_count], steps
         proposal = unhindered = min(proposal, longest)
         proposal = min(proposal, time_to_knot(p, here, 1e-15 * (abs(here.time) + longest)))
         if time_map == AFTER and s * s > _FAR * proposal:
@@ -236,21 +294,21 @@ def integrate(
                 else elapsed_time(step_map, step_start, ds * factor)
             )
             if not proposal >= 1e-15 * (abs(here.time) + longest):
-                status = STEP_TOO_SMALL if error < math.inf else NOT_FINITE
-                return status, here, events[:event_count], steps
+                end = Progress(here, seen, seen_time, turns, episodes, proposal, time_map, s)
+                return STEP_TOO_SMALL if error < math.inf else NOT_FINITE, end, events[:event_count], steps
             continue
         if motor and there.crank.speed <= 0.0:
-            return STALLED, there, events[:event_count], steps
+            end = Progress(there, seen, seen_time, turns, episodes, proposal, time_map, s)
+            return STALLED, end, events[:event_count], steps
+        is_last = angles[-1] <= there.crank_angle if motor else times[-1] <= there.time
+        before_step = episodes.copy() if is_last else episodes
         follow_episodes(episodes, here, there, motion, there_motion, step_map, step_start, ds, k)
 
         while sample < times.size:
             if motor:
-                if angles[sample] > there.crank_angle and sample > 0:
+                if angles[sample] > there.crank_angle:
                     break
-                if sample > 0:
-                    times[sample] = time_at_angle(
-                        p, here, there, step_map, step_start, angles[sample], velocity_time, k
-                    )
+                times[sample] = time_at_angle(p, here, there, step_map, step_start, angles[sample], velocity_time, k)
             elif times[sample] > there.time:
                 break
             time, y_now, x_now = times[sample], there.clearance_state, there.auxiliary_state
@@ -270,7 +328,9 @@ def integrate(
                 approaches_at[sample, i], begins_at[sample, i] = here.approaches[i], here.begins[i]
             sample += 1
         if sample == times.size:
-            return DONE, there, events[:event_count], steps
+            # The step is made again by who goes on from here: samples may lie in the rest of it.
+            end = Progress(here, seen, seen_time, turns, before_step, unhindered, time_map, s)
+            return DONE, end, events[:event_count], steps
         turns = all_turns(turns, seen, there_motion, there.time - seen_time)
         seen, seen_time = there_motion, there.time
         if time_map == AFTER:
