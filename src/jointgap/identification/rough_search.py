@@ -163,7 +163,7 @@ class _Contestant:
 
 
 def leaves_rough_motion(problem: Problem, fit: Fit) -> bool:
-    """Whether what a fit leaves is rough, so that an effect could be missing on which motion depends roughly."""
+    """Whether what a `fit` of a `problem` leaves is rough: an effect may be missing on which motion depends roughly."""
     if fit.status == FAILED:
         return False
     return CycleFeatures(problem, fit.residual).rough_share > problem.settings.rough_search.min_rough_share
