@@ -9,7 +9,7 @@ import pandas as pd
 from jointgap.config.campaign_file import Campaign
 from jointgap.errors import InputError
 
-_SPARE = {"name", "folder"}  # a campaign may be renamed or moved without its data becoming others
+_SPARE = {"name", "date", "folder"}  # a campaign may be renamed, dated or moved without its data becoming others
 
 
 def config_snapshot(campaign: Campaign) -> pd.DataFrame:

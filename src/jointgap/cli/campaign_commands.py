@@ -112,3 +112,35 @@ def analyse(campaign: Path, folder: Path | None) -> None:
     verdict = analyse_campaign(campaign, state.folder.path)
     show(state)
     click.echo(f"{verdict['verdict']}: {answer(verdict)}\n{state.folder.path / 'summary.md'}")
+
+
+@cli.command()
+@click.argument("campaigns", metavar="CAMPAIGN...", type=FILE, nargs=-1, required=True)
+@click.option(
+    "--results",
+    type=FOLDER,
+    default=Path("results/campaigns"),
+    show_default=True,
+    help="Folder that holds the results of the campaigns, each in a folder of its name.",
+)
+@click.option(
+    "--folder", type=FOLDER, default=Path("results/trend"), show_default=True, help="Folder to write the trend into."
+)
+def trend(campaigns: tuple[Path, ...], results: Path, folder: Path) -> None:
+    """Show by date how clearances, and sizes of other effects, grow: one or more analysed campaigns of one rig.
+
+    Each campaign file states its `date`; `make campaign` or `jointgap analyse` comes first.
+
+    \f
+    Parameters
+    ----------
+    campaigns : tuple of Path
+        The campaign files.
+    results : Path
+        Folder that holds the results of the campaigns.
+    folder : Path
+        Of the trend.
+    """
+    from jointgap.campaign.trend import trend as write_trend
+
+    click.echo(write_trend(campaigns, results, folder))

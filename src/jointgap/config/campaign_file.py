@@ -1,6 +1,7 @@
 """The campaign file: a mechanism, the runs measured on its rig, and how their columns map to channels."""
 
 import re
+from datetime import date as Date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -119,6 +120,7 @@ class Campaign(Section):
     """Everything that the naming of effects knows of a rig but the samples."""
 
     name: Word = Field(description="name of the campaign, and of its folder of results")
+    date: Date | None = Field(None, description="day of the measurement, for trends: 2026-03-01")
     mechanism: Mechanism = Field(description="the mechanism as it is simulated so far")
     drive: Literal["constant_speed", "measured_angle", "motor"] = Field(
         "constant_speed", description="what turns the crank: a constant speed, the measured angle, or a motor"
@@ -131,6 +133,16 @@ class Campaign(Section):
     )
     csv: Csv = Field(Csv(), description="how text files are written")
     folder: Path = Field(Path(), description="folder of the runs' files, from the campaign file's own")
+
+    @field_validator("date", mode="before")
+    @classmethod
+    def _is_a_day(cls, given: Any) -> Any:
+        if given is None or type(given) is Date:  # YAML makes a date of 2026-03-01
+            return given
+        try:
+            return Date.fromisoformat(given)
+        except (TypeError, ValueError):
+            raise ValueError("is no day; write year, month and day, such as 2026-03-01") from None
 
     @field_validator("motor", mode="before")
     @classmethod
