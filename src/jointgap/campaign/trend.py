@@ -318,11 +318,17 @@ def growth_in_words(growth: Mapping[str, Any]) -> str:
     factor, unit = SHOWN_UNITS.get(growth["unit"], (1.0, growth["unit"]))
     sign = -1.0 if growth["growth"] == "shrank" else 1.0
     rates = sorted(sign * factor * growth[key] for key in ("rate_low", "rate", "rate_high"))
-    decimals = max(0, 1 - math.floor(math.log10(rates[2] - rates[1])))  # the second digit of the error
-    low, rate, high = (f"{round(each, decimals) + 0.0:.{decimals}f}" for each in rates)  # no minus zero
+    low, rate, high = (_rounded(each, rates[2] - rates[1]) for each in rates)
     verdict = "no growth that these data show," if growth["growth"] == "no growth" else f"{growth['growth']} by"
     told = with_unit(rate, unit)
-    return f"{what}: {verdict} {told} per day (90 % interval {low} to {high}; p = {growth['p']:.2g})"
+    p = "below 1e-10" if growth["p"] < 1e-10 else f"= {growth['p']:.2g}"
+    return f"{what}: {verdict} {told} per day (90 % interval {low} to {high}; p {p})"
+
+
+def _rounded(value: float, error: float) -> str:
+    """A `value` to the second digit of its `error`, with no minus zero."""
+    decimals = max(0, 1 - math.floor(math.log10(error)))
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 def _page(sizes: pd.DataFrame, growth: pd.DataFrame) -> Page:
@@ -356,8 +362,12 @@ def _widened(growth: Mapping[str, Any]) -> list[Paragraph]:
 
 
 def _line(row: Mapping[str, Any], factor: float) -> tuple[str, ...]:
+    error = factor * (row["high_90"] - row["low_90"]) / 2.0
+
     def shown(key: str) -> str:
-        return number(factor * row[key]) if pd.notna(row[key]) else "–"
+        if pd.isna(row[key]):
+            return "–"
+        return _rounded(factor * row[key], error) if error > 0.0 else number(factor * row[key])
 
     intervals = (f"{shown(f'low_{level}')} to {shown(f'high_{level}')}" for level in LEVELS)
     ends = [text if text != "– to –" else "–" for text in intervals]
