@@ -42,6 +42,17 @@ def test_a_value_has_the_digits_that_its_error_leaves(value, error, shown):
     assert with_error(value, error) == shown
 
 
+def test_a_family_is_told_with_the_range_of_its_shape_and_the_law_of_the_list_that_fits():
+    found = {"law": "slider_power_drag", "shape": "exponent", "value": 2.4, "interval_99": [1.62, 5.0], "named": True}
+    quadratic = {"name": "slider_quadratic_drag", "site": "slider", "family": found}
+    told = "drag of the slider (exponent 1.6 to 5; quadratic drag of the slider fits)"
+    assert effect_in_words(quadratic) == told
+    law = quadratic | {"name": "slider_power_drag", "family": found | {"interval_99": [2.81, 3.2]}}
+    assert effect_in_words(law) == "drag of the slider (exponent 2.8 to 3.2)"
+    alone = quadratic | {"family": found | {"named": False}}
+    assert effect_in_words(alone) == "quadratic drag of the slider"
+
+
 def test_a_window_that_is_most_of_a_revolution_is_told_by_what_it_leaves_out():
     assert place_of("a", "crank_torque", 190.0, 170.0) == "run a, crank torque, all crank angles but 170 to 190 deg"
     assert place_of("a", "crank_torque", 350.0, 10.0) == "run a, crank torque, 350 to 10 deg of crank angle"

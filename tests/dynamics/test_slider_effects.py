@@ -19,6 +19,10 @@ LAWS = {
     "slider_coulomb_friction": ({"force_N": 20.0}, lambda x, v, t, a: -20.0 * np.tanh(v / 0.01)),
     "slider_viscous_friction": ({"damping_N_s_m": 5.0}, lambda x, v, t, a: -5.0 * v),
     "slider_quadratic_drag": ({"drag_N_s2_m2": 0.5}, lambda x, v, t, a: -0.5 * v * np.abs(v)),
+    "slider_power_drag": (
+        {"force_N": 30.0, "speed_m_s": 2.0, "exponent": 3.5},
+        lambda x, v, t, a: -30.0 * np.abs(v / 2.0) ** 3.5 * np.tanh(v / 0.01),
+    ),
     "slider_constant_force": ({"force_N": -50.0}, lambda x, v, t, a: np.full_like(x, -50.0)),
     "slider_spring": ({"stiffness_N_m": 2e3, "rest_position_m": 0.56}, lambda x, v, t, a: -2e3 * (x - 0.56)),
     "gas_pressure": (

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointgap.errors import SimulationError
-from jointgap.identification.protocol import Candidate, Effects, Parameter, Series
+from jointgap.identification.protocol import Candidate, Effects, LawFamily, Parameter, Series
 from jointgap.identification.whitening import Noise
 
 ROD_RATIO = 0.25
@@ -24,6 +24,19 @@ Law = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 def _effect(name: str, coordinate: str, step: float, unit: str, low: float = -np.inf, **more) -> Candidate:
     return Candidate(name, "slider", (Parameter(coordinate, 0.0, low, step=step, unit=unit),), (coordinate,), **more)
+
+
+def _drag(name: str, coordinate: str, unit: str, exponent: float) -> Candidate:
+    """A force over a power of the speed, which is one of a family."""
+    law = Candidate(
+        "power_drag",
+        "slider",
+        (Parameter("force_N", 0.0, 0.0, step=0.3, unit="N"), Parameter("exponent", exponent, 0.0, 6.0, 0.1)),
+        ("force_N",),
+    )
+    in_use = (0.0, 1.0, 2.0, 3.0, 5.0)
+    family = LawFamily(law, "exponent", exponent, in_use, lambda values: {"force_N": values[coordinate]})
+    return _effect(name, coordinate, 0.3, unit, low=0.0, family=family)
 
 
 def _harmonic() -> Candidate:
@@ -46,9 +59,9 @@ def _sensor(name: str, channel: str, coordinate: str, step: float, unit: str) ->
 
 
 CANDIDATES = (
-    _effect("coulomb", "force_N", 0.3, "N", low=0.0),
-    _effect("viscous", "damping_N_s_m", 0.3, "N*s/m", low=0.0),
-    _effect("quadratic", "drag_N_s2_m2", 0.3, "N*s**2/m**2", low=0.0),
+    _drag("coulomb", "force_N", "N", 0.0),
+    _drag("viscous", "damping_N_s_m", "N*s/m", 1.0),
+    _drag("quadratic", "drag_N_s2_m2", "N*s**2/m**2", 2.0),
     _effect("constant_force", "force_N", 0.3, "N"),
     _effect("spring", "stiffness_N_m", 3.0, "N/m", low=0.0),
     _effect("centrifugal", "mass_kg", 0.01, "kg"),  # -mass w^2 x: at one speed the same force as the spring's
@@ -129,6 +142,8 @@ def _force(name: str, at: Mapping[str, float], x, v, w: float, time, width: floa
             return -at["damping_N_s_m"] * v
         case "quadratic":
             return -at["drag_N_s2_m2"] * v * np.abs(v)
+        case "power_drag":
+            return -at["force_N"] * np.abs(v) ** at["exponent"] * np.tanh(v / width)
         case "constant_force":
             return np.full(x.shape, at["force_N"])
         case "spring":

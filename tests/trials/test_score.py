@@ -109,6 +109,41 @@ def test_with_nothing_hidden_nothing_is_right_and_any_name_is_wrong():
     assert outcome(verdict="unexplained") == "unexplained"
 
 
+def drag_family(name="slider_quadratic_drag", low=1.6, high=5.0, family=True) -> dict:
+    """Drag with what the data leave of its exponent."""
+    found = {"law": "slider_power_drag", "shape": "exponent", "value": 2.4, "interval_99": [low, high], "named": family}
+    return named(DRAG | {"name": name}) | {"family": found}
+
+
+def test_a_family_is_right_where_the_true_law_lies_in_it_and_its_interval_holds_it():
+    viscous = {
+        "name": "slider_viscous_friction",
+        "site": "slider",
+        "listed": True,
+        "parameters": {"damping_N_s_m": 2.0},
+    }
+    assert outcome(DRAG, effects=[drag_family()]) == "right"
+    assert outcome(viscous, effects=[drag_family()]) == "wrong"
+    assert outcome(viscous, effects=[drag_family(low=0.8)]) == "right"
+    assert outcome(DRAG, effects=[drag_family(low=2.1)]) == "wrong"
+    assert outcome(SPRING, effects=[drag_family(low=0.0)]) == "wrong"
+    assert outcome(effects=[drag_family(low=0.0)]) == "wrong"
+    assert outcome(DRAG, SPRING, effects=[drag_family(), named(SPRING)], kind="pair") == "right"
+    assert outcome(DRAG, SPRING, effects=[drag_family()], kind="pair") == "partly"
+
+
+def test_a_law_off_the_list_is_right_as_its_family_and_wrong_as_another_law():
+    fifth = {"name": "fifth_power_drag", "site": "slider", "listed": False, "parameters": {"s": 3.0}}
+    stribeck = fifth | {"name": "stribeck_friction"}
+    assert outcome(fifth, kind="off_list", effects=[drag_family("slider_power_drag", 4.7, 5.2)]) == "right"
+    assert outcome(fifth, kind="off_list", effects=[drag_family("slider_power_drag", 2.7, 3.2)]) == "wrong"
+    assert outcome(fifth, kind="off_list", effects=[drag_family()]) == "right"
+    assert outcome(fifth, kind="off_list", effects=[drag_family(family=False)]) == "wrong"
+    assert outcome(stribeck, kind="off_list", effects=[drag_family(low=0.0)]) == "wrong"
+    row = score_trial(truth(fifth, kind="off_list"), analysis(effects=[drag_family()]))
+    assert row["named"] == "slider_power_drag"
+
+
 def test_one_of_a_pair_is_but_a_part():
     row = score_trial(truth(DRAG, SPRING, kind="pair"), analysis(effects=[named(SPRING)]))
     assert row["outcome"] == "partly"

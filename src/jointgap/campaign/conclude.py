@@ -38,6 +38,7 @@ def conclude(state: CampaignState) -> dict[str, Any]:
         state.clockwise,
         folder.read("map_standout"),
         state.doubted_channels,
+        folder.read("law_families"),
     )
     write_text(folder.path / VERDICT, verdict.text(content))
     return content

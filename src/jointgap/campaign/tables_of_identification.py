@@ -1,7 +1,7 @@
 """Noise, signatures, fits, verdicts and preflights as tables and back, so that stages hand them on through files."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from jointgap.identification.estimates import effect_estimates
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.gauss_newton import compress_rows
+from jointgap.identification.law_family import FamilyInterval
 from jointgap.identification.noise_model import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate
@@ -254,7 +255,8 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
     more : sequence of Candidate
         Candidates beside the model's own, such as those of a library.
     """
-    candidates = (*problem.model.candidates, *more)
+    families = {c.family.law.label: c.family.law for c in problem.model.candidates if c.family}
+    candidates = (*problem.model.candidates, *families.values(), *more)
     values, jacobians, residuals, all_shifts, all_draws = (
         {label: rows for label, rows in frames[name].groupby("explanation", sort=False)}
         for name in ("fit_values", "fit_curvature", "fit_residuals", "fit_shifts", "fit_draws")
@@ -452,6 +454,11 @@ def ranking_frame(
         place="",
         remark=[ranked.remark or None for ranked in ranking],
     )
+
+
+def family_frame(families: Sequence[FamilyInterval]) -> pd.DataFrame:
+    """Table `jointgap.tables.LAW_FAMILIES` of what the data leave of `families`."""
+    return pd.DataFrame([asdict(family) for family in families], columns=tables.LAW_FAMILIES.names)
 
 
 def confusability_frame(cosines: pd.DataFrame, merged: Iterable[Iterable[str]]) -> pd.DataFrame:

@@ -35,6 +35,7 @@ def document(
     clockwise: Collection[str] = (),
     standout: pd.DataFrame | None = None,
     doubted_channels: Collection[str] = (),
+    families: pd.DataFrame | None = None,
 ) -> dict[str, Any]:
     """The content of ``verdict.json``.
 
@@ -61,6 +62,8 @@ def document(
         Table `jointgap.tables.MAP_STANDOUT`.
     doubted_channels : collection of str
         Channels that contradict others.
+    families : DataFrame, optional
+        Table `jointgap.tables.LAW_FAMILIES`.
     """
     gains = _gains(outcome)
     certain = {candidate.label for candidate in certain_effects(outcome.equivalent)}
@@ -70,7 +73,7 @@ def document(
         "campaign": campaign,
         "verdict": outcome.verdict,
         "because": outcome.because,
-        "effects": effects(outcome.chosen, gains),
+        "effects": _with_families(effects(outcome.chosen, gains), families),
         "equivalent": [effects(fit, gains) for fit in outcome.equivalent],
         "certain": effects(outcome.equivalent[0], gains, certain) if certain else [],
         "separated_by": separated_by,
@@ -176,6 +179,21 @@ def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
     left = label_of(tuple(candidate for candidate in fit.hypothesis if candidate not in own))
     cost = gains[left] - fit.bic if left in gains else None
     return {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
+
+
+def _with_families(named: list[dict[str, Any]], families: pd.DataFrame | None) -> list[dict[str, Any]]:
+    """The effects `named`, each with what the data leave of its family, if it has one."""
+    found = {
+        row.effect if row.fits else row.law: {
+            "law": row.law,
+            "shape": row.shape,
+            "value": row.value,
+            "interval_99": [row.low, row.high],
+            "named": not row.alone,
+        }
+        for row in (() if families is None else families.itertuples())
+    }
+    return [effect | ({"family": found[effect["name"]]} if effect["name"] in found else {}) for effect in named]
 
 
 def _gains(outcome: Outcome) -> dict[str, float]:

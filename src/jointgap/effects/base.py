@@ -215,6 +215,8 @@ class Effect(Section):
         Body and its key in a mechanism file to which each parameter is added; such an effect is nothing but other data.
     DRIVE : str
         The one kind of drive that it goes with; empty for all.
+    MEMBERS : mapping of str to float
+        Of the law of a family: effects that it is, and the shape [1] at which it is each.
     ACTS_AT_ZERO : bool
         Whether it changes the mechanism even where its amplitude is 0.
     """
@@ -232,6 +234,7 @@ class Effect(Section):
     COMPILED: ClassVar[Mapping[str, str]] = {}
     ADDS_TO: ClassVar[Mapping[str, tuple[str, str]]] = {}
     DRIVE: ClassVar[str] = ""
+    MEMBERS: ClassVar[Mapping[str, float]] = {}
     ACTS_AT_ZERO: ClassVar[bool] = False
 
     @classmethod

@@ -11,6 +11,7 @@ from jointgap.effects.base import (
     page,
     parameter,
 )
+from jointgap.effects.slider_power_drag import SliderPowerDrag
 
 
 @page(order=20)
@@ -29,7 +30,8 @@ class SliderCoulombFriction(Effect):
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
-        yield cls.candidate(amplitude("force_N", context.scale.force, "N", 0.0))
+        family = SliderPowerDrag.family_of(cls, context)
+        yield cls.candidate(amplitude("force_N", context.scale.force, "N", 0.0), family=family)
 
     @classmethod
     def trial(cls, context: TrialContext) -> TrialSize:

@@ -1,6 +1,7 @@
 """Quadratic drag of the slider."""
 
 from jointgap.effects.base import Candidates, Effect, FitContext, TrialContext, TrialSize, amplitude, page, parameter
+from jointgap.effects.slider_power_drag import SliderPowerDrag
 
 
 @page(order=40)
@@ -20,7 +21,8 @@ class SliderQuadraticDrag(Effect):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         scale = context.scale
-        yield cls.candidate(amplitude("drag_N_s2_m2", scale.force / scale.speed**2, "N*s^2/m^2", 0.0))
+        family = SliderPowerDrag.family_of(cls, context)
+        yield cls.candidate(amplitude("drag_N_s2_m2", scale.force / scale.speed**2, "N*s^2/m^2", 0.0), family=family)
 
     @classmethod
     def trial(cls, context: TrialContext) -> TrialSize:

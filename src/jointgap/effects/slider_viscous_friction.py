@@ -11,6 +11,7 @@ from jointgap.effects.base import (
     page,
     parameter,
 )
+from jointgap.effects.slider_power_drag import SliderPowerDrag
 
 
 @page(order=30)
@@ -30,7 +31,8 @@ class SliderViscousFriction(Effect):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         scale = context.scale
-        yield cls.candidate(amplitude("damping_N_s_m", scale.force / scale.speed, "N*s/m", 0.0))
+        family = SliderPowerDrag.family_of(cls, context)
+        yield cls.candidate(amplitude("damping_N_s_m", scale.force / scale.speed, "N*s/m", 0.0), family=family)
 
     @classmethod
     def trial(cls, context: TrialContext) -> TrialSize:

@@ -90,6 +90,8 @@ class Candidate:
     search_range : tuple of two floats
         Of an effect with one amplitude on which the motion depends so roughly that a fit converges from near by alone:
         between which values it is searched, evenly in its logarithm; () of others.
+    family : LawFamily, optional
+        The law of which the effect is one shape.
     """
 
     name: str
@@ -104,6 +106,7 @@ class Candidate:
     steady_counterpart: str = ""
     is_perturbation: bool = False
     search_range: tuple[float, ...] = ()
+    family: "LawFamily | None" = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         """Refuse finite amplitudes that nothing could be derived from."""
@@ -127,6 +130,31 @@ class Candidate:
     def coordinates_in(self, runs: Sequence[str]) -> tuple[Parameter, ...]:
         """The coordinates that matter to `runs`."""
         return tuple(p for p in self.coordinates if p.run in (None, *runs))
+
+
+@dataclass(frozen=True)
+class LawFamily:
+    """A law of which effects of the list are single shapes; which shapes data allow is asked once one of them is found.
+
+    Attributes
+    ----------
+    law : Candidate
+        The law; one of its coordinates, no amplitude, is the shape. No candidate of the model: never searched.
+    shape : str
+        Key of that coordinate.
+    own : float
+        [1] The shape at which the law is the effect that has this family.
+    in_use : tuple of float
+        [1] Shapes of laws in use, listed or not: the effect is named alone where all but its own are excluded.
+    values : function
+        From values of the effect's coordinates to those of the law that do the same; the shape is left out.
+    """
+
+    law: Candidate
+    shape: str
+    own: float
+    in_use: tuple[float, ...]
+    values: Callable[[Mapping[str, float]], dict[str, float]]
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from jointgap.tables import (
     DETECTABLE,
     FIT_TABLES,
     GAPS,
+    LAW_FAMILIES,
     LOOK,
     MAP_BINS,
     MAP_ORDERS,
@@ -202,10 +203,10 @@ def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
 
 @CAMPAIGN_STAGES.stage(
     reads=(*_SCREENED, *CAMPAIGN_STAGES.written_by("fit", "pair")),
-    writes=(*_of("decide", OUTCOME_TABLES), *_of("decide/base", FIT_TABLES)),
+    writes=(*_of("decide", OUTCOME_TABLES), *_of("decide/base", FIT_TABLES), LAW_FAMILIES),
 )
 def decide(state: "CampaignState", parts: int = 1) -> None:
-    """Weigh the fits: what is missing, or why it cannot be told.
+    """Weigh the fits: what is missing, or why it cannot be told, and what else of a law's family fits.
 
     Parameters
     ----------
@@ -213,13 +214,16 @@ def decide(state: "CampaignState", parts: int = 1) -> None:
     parts : int
         Into how many the fits are divided.
     """
-    from jointgap.campaign.tables_of_identification import outcome_of
+    from jointgap.campaign.tables_of_identification import family_frame, outcome_of
+    from jointgap.identification.law_family import with_families
     from jointgap.identification.model_selection import select_hypothesis
 
     (singles, seconds), (pairs, seconds_of_pairs) = (state.fits(stage, parts) for stage in ("fit", "pair"))
     labels, screening = seconds | seconds_of_pairs, state.screening
     total = {label: seconds.get(label, 0.0) + seconds_of_pairs.get(label, 0.0) for label in labels}
     decision = select_hypothesis(state.baseline, screening.signatures, [*singles, *pairs], screening.limits)
+    decision, families = with_families(state.baseline, decision, screening.limits)
+    state.folder.write(LAW_FAMILIES, family_frame(families))
     state.rest_on(decision.base)
     state.write_fits([decision.base], "decide/base")
     state.write_outcome(outcome_of(decision, total), "decide")

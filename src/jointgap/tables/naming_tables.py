@@ -165,6 +165,22 @@ DECISION = Table(
     path="{stage}/decision.parquet",
 )
 
+LAW_FAMILIES = Table(
+    "law_families",
+    "What the data leave of the families of the laws that were found",
+    (
+        Column("effect", "", "label of the effect of the list that was found", "text"),
+        Column("law", "", "label of the law of its family", "text"),
+        Column("shape", "", "parameter in which members of the family differ", "text"),
+        Column("value", "1", "of the shape, as fitted"),
+        Column("low", "1", "lower end of its 99 % interval"),
+        Column("high", "1", "upper end"),
+        Column("fits", "", "the interval holds the shape of the effect", "bool"),
+        Column("alone", "", "and no other shape in use: the effect is named, not the family", "bool"),
+    ),
+    path="decide/law_families.parquet",
+)
+
 FIT_RESIDUALS = Table(
     "fit_residuals",
     "Whitened residuals of every explanation",

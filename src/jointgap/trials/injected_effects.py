@@ -208,6 +208,12 @@ def _torque_ripple(rig: RigScales, rng: np.random.Generator) -> InjectedEffect:
     return InjectedEffect(page.NAME, page.SITE, *size)
 
 
+SHAPES: dict[tuple[str, str], float] = {
+    **{(law.NAME, name): shape for law in EFFECTS.values() for name, shape in law.MEMBERS.items()},
+    ("slider_power_drag", "fifth_power_drag"): 5.0,
+}
+"""The shape [1] at which the law of a family is an effect, by the law and the effect."""
+
 _FORCES, _TORQUES = ([name for name, law in _UNLISTED_LAWS.items() if law[0] == kind] for kind in (_FORCE, _TORQUE))
 
 # The order decides what a seed draws.

@@ -18,6 +18,7 @@ from jointgap.slider_crank.sensor_faults import ENCODER_FAULTS, FAULTS
 from jointgap.tables.columns import Column, Table
 from jointgap.trials.batches import read_trial_records
 from jointgap.trials.causes import cause
+from jointgap.trials.injected_effects import SHAPES
 from jointgap.trials.make_trial import ANGLE_PIECES, formula_values
 from jointgap.trials.size_calibration import GAP_TOLERANCE
 
@@ -135,6 +136,23 @@ def effect_label(effect: Mapping[str, Any]) -> str:
     return f"{effect['name']}:{effect['site']}" if effect["name"] in WITH_SITE else effect["name"]
 
 
+def named_labels(effects: Iterable[Mapping[str, Any]], hidden: frozenset[str]) -> frozenset[str]:
+    """Labels of effects of a verdict; of a named family that of the `hidden` effect that lies in it, else its law's.
+
+    An effect lies in it where the interval of the shape holds the one at which the law is that effect.
+    """
+
+    def label(effect: Mapping[str, Any]) -> str:
+        family = effect.get("family")
+        if family is None or not family["named"]:
+            return effect_label(effect)
+        low, high = family["interval_99"]
+        inside = {name for name in hidden if low <= SHAPES.get((family["law"], name), math.nan) <= high}
+        return min(inside, default=family["law"])
+
+    return frozenset(map(label, effects))
+
+
 def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[str, Any]:
     """One trial.
 
@@ -183,12 +201,12 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
         return row | {"outcome": "failed", "cause": cause(truth, analysis, hidden, frozenset())}
     row["foreseen"] = bool(hidden & set(verdict["preflight"]["undetectable"]))
     row["detectable"] = bool(hidden) and not row["foreseen"] and min(truth["gaps"]) >= LEAST_GAP
-    row["named"] = " + ".join(sorted(effect_label(effect) for effect in verdict["effects"])) or verdict["verdict"]
+    row["named"] = " + ".join(sorted(map(_name_stated, verdict["effects"]))) or verdict["verdict"]
     row["outcome"] = (
         _wiring_outcome(damaged, verdict, row["told"]) if "damage" in truth else _outcome(truth, verdict, hidden)
     )
     if row["outcome"] != "right":
-        names = frozenset(effect_label(effect) for effect in (*verdict["effects"], *verdict["certain"]))
+        names = named_labels((*verdict["effects"], *verdict["certain"]), hidden)
         row["cause"] = cause(truth, analysis, hidden, names)
     left_open = sorted(" + ".join(sorted(explanation)) or "nothing" for explanation in _equivalent(verdict))
     row["reason"] = " or ".join(left_open) or verdict["because"]
@@ -198,6 +216,12 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     if row["outcome"] == "right" and verdict["verdict"] != "ambiguous":
         sizes |= _nuisances_covered(truth, verdict)
     return row | sizes | _held_out_gaps(verdict) | _windows(truth, verdict)
+
+
+def _name_stated(effect: Mapping[str, Any]) -> str:
+    """The label of an effect of a verdict, or the law of its family where that is named."""
+    family = effect.get("family")
+    return family["law"] if family and family["named"] else effect_label(effect)
 
 
 def _is_fault_of(effect: Mapping, channels: Sequence[str]) -> bool:
@@ -261,9 +285,10 @@ def _outcome(truth: Mapping, verdict: Mapping, hidden: frozenset[str]) -> str:
             _inseparable(explanation, hidden, merged) for explanation in explanations
         )
         return "right" if foreseen else "ambiguous"
+    named = named_labels(verdict["effects"], hidden)
     if _is_off_list(truth):
-        return "right" if _is_the_force(truth, verdict) else "wrong"
-    return _outcome_of_names(hidden, frozenset(effect_label(effect) for effect in verdict["effects"]))
+        return "right" if named == hidden or _is_the_force(truth, verdict) else "wrong"
+    return _outcome_of_names(hidden, named)
 
 
 def _equivalent(verdict: Mapping) -> list[frozenset[str]]:
@@ -310,7 +335,7 @@ def _size_errors(truth: Mapping, verdict: Mapping) -> dict[str, float]:
     covered: dict[str, list[float]] = {f"covered_{level}": [] for level in LEVELS}
     for effect in truth["effects"]:
         key, true = next(iter(effect["parameters"].items()))
-        estimate = named[effect_label(effect)].get(key)
+        estimate = named.get(effect_label(effect), {}).get(key)  # none where its family is named by another member
         if estimate is None or not true:
             continue
         errors.append(abs(estimate["value"] - true) / abs(true))

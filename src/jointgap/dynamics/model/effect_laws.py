@@ -40,6 +40,8 @@ def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
     e = p.effects
     sign = math.tanh(v / e.slider_sign_speed)
     force = e.constant - (e.coulomb + e.load_friction * abs(guide_force)) * sign - e.viscous * v - e.drag * v * abs(v)
+    if e.power_drag != 0.0:
+        force -= e.power_drag * (abs(v) / e.power_drag_speed) ** e.power_drag_exponent * sign
     force -= e.spring_stiffness * (x - e.spring_rest)
     if e.gas_force != 0.0:
         force -= e.gas_force * (e.gas_length / (e.gas_length + e.gas_outermost - x)) ** e.gas_exponent

@@ -153,6 +153,9 @@ class EffectParameters(NamedTuple):
     coulomb: float = 0.0
     viscous: float = 0.0
     drag: float = 0.0
+    power_drag: float = 0.0
+    power_drag_speed: float = 1.0
+    power_drag_exponent: float = 0.0
     load_friction: float = 0.0
     constant: float = 0.0
     spring_stiffness: float = 0.0

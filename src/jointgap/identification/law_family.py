@@ -1,0 +1,293 @@
+"""Which shapes of its family the data allow a law that was found: one of the list alone, several, or another one.
+
+An effect of the list, such as quadratic drag, may be one shape of a family, here drag with any exponent
+(`jointgap.identification.protocol.LawFamily`). A fit of the effect says nothing of what else of the family fits. So
+once it is found chi2 is followed along the shape, with all else fitted at each value.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointgap.identification.baseline import Baseline, with_intervals
+from jointgap.identification.decide_verdict import (
+    NAMED,
+    NAMED_WITH_REMAINING_MISFIT,
+    UNEXPLAINED,
+    Decision,
+    Ranked,
+    rank,
+)
+from jointgap.identification.finite_differences import FiniteDifferences
+from jointgap.identification.fit import CONVERGED, FAILED, Fit, fit_hypothesis
+from jointgap.identification.problem import Problem
+from jointgap.identification.protocol import Candidate
+from jointgap.identification.thresholds import Thresholds
+
+
+@dataclass(frozen=True)
+class ShapeProfile:
+    """chi2 along the shape of a law.
+
+    Attributes
+    ----------
+    shapes : (m,) array
+        [1] Values at which all else was fitted, growing.
+    chi2 : (m,) array
+        Of those fits, over their variance: 1 per degree of freedom where more than noise remains.
+    """
+
+    shapes: np.ndarray
+    chi2: np.ndarray
+
+    def interval(self, rise: float) -> tuple[float, float]:
+        """The shapes [1] between which chi2 is above its lowest by less than `rise`; an end of the profile where it is
+        less there too.
+
+        The root of what chi2 rises by is straight where chi2 is a parabola: it is taken so between two shapes.
+        """
+        root = np.sqrt(self.chi2 - self.chi2.min())
+        lowest = int(np.argmin(root))
+        ends = []
+        for side in (slice(lowest, None, -1), slice(lowest, None)):
+            shapes, roots = self.shapes[side], root[side]
+            outside = np.flatnonzero(roots > np.sqrt(rise))
+            if not outside.size:
+                ends.append(float(shapes[-1]))
+                continue
+            j = int(outside[0])
+            share = (np.sqrt(rise) - roots[j - 1]) / (roots[j] - roots[j - 1])
+            ends.append(float(shapes[j - 1] + share * (shapes[j] - shapes[j - 1])))
+        return ends[0], ends[1]
+
+
+def fit_shape(problem: Problem, found: Fit, member: Candidate, differences: FiniteDifferences | None = None) -> Fit:
+    """Fit the law of a family, its shape too, beside all else that was `found`, from there on.
+
+    A fit that does not converge from the effect's own shape begins at others in use.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Fit
+        An explanation.
+    member : Candidate
+        The effect of it that is one shape of a family.
+    differences : FiniteDifferences, optional
+        Shared with other fits of the problem.
+    """
+    family, prefix = member.family, f"{member.label}."
+    hypothesis = tuple(family.law if candidate is member else candidate for candidate in found.hypothesis)
+    own = {name.removeprefix(prefix): value for name, value in found.mapping.items() if name.startswith(prefix)}
+    start = {name: value for name, value in found.mapping.items() if not name.startswith(prefix)}
+    start |= {f"{family.law.label}.{name}": value for name, value in family.values(own).items()}
+    fits = []
+    for shape in sorted(family.in_use, key=lambda shape: abs(shape - family.own)):
+        at_shape = start | {f"{family.law.label}.{family.shape}": shape}
+        fits.append(fit_hypothesis(problem, hypothesis, at_shape, differences=differences, refresh=True))
+        if fits[-1].status == CONVERGED:
+            break
+    return min(fits, key=lambda fit: fit.chi2)
+
+
+def profile_shape(
+    problem: Problem, free: Fit, member: Candidate, differences: FiniteDifferences | None = None
+) -> ShapeProfile | None:
+    """Hold the shape of a law, and fit all else at each of its values from the best one outward.
+
+    To either side until chi2 is so high that the interval ends, or the range does.
+
+    Parameters
+    ----------
+    problem, member, differences
+        As of `fit_shape`.
+    free : Fit
+        What that found.
+
+    Returns
+    -------
+    ShapeProfile or None
+        None where a motion with the law could not be simulated.
+    """
+    settings, place = problem.settings.family, _place(free, member)
+    shape = free.parameters[place]
+    centre, variance = float(free.values[place]), free.covariance(released=(place,))[place, place]
+    step = float(np.clip(np.sqrt(variance), settings.least_step, settings.largest_step))
+    vary = tuple(p for p in free.parameters if p.key != shape.key)
+    chi2 = {centre: free.chi2}
+    for sign, end in ((-1.0, shape.low), (1.0, shape.high)):
+        before, value = free, centre
+        while value != end and chi2[value] <= min(chi2.values()) + settings.interval_rise * free.inflation:
+            value = float(np.clip(value + sign * step, shape.low, shape.high))
+            known = {p.key: column for p, column in zip(before.parameters, before.jacobian.T, strict=True)}
+            start = before.mapping | {shape.key: value}
+            fit = fit_hypothesis(problem, free.hypothesis, start, known, differences, vary=vary)
+            if fit.status == FAILED:
+                return None
+            chi2[value], before = fit.chi2, fit
+    shapes = np.array(sorted(chi2))
+    return ShapeProfile(shapes, np.array([chi2[value] for value in shapes]) / free.inflation)
+
+
+def _place(free: Fit, member: Candidate) -> int:
+    """Which parameter of a fit with the law of a `member` is the shape."""
+    key = f"{member.family.law.label}.{member.family.shape}"
+    return [p.key for p in free.parameters].index(key)
+
+
+@dataclass(frozen=True)
+class FamilyInterval:
+    """What the data leave of a family.
+
+    Attributes
+    ----------
+    effect : str
+        Label of the effect of the list that was found.
+    law, shape : str
+        Label of the family's law, and what its shape is called.
+    value : float
+        [1] The shape as fitted.
+    low, high : float
+        [1] 99 % interval.
+    fits : bool
+        Whether it holds the shape of the effect.
+    alone : bool
+        Whether it holds no other shape in use besides: the effect is named, not the family.
+    """
+
+    effect: str
+    law: str
+    shape: str
+    value: float
+    low: float
+    high: float
+    fits: bool
+    alone: bool
+
+
+def with_families(
+    baseline: Baseline, decision: Decision, limits: Thresholds
+) -> tuple[Decision, tuple[FamilyInterval, ...]]:
+    """The decision with the shapes of its laws asked for, and what the data leave of their families.
+
+    Where a shape is not that of the effect that was found, the law of the family takes its place. Where nothing is
+    named, this is tried in the best known explanation and in the best effect of each family alone, and the law is named
+    if it leaves noise alone. What stands beside it is left out if it gains no more than chance then. Where all that is
+    equally good is of one family, this is named. Two laws of one family beside each other are left as they are: their
+    sum has no shape of it.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    decision : Decision
+        As `jointgap.identification.model_selection.select_hypothesis` takes it.
+    limits : Thresholds
+        For single effects.
+    """
+    if decision.verdict == UNEXPLAINED:
+        least = baseline.problem.settings.family.least_share
+        tried = ((found, member) for found in _unproven(decision, least) for member in _of_families(found))
+        for found, member in tried:
+            fit = fit_shape(baseline.problem, found, member, baseline.differences)
+            if not _weighed(baseline, decision, fit, limits).passes:
+                continue
+            fit, interval = _asked(baseline, member, fit, limits)
+            if interval is not None and not interval.fits:
+                return _named(baseline, decision, fit, limits), (interval,)
+        return decision, ()
+    equal = decision.equivalent if _is_one_family(decision.equivalent) else []
+    found, intervals = equal[0] if equal else decision.chosen, []
+    for member in _of_families(found):
+        rivals = [each.family.own for fit in equal for each in fit.hypothesis if _law(each) == _law(member)]
+        fit = fit_shape(baseline.problem, found, member, baseline.differences)
+        fit, interval = _asked(baseline, member, fit, limits, rivals)
+        if interval is not None:
+            intervals.append(interval)
+            found = found if interval.fits else fit
+    if equal or found is not decision.chosen:
+        decision = _named(baseline, decision, found, limits)
+    return decision, tuple(intervals)
+
+
+def _unproven(decision: Decision, least_share: float) -> list[Fit]:
+    """What may be a family's law where nothing is named: the best known explanation, the best effect of each family
+    that explains the `least_share` of the misfit.
+    """
+    single = [ranked for ranked in decision.ranking if len(ranked.fit.hypothesis) == 1 and ranked.admissible]
+    alone = [ranked.fit for ranked in single if ranked.share >= least_share]
+    best = {_law(fit.hypothesis[0]): fit for fit in reversed(alone)}
+    return [fit for fit in (decision.best_known, *best.values()) if fit is not None]
+
+
+def _of_families(found: Fit) -> list[Candidate]:
+    """Those effects of an explanation that are the only one of their family in it."""
+    laws = [_law(candidate) for candidate in found.hypothesis]
+    return [each for each in found.hypothesis if each.family and laws.count(_law(each)) == 1]
+
+
+def _law(candidate: Candidate) -> str:
+    """Label of the law of a candidate's family; else its own."""
+    return candidate.family.law.label if candidate.family else candidate.label
+
+
+def _is_one_family(equivalent: Sequence[Fit]) -> bool:
+    """Whether what is equally good differs in nothing but the shape of a law."""
+    return len({frozenset(map(_law, fit.hypothesis)) for fit in equivalent}) == 1
+
+
+def _asked(
+    baseline: Baseline, member: Candidate, fit: Fit, limits: Thresholds, rivals: Sequence[float] = ()
+) -> tuple[Fit, FamilyInterval | None]:
+    """A fit with the law of a family, with its intervals, and what the data leave of the family; None where the motion
+    could not be simulated. What the law leaves idle, where it is not the effect of the list, is left out.
+
+    The interval is wider than the profile by what other numerics change in the shape, and has those of `rivals` in it.
+    """
+    problem, family = baseline.problem, member.family
+    profile = fit.status != FAILED and profile_shape(problem, fit, member, baseline.differences)
+    if not profile:
+        return fit, None
+    fit, place = with_intervals(problem, fit, baseline.differences), _place(fit, member)
+    low, high = profile.interval(problem.settings.family.interval_rise)
+    moved = 0.0 if fit.shifts is None else float(np.abs(fit.shifts[:, place]).max(initial=0.0))
+    p = fit.parameters[place]
+    low, high = max(p.low, min(low - moved, *rivals, low)), min(p.high, max(high + moved, *rivals, high))
+    fits = low <= family.own <= high
+    if not fits and (lean := _without_idle(baseline, fit, member, limits)) is not fit:
+        return _asked(baseline, member, lean, limits, rivals)
+    others = any(low <= shape <= high for shape in family.in_use if shape != family.own)
+    names = member.label, family.law.label, family.shape
+    return fit, FamilyInterval(*names, float(fit.values[place]), low, high, fits, fits and not others)
+
+
+def _weighed(baseline: Baseline, decision: Decision, fit: Fit, limits: Thresholds) -> Ranked:
+    bounds = {p.name: (p.nominal, p.low, p.high) for p in baseline.problem.nuisances}
+    (ranked,) = rank(decision.base, [fit], limits, bounds, baseline.problem.settings.decision)
+    return ranked
+
+
+def _named(baseline: Baseline, decision: Decision, found: Fit, limits: Thresholds) -> Decision:
+    """The decision with `found`, which holds the law of a family or one of its effects, as what is named."""
+    ranked = _weighed(baseline, decision, found, limits)
+    verdict = NAMED if ranked.passes else NAMED_WITH_REMAINING_MISFIT
+    because = "with it the model leaves noise alone" if ranked.passes else "of its family it is the best"
+    ranking = [ranked, *(each for each in decision.ranking if each.fit.label != found.label)]
+    return replace(
+        decision, verdict=verdict, because=because, chosen=found, equivalent=[], best_known=None, ranking=ranking
+    )
+
+
+def _without_idle(baseline: Baseline, found: Fit, member: Candidate, limits: Thresholds) -> Fit:
+    """The explanation without what gains no more than chance beside the law of the family of a `member`."""
+    problem, differences = baseline.problem, baseline.differences
+    needed = max(problem.settings.decision.min_delta_bic, limits.max_gain_threshold)
+    for candidate in found.hypothesis:
+        rest = tuple(each for each in found.hypothesis if each is not candidate)
+        if not rest or candidate is member.family.law:
+            continue
+        start = {key: value for key, value in found.mapping.items() if not key.startswith(f"{candidate.label}.")}
+        fit = fit_hypothesis(problem, rest, start, differences=differences, refresh=True)
+        if fit.bic - found.bic < needed:
+            found = fit
+    return found

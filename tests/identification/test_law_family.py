@@ -1,0 +1,131 @@
+"""Of a law that was found, the data say which shapes of its family they allow."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.identification.baseline import other_numerics, recalibrate
+from jointgap.identification.decide_verdict import Decision
+from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
+from jointgap.identification.law_family import (
+    FamilyInterval,
+    ShapeProfile,
+    fit_shape,
+    profile_shape,
+    with_families,
+)
+from jointgap.identification.model_selection import select_hypothesis
+from jointgap.identification.problem import Problem
+from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.identification.thresholds import thresholds
+from tests.identification.toy import Toy, candidate_of, stated_noise, toy
+
+QUADRATIC = candidate_of("quadratic")
+RISE = DEFAULT_SETTINGS.family.interval_rise
+RISE_90 = 2.706  # quantile of chi2 with one degree of freedom
+
+
+def drag(size: float, exponent: float):
+    return lambda x, v, angle, time: -size * np.abs(v) ** exponent * np.sign(v)
+
+
+def profile(model: Toy) -> ShapeProfile:
+    problem = Problem(model, stated_noise(model))
+    found = fit_hypothesis(problem, (QUADRATIC,))
+    return profile_shape(problem, fit_shape(problem, found, QUADRATIC), QUADRATIC)
+
+
+def asked(model: Toy, other=lambda decision: decision) -> tuple[Decision, tuple[FamilyInterval, ...]]:
+    """What is decided, and what that comes to (`other` than it) once families are asked for."""
+    base = recalibrate(model, stated_noise(model))
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    fits, _ = fit_singles(base, signatures, limits)
+    fits = [*fits, *fit_pairs(base, signatures, limits, fits)[0]]
+    return with_families(base, other(select_hypothesis(base, signatures, fits, limits)), limits)
+
+
+@pytest.mark.parametrize("exponent", [0.6, 2.0, 3.3, 5.0])
+def test_the_interval_holds_the_exponent_that_the_data_were_made_with(exponent):
+    low, high = profile(toy(hidden=drag(2.0, exponent), seed=3)).interval(RISE)
+    assert low <= exponent <= high
+    assert high - low < 1.0
+
+
+def test_intervals_of_90_and_99_percent_hold_the_exponent_that_often():
+    profiles = [profile(toy(hidden=drag(0.1, 3.0), seed=seed)) for seed in range(100)]
+    for rise, least, most in ((RISE_90, 80, 97), (RISE, 95, 100)):  # what all but 0.1 % of 100 draws at these rates do
+        ends = [one.interval(rise) for one in profiles]
+        assert least <= sum(low <= 3.0 <= high for low, high in ends) <= most
+
+
+def test_half_of_a_parabola_has_the_ends_that_it_has_on_paper():
+    shapes = np.arange(0.0, 6.001, 0.01)
+    found = ShapeProfile(shapes, 100.0 + (shapes - 5.5) ** 2)
+    assert found.interval(RISE_90) == pytest.approx((5.5 - np.sqrt(RISE_90), 6.0), abs=1e-3)
+
+
+def test_a_law_of_the_list_that_shows_well_is_named_alone():
+    decision, (family,) = asked(toy({"quadratic": {"drag_N_s2_m2": 1.0}}, seed=3))
+    assert (decision.verdict, decision.chosen.label) == ("named", "quadratic")
+    assert family.fits and family.alone
+    assert family.low < 2.0 < family.high
+
+
+def test_a_law_of_the_list_that_hardly_shows_is_named_as_its_family():
+    decision, (family,) = asked(toy({"quadratic": {"drag_N_s2_m2": 0.012}}, seed=3, candidates=["quadratic"]))
+    assert (decision.verdict, decision.chosen.label) == ("named", "quadratic")
+    assert family.fits and not family.alone
+    assert family.high >= 3.0 or family.low <= 1.0
+
+
+@pytest.mark.parametrize(("size", "exponent"), [(0.05, 3.0), (2.0, 3.0), (0.3, 5.0)])
+def test_a_law_off_the_list_is_named_as_its_family_which_holds_it(size, exponent):
+    decision, (family,) = asked(toy(hidden=drag(size, exponent), seed=5))
+    assert (decision.verdict, decision.chosen.label) == ("named", "power_drag")
+    assert not family.fits and not family.alone
+    assert family.low <= exponent <= family.high
+    assert decision.chosen.mapping["power_drag.exponent"] == family.value
+    assert decision.ranking[0].fit is decision.chosen
+
+
+def test_what_took_up_a_wrong_exponent_beside_the_law_is_left_out():
+    model = toy(hidden=drag(2.0, 3.0), seed=5)
+
+    def with_bias(decision: Decision) -> Decision:
+        problem = Problem(model, stated_noise(model))
+        pair = fit_hypothesis(problem, (QUADRATIC, candidate_of("sensor_bias:torque")), refresh=True)
+        return replace(decision, verdict="named", chosen=pair, best_known=None)
+
+    decision, _ = asked(model, with_bias)
+    assert decision.chosen.label == "power_drag"
+
+
+def test_equals_of_one_family_are_its_name_and_others_stay_equal():
+    model = toy({"quadratic": {"drag_N_s2_m2": 1.0}}, seed=3)
+
+    def equal(*labels: str):
+        problem = Problem(model, stated_noise(model))
+        fits = [fit_hypothesis(problem, (candidate_of(label),), refresh=True) for label in labels]
+        return lambda decision: replace(decision, verdict="ambiguous", chosen=decision.base, equivalent=fits)
+
+    decision, (family,) = asked(model, equal("quadratic", "viscous"))
+    assert (decision.verdict, decision.chosen.label, decision.equivalent) == ("named", "quadratic", [])
+    assert family.low <= 1.0 and family.high >= 2.0 and not family.alone
+    decision, families = asked(model, equal("quadratic", "spring"))
+    assert (decision.verdict, families) == ("ambiguous", ())
+
+
+def test_two_laws_of_one_family_beside_each_other_are_left_as_they_are():
+    decision, families = asked(toy({"coulomb": {"force_N": 1.0}, "quadratic": {"drag_N_s2_m2": 1.0}}, seed=3))
+    assert {candidate.label for candidate in decision.chosen.hypothesis} == {"coulomb", "quadratic"}
+    assert families == ()
+
+
+def test_nothing_is_asked_where_nothing_is_found():
+    decision, families = asked(toy(seed=3))
+    assert decision.verdict in ("no_disagreement", "parameters_only")
+    assert families == ()
