@@ -97,12 +97,16 @@ def test_every_candidate_changes_something_and_nothing_at_zero_size(loose):
             )
 
 
-def test_every_physical_effect_of_the_catalogue_is_a_candidate_where_it_can_act():
+def test_every_physical_effect_of_the_catalogue_is_a_candidate_where_it_can_act_or_the_family_of_some():
     shared = {"joint_friction": [0.05, 0.15], "restitution": [0.3, 0.9]}
     own = {"restitution_crank_pin": [0.3, 0.9]}
     loose = [build_model(campaign(mechanism(PINS), nuisance=each, speeds=(30.0, 31.0))) for each in (shared, own)]
-    names = {one.name for model in loose for one in model.candidates if not one.sensor}
-    assert names == {name for name in EFFECTS if not name.startswith("discovered")}
+    candidates = [one for model in loose for one in model.candidates if not one.sensor]
+    families = {one.name: one.family.law.name for one in candidates if one.family}
+    assert families == {name: law.NAME for law in EFFECTS.values() for name in law.MEMBERS}
+    names = {one.name for one in candidates}
+    assert not names & {*families.values()}
+    assert names | {*families.values()} == {name for name in EFFECTS if not name.startswith("discovered")}
 
 
 def test_what_cannot_act_is_no_candidate():
