@@ -85,6 +85,7 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "campaign": "rig-a",
         "verdict": "named",
         "because": "it is so",
+        "basis": "samples",
         "equivalent": [],
         "certain": [],
         "separated_by": "A faster run.",
@@ -102,7 +103,7 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "preflight": {"undetectable": ["gravity"], "merged": [["a", "b"]]},
         "false_alarm_rate": 0.02,
     }
-    assert list(content)[4:8] == ["effects", "equivalent", "certain", "separated_by"]
+    assert list(content)[5:9] == ["effects", "equivalent", "certain", "separated_by"]
     assert document(outcome_of(chosen))["separated_by"] == ""
 
 

@@ -17,6 +17,7 @@ NAMED = {
     "schema_version": 1,
     "campaign": "rig-a",
     "verdict": "named",
+    "basis": "samples",
     "effects": [COULOMB],
     "equivalent": [],
     "certain": [],

@@ -10,7 +10,7 @@ import pytest
 
 from jointgap.identification.confirmation import Confirmed, HeldOutTest
 from jointgap.identification.decide_verdict import Decision, final_verdict
-from jointgap.identification.fit import Fit
+from jointgap.identification.fit import MATCHED, Fit
 from jointgap.identification.protocol import Candidate, Parameter, Series
 
 SAMPLES = 1000
@@ -48,10 +48,12 @@ def confirmed(
     signal=1.0,
     channel="torque",
     features=(np.nan, np.nan),
+    by_features=False,
 ):
     """Gaps of one channel with the effects, the bootstrap's interval of the fall, and the fall that is foretold.
 
-    The noise is 1 and the channel varies by `signal`; `features` are the misfits of the features of the cycle.
+    The noise is 1 and the channel varies by `signal`; `features` are the misfits of the features of the cycle in the
+    held-out data, and where effects are fitted `by_features` in those used for fitting too.
     """
     frames, gaps = [], []
     for role, gap in (("identify", identify), ("confirm", confirm)):
@@ -69,7 +71,8 @@ def confirmed(
             )
         )
         row = {"role": role, "before": before, "after": gap, "fall_low": fall[0], "fall_high": fall[1]}
-        row |= {f"features_{when}": value for when, value in zip(("before", "after"), features, strict=True)}
+        known = features if role == "confirm" or by_features else (np.nan, np.nan)
+        row |= {f"features_{when}": value for when, value in zip(("before", "after"), known, strict=True)}
         gaps += [
             row | {"run": run, "channel": of, "fall_expected": expected} for run, of in ((role, channel), (role, "all"))
         ]
@@ -92,6 +95,19 @@ def test_where_samples_do_not_fall_the_features_of_the_cycle_may_bear_a_name_out
     if confirms:
         assert "its misfit falls from 90 to 80" in final.because
         assert (data.test.outcome, data.test.features) == ("falls", misfits)
+
+
+@pytest.mark.parametrize(
+    ("misfits", "outcome", "verdict"),
+    [((90.0, 20.0), "falls", "named"), ((90.0, 85.0), "stays", "unexplained"), ((20.0, 90.0), "rises", "unexplained")],
+)
+def test_of_what_features_name_features_of_the_held_out_data_decide_however_samples_go(misfits, outcome, verdict):
+    best = replace(fitted(9000.0, COULOMB), status=MATCHED)
+    found = Decision("named", best, BASE, because="features are met")
+    for gap in (1.8, 6.0):
+        data = confirmed(identify=6.0, confirm=gap, fall=(-9.0, -8.0), features=misfits, by_features=True)
+        assert data.test.outcome == outcome
+        assert final_verdict(found, data).verdict == verdict
 
 
 def test_features_are_not_asked_where_samples_fall():

@@ -5,10 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jointgap.identification import rough_search
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.confirmation import confirm
 from jointgap.identification.cycle_features import CycleFeatures
-from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.decide_by_features import decided_by_features, leaders_by_features
+from jointgap.identification.decide_verdict import Decision
+from jointgap.identification.estimates import effect_estimates
+from jointgap.identification.fit import MATCHED, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
 from tests.identification.toy import CANDIDATES, RINGING, ringing, stated_noise, toy
@@ -94,6 +98,52 @@ def test_the_same_search_finds_the_same():
     base = rough(0.2, 5)
     first, second = (search_rough(base, base.base, [RINGING], 1.2)[0] for _ in range(2))
     assert np.array_equal(first.values, second.values)
+
+
+def blind_to_samples(base, monkeypatch):
+    """The search where no point of samples' valley is met: fits of samples end where they begin."""
+    monkeypatch.setattr(rough_search._Contestant, "reached", lambda self, chi2: False)
+    monkeypatch.setattr(rough_search._Contestant, "_fitted", lambda self, start, known, sufficient: base.base)
+    return search_rough(base, base.base, [RINGING], 1.2)
+
+
+def test_where_samples_are_not_met_the_best_features_are_the_answer_with_an_interval_that_holds_the_truth(monkeypatch):
+    held, sizes = 0, np.array([0.1, 0.2, 0.4, 0.6])
+    for seed, size in enumerate(sizes):
+        base = rough(size, 10 + seed)
+        *_, found = blind_to_samples(base, monkeypatch)
+        assert found.status == MATCHED
+        estimate = effect_estimates(found, RINGING)["size"]
+        low, high = estimate["interval_90"]
+        assert estimate["value"] == pytest.approx(size, rel=0.1)
+        assert high - low < 0.3 * size
+        held += low <= size <= high
+    assert held >= 3
+
+
+def test_features_name_what_leads_by_far_and_call_equal_what_does_not(monkeypatch):
+    base = rough(0.3, 4)
+    problem, noise = base.problem, base.base.residual
+    *_, found = blind_to_samples(base, monkeypatch)
+    assert leaders_by_features(problem, base.base, [base.base], [found]) == [found]
+    twin = replace(found, hypothesis=(replace(RINGING, name="twin"),))
+    assert leaders_by_features(problem, base.base, [], [found, twin]) == [found, twin]
+    elsewhere = replace(twin, residual=noise + np.roll(found.residual - noise, problem.size // 7))
+    assert leaders_by_features(problem, base.base, [], [elsewhere, found]) == [found]
+    assert leaders_by_features(problem, base.base, [replace(twin, status="converged")], [found]) == []
+    assert leaders_by_features(problem, base.base, [], [elsewhere]) == []
+
+
+def test_features_decide_only_what_samples_leave_unexplained(monkeypatch):
+    base = rough(0.3, 4)
+    *_, found = blind_to_samples(base, monkeypatch)
+    unexplained = Decision("unexplained", base.base, base.base, best_known=found)
+    assert decided_by_features(unexplained, []) is unexplained
+    assert decided_by_features(replace(unexplained, verdict="ambiguous"), [found]).verdict == "ambiguous"
+    named = decided_by_features(unexplained, [found])
+    assert (named.verdict, named.chosen, named.best_known) == ("named", found, None)
+    several = decided_by_features(unexplained, [found, found])
+    assert (several.verdict, several.chosen, several.equivalent) == ("ambiguous", base.base, [found, found])
 
 
 def test_held_out_data_confirm_by_features_what_rings_in_another_phase_and_not_what_is_elsewhere():

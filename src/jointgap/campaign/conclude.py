@@ -39,6 +39,7 @@ def conclude(state: CampaignState) -> dict[str, Any]:
         folder.read("map_standout"),
         state.doubted_channels,
         folder.read("law_families"),
+        not any(series.statistic for series in state.model.series),
     )
     write_text(folder.path / VERDICT, verdict.text(content))
     return content

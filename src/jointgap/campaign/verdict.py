@@ -13,7 +13,7 @@ from jointgap.errors import InputError
 from jointgap.identification.confirmation import held_out_test
 from jointgap.identification.decide_verdict import certain_effects
 from jointgap.identification.estimates import coordinate_estimate, effect_estimates
-from jointgap.identification.fit import Fit
+from jointgap.identification.fit import MATCHED, Fit
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of
 
@@ -36,6 +36,7 @@ def document(
     standout: pd.DataFrame | None = None,
     doubted_channels: Collection[str] = (),
     families: pd.DataFrame | None = None,
+    repeats: bool = True,
 ) -> dict[str, Any]:
     """The content of ``verdict.json``.
 
@@ -64,15 +65,19 @@ def document(
         Channels that contradict others.
     families : DataFrame, optional
         Table `jointgap.tables.LAW_FAMILIES`.
+    repeats : bool
+        Whether the motion repeats; statistics over cycles are compared where it does not.
     """
     gains = _gains(outcome)
     certain = {candidate.label for candidate in certain_effects(outcome.equivalent)}
     test = held_out_test(gaps) if outcome.proposed else None
+    by_features = any(fit.status == MATCHED for fit in outcome.explanations)
     return {
         "schema_version": SCHEMA_VERSION,
         "campaign": campaign,
         "verdict": outcome.verdict,
         "because": outcome.because,
+        "basis": "samples" if repeats and not by_features else "statistics",
         "effects": _with_families(effects(outcome.chosen, gains), families),
         "equivalent": [effects(fit, gains) for fit in outcome.equivalent],
         "certain": effects(outcome.equivalent[0], gains, certain) if certain else [],
@@ -175,9 +180,10 @@ def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None
 
 
 def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
-    """One effect; its delta_bic is what leaving it out costs, None where the rest cannot be simulated by itself."""
+    """One effect; its delta_bic is what leaving it out costs; None where the rest cannot be simulated by itself,
+    or where samples do not decide."""
     left = label_of(tuple(candidate for candidate in fit.hypothesis if candidate not in own))
-    cost = gains[left] - fit.bic if left in gains else None
+    cost = gains[left] - fit.bic if left in gains and fit.status != MATCHED else None
     return {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
 
 

@@ -22,6 +22,12 @@ _NOISE_GAP = _DECISION.max_gap_of_noise
 def answer(verdict: Mapping[str, Any]) -> str:
     """The verdict, content of ``verdict.json``, in a sentence or two."""
     named, taken = _named(verdict["effects"])
+    if verdict["effects"] and verdict["held_out_features"] and verdict["basis"] == "statistics":
+        return (
+            f"{named} With this {taken} the model meets where in the cycle impacts come and how hard they are, and "
+            "nothing else that was tried does. Single samples it does not meet: impacts ring in another phase, since "
+            "their instants depend on more digits than can be measured."
+        )
     count, unmet = len(verdict["equivalent"]), _unmet_held_out(verdict)
     fitted = "the data used for fitting"
     data, them = (fitted, "them") if unmet else ("these data", "the measurement")

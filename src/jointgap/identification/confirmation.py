@@ -8,7 +8,7 @@ import pandas as pd
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.cycle_features import CycleFeatures
-from jointgap.identification.fit import Fit, fit_hypothesis
+from jointgap.identification.fit import MATCHED, Fit, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Model
 from jointgap.identification.screening import is_searched
@@ -49,10 +49,11 @@ class HeldOutTest:
         """``falls from 3.00 to 1.02``, ``stays at 1.18``, ``rises from 1.09 to 1.12``; more digits where two show no
         difference."""
         if self.features:
-            met, left = self.features
+            before, after = self.features
+            is_met = "is met, its misfit falls" if self.outcome == FALLS else "is not met, its misfit goes"
             return (
                 f"it goes from {self.before:.2f} to {self.after:.2f}, for impacts ring in another phase; where in the "
-                f"cycle they come and how hard they are is met, its misfit falls from {met:.0f} to {left:.0f}"
+                f"cycle they come and how hard they are {is_met} from {before:.0f} to {after:.0f}"
             )
         digits = next((n for n in (2, 3, 4) if f"{self.before:.{n}f}" != f"{self.after:.{n}f}"), 2)
         before, after = (f"{gap:.{digits if gap < 100 else 0}f}" for gap in (self.before, self.after))
@@ -160,16 +161,21 @@ def held_out_test(gaps: pd.DataFrame) -> HeldOutTest:
     rows = held_out[held_out["run"] == "all"].dropna(subset=["after"])
     if rows.empty:
         rows = held_out[held_out["run"] != "all"].dropna(subset=["after"])
-    tests = [_test(row) for row in rows.to_dict("records")]
+    by_features = bool(gaps.query("role == 'identify'")["features_after"].notna().any())
+    tests = [_test(row, by_features) for row in rows.to_dict("records")]
     order = (RISES, STAYS, FALLS, CANNOT_TELL)
     return min(tests, key=lambda test: order.index(test.outcome), default=HeldOutTest(NOT_SIMULATED))
 
 
-def _test(row: Mapping[str, float]) -> HeldOutTest:
-    """What one row of the gaps says; the features of the cycle where the samples do not fall and these do."""
+def _test(row: Mapping[str, float], by_features: bool) -> HeldOutTest:
+    """What one row of the gaps says; the features of the cycle where they were fitted, or where the samples do not fall
+    and these do."""
     outcome, features = _outcome(row), (row["features_before"], row["features_after"])
-    if outcome != FALLS and features[0] - features[1] > DEFAULT_SETTINGS.confirmation.min_fall_of_features:
-        return HeldOutTest(FALLS, row["before"], row["after"], features)
+    fall, least = features[0] - features[1], DEFAULT_SETTINGS.confirmation.min_fall_of_features
+    if by_features:
+        outcome = FALLS if fall > least else RISES if fall < -least else STAYS
+    if by_features or (outcome != FALLS and fall > least):
+        return HeldOutTest(outcome if by_features else FALLS, row["before"], row["after"], features)
     return HeldOutTest(outcome, row["before"], row["after"])
 
 
@@ -227,7 +233,9 @@ def confirm(
     named = base if named is None else named
     used = Problem(model, noise, settings=settings)
     frames, remarks = [_compared(used, base.mapping, named.mapping, named.hypothesis).assign(role="identify")], {}
-    features: dict[str, tuple[float, float]] = {}
+    features: dict[tuple[str, str], tuple[float, float]] = {}
+    if named.status == MATCHED:
+        features |= {("identify", run): misfits for run, misfits in _misfits_of_features(used, frames[0]).items()}
     for run in Problem(model, noise, held_out=True, settings=settings).runs:
         problem = Problem(_Alone(model, run), noise, held_out=True, settings=settings)
         before = fit_run_parameters(problem, base)
@@ -239,7 +247,7 @@ def confirm(
             frame = _compared(problem, before).assign(augmented=np.nan, whitened_augmented=np.nan)
         else:
             if any(is_searched(problem, candidate) for candidate in named.hypothesis):
-                features[run] = _misfits_of_features(problem, frame)
+                features["confirm", run] = _misfits_of_features(problem, frame)[run]
         frames.append(frame.assign(role="confirm"))
     residuals = pd.concat(frames, ignore_index=True)
     gaps = _with_features(_gaps(residuals, remarks, np.random.default_rng(seed), settings.confirmation), features)
@@ -247,22 +255,23 @@ def confirm(
     return Confirmed(residuals.drop(columns="role"), gaps, variation)
 
 
-def _misfits_of_features(problem: Problem, compared: pd.DataFrame) -> tuple[float, float]:
-    """Misfits of the features of the cycle in a run without and with the effects, whose residuals are `compared`."""
+def _misfits_of_features(problem: Problem, compared: pd.DataFrame) -> dict[str, tuple[float, float]]:
+    """Misfits of the features of the cycle without and with the effects, by run; `compared` are the residuals."""
     base, augmented = (compared[f"whitened_{model}"].to_numpy() for model in ("base", "augmented"))
-    features, (run,) = CycleFeatures(problem, base), problem.runs
-    return features.misfit(np.zeros(base.size), run), features.misfit(base - augmented, run)
+    features, absent = CycleFeatures(problem, base), np.zeros(base.size)
+    return {run: (features.misfit(absent, run), features.misfit(base - augmented, run)) for run in problem.runs}
 
 
-def _with_features(gaps: pd.DataFrame, features: Mapping[str, tuple[float, float]]) -> pd.DataFrame:
-    """Rows of the table gaps with the misfits of `features` by run, and of all runs together where each has one."""
-    own = gaps.query("role == 'confirm' and channel == 'all'")
-    total = dict(features)
-    if set(features) == set(own["run"]) - {"all"}:
-        total["all"] = tuple(np.sum(list(features.values()), axis=0)) if features else (np.nan, np.nan)
+def _with_features(gaps: pd.DataFrame, features: Mapping[tuple[str, str], tuple[float, float]]) -> pd.DataFrame:
+    """Rows of the table gaps with the misfits of `features` by role and run, and of all runs where each has one."""
+    total, whole = dict(features), gaps["channel"] == "all"
+    for role, own in gaps[whole].groupby("role"):
+        misfits = [features.get((role, run), (np.nan, np.nan)) for run in own["run"] if run != "all"]
+        total[role, "all"] = tuple(np.sum(misfits, axis=0))
+    keys = list(zip(gaps["role"], gaps["run"], strict=True))
     for place, when in enumerate(("before", "after")):
-        of_run = {run: float(misfits[place]) for run, misfits in total.items()}
-        gaps[f"features_{when}"] = own["run"].map(of_run).reindex(gaps.index).astype(float)
+        found = [total.get(key, (np.nan, np.nan))[place] for key in keys]
+        gaps[f"features_{when}"] = np.where(whole, found, np.nan)
     return gaps
 
 

@@ -40,7 +40,9 @@ part, and to what is known of the channels. Again the first line that holds coun
 
 Of an effect on which motion depends roughly the features of the cycle tell whether the held-out data confirm it where
 samples cannot be followed (`jointgap.identification.cycle_features`): these stand for the gap in lines 11 and 12, and
-line 10 is then asked of the data used for fitting alone.
+line 10 is then asked of the data used for fitting alone. Where samples can be followed nowhere,
+`jointgap.identification.decide_by_features` goes on after line 8; of what it names features tell in lines 11 and 12,
+and lines 10 and 13 are not asked.
 
 Lines 11 to 13 are not asked of ``ambiguous``. Wherever the verdict is ``unexplained`` and one hypothesis gains enough,
 `Decision.best_known` holds the best one: shown, not named.
@@ -60,7 +62,7 @@ from typing import TypeVar
 import numpy as np
 
 from jointgap.identification.confirmation import FALLS, RISES, STAYS, Confirmed
-from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.fit import FAILED, MATCHED, Fit
 from jointgap.identification.problem import Hypothesis
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.settings import DEFAULT_SETTINGS, DecisionSettings
@@ -301,8 +303,11 @@ def final_verdict(
         return withheld(f"what {names} {verb} other channels, so no effect can be told from it")
     # 10
     test, places = confirmed.test, {"identify": "the data used for fitting", "confirm": "the held-out data"}
-    if test.features:  # there impacts ring in another phase: samples are met nowhere, whatever is true
+    by_features = proposed.status == MATCHED
+    if by_features or test.features:  # there impacts ring in another phase: samples are met nowhere, whatever is true
         del places["confirm"]
+    if by_features:
+        del places["identify"]
     for role, where in places.items():
         rest = confirmed.worst_rest(role, settings.max_gap_left, settings.max_share_of_signal_left)
         if rest.over_small > 1.0:
@@ -315,7 +320,8 @@ def final_verdict(
     # 11 and 12
     # Of what the effects change in the held-out data the share a is there: the squared gap falls by (2 a - 1) times
     # that change's mean square. Where it falls at all, more of the change is there than not.
-    if test.outcome == RISES or (test.outcome == STAYS and not test.after < test.before):
+    falls_not = by_features or not test.after < test.before
+    if test.outcome == RISES or (test.outcome == STAYS and falls_not):
         return withheld(f"with {proposed.label} the gap on the held-out data does not fall: {test.words}")
     hardly_shows = reduced_chi2(decision.base) <= settings.tolerated_reduced_chi2
     doubtful = hardly_shows or not explained_share(decision.base, proposed) >= settings.min_explained_share
@@ -325,6 +331,8 @@ def final_verdict(
             "held-out data confirm it"
         )
     # 13
+    if by_features:
+        return decision
     if decision.verdict == NAMED and test.after > settings.max_gap_of_noise:
         because = "it leaves noise alone on the data used for fitting, but more on the held-out data"
         if test.features:

@@ -14,7 +14,7 @@ from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS, DampingSettings, IdentificationSettings
 
-CONVERGED, STOPPED, FAILED = "converged", "stopped", "failed"
+CONVERGED, STOPPED, FAILED, MATCHED = "converged", "stopped", "failed", "matched"
 
 _ROUGH = "steps that should help do not: the motion depends on its parameters roughly here"
 
@@ -37,7 +37,8 @@ class Fit:
     simulations : int
         Runs simulated.
     status : str
-        ``converged``; ``stopped``: no further step helps, though one should; ``failed``: see `reason`.
+        ``converged``; ``stopped``: no further step helps, though one should; ``failed``: see `reason`; ``matched``: to
+        features of the cycle, since samples cannot be followed (`jointgap.identification.rough_search`).
     reason : str
         What to know of the status; empty where all is well.
     slope : (k,) array, optional

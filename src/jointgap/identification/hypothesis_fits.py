@@ -8,8 +8,9 @@ import numpy as np
 
 from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.coarse_search import search_pairs, search_singles
+from jointgap.identification.decide_by_features import leaders_by_features
 from jointgap.identification.decide_verdict import reduced_chi2
-from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.fit import FAILED, MATCHED, Fit
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import (
     best_sufficient,
@@ -93,8 +94,13 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
     start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
     fits = _search_rough(baseline, alone, limits)
+    matched, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
+    explains = any(_explains(baseline, fit) for fit in fits)
+    leaders = [] if explains else leaders_by_features(baseline.problem, baseline.base, [*alone, *fits], matched)
+    led = {fit.label for fit in leaders}
+    fits = [fit for fit in fits if fit.label not in led]
     singles = [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
-    if not any(_explains(baseline, fit) for fit in fits):
+    if not explains and not leaders:
         if _insufficient(baseline, singles, limits):
             found = search_singles(baseline, limits)
             fits, singles = [*fits, *found], [*singles, *found]
@@ -107,6 +113,7 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
         best[fit.label] = min(best.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
     parts = [baseline.base, *singles, *best.values()]
     found = [not_above_its_parts(baseline.problem, baseline.differences, fit, parts) for fit in best.values()]
+    found += leaders
     share = (time.monotonic() - begin) / max(len(found), 1)
     return found, [share] * len(found)
 
@@ -122,7 +129,7 @@ def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) 
             taken = {candidate.label for candidate in origin.hypothesis}
             others = [candidate for candidate in candidates if candidate.label not in taken]
             fits += search_rough(baseline, origin, others, limits.omnibus)
-            if any(_explains(baseline, fit) for fit in fits):
+            if any(_explains(baseline, fit) or fit.status == MATCHED for fit in fits):
                 break
     return fits
 

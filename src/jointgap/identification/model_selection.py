@@ -7,8 +7,9 @@ import numpy as np
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline, multistart_fit, other_numerics, random_nuisances, with_intervals
+from jointgap.identification.decide_by_features import decided_by_features
 from jointgap.identification.decide_verdict import Decision, decide, reduced_chi2
-from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
+from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.nesting import chi2_without_effects, labels_of, moved, not_above_its_parts
 from jointgap.identification.problem import Hypothesis, Problem
@@ -306,6 +307,7 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         Of single effects and pairs.
     limits : Thresholds
     """
+    by_features, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
     fits, done, given = [*fits, *swap_one_effect(baseline, signatures, fits)], set(), baseline.base
     decision = refit_and_decide(baseline, signatures, fits, limits)
     while members := _members_alone(baseline, [decision.chosen, *decision.equivalent], done):
@@ -313,17 +315,21 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         fits = [*(ranked.fit for ranked in decision.ranking), *members]
         decision = refit_and_decide(baseline, signatures, fits, limits)
 
+    decision = decided_by_features(decision, by_features)
+
     def stated(fit: Fit) -> Fit:
-        return with_intervals(baseline.problem, fit, baseline.differences)
+        if fit.status == MATCHED:  # its draws say it
+            return fit
+        return with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
 
     base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
     chosen = decision.chosen
     if chosen is decision.base:
-        chosen = base = stated(base)
+        chosen = base = with_intervals(baseline.problem, base, baseline.differences)
     elif chosen.hypothesis:
-        chosen = stated(refit_jacobian(baseline, chosen))
-    equivalent = [stated(refit_jacobian(baseline, fit)) for fit in decision.equivalent]
-    best_known = stated(refit_jacobian(baseline, decision.best_known)) if decision.best_known else None
+        chosen = stated(chosen)
+    equivalent = [stated(fit) for fit in decision.equivalent]
+    best_known = stated(decision.best_known) if decision.best_known else None
     return replace(decision, chosen=chosen, base=base, equivalent=equivalent, best_known=best_known)
 
 

@@ -17,7 +17,7 @@ from jointgap.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import reduced_chi2
-from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
+from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
 from jointgap.identification.nesting import derivatives_of
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import FAST, Candidate, Parameter
@@ -142,6 +142,38 @@ class _Contestant:
         enough = sufficient * problem.size
         return fit_hypothesis(problem, self.hypothesis, start, known, differences, sufficient_chi2=enough)
 
+    def matched(self) -> Fit | None:
+        """The point whose features are best, as a fit to these alone; None where it cannot be simulated.
+
+        Draws of the coordinates are the points that were simulated, each as often as its features are likely; those of
+        the nuisances are what the origin knows of them.
+        """
+        problem, origin = self._baseline.problem, self._origin
+        parameters = problem.parameters(self.hypothesis)
+        misfits = np.array([point.misfit for point in self.points])
+        best = self._box.values(self.points[int(np.argmin(misfits))].place)
+        values = {p.key: p.nominal for p in parameters} | origin.mapping | best
+        try:
+            residual = problem.residual(values, self.hypothesis)
+        except (InputError, SimulationError):
+            return None
+        keys = [p.key for p in parameters]
+        jacobian, count = np.zeros((problem.size, len(keys))), self._settings.draws
+        draws = np.tile([values[key] for key in keys], (count, 1))
+        known = self._generator.multivariate_normal(origin.values, origin.covariance(), count)
+        for place, p in enumerate(origin.parameters):
+            column = keys.index(p.key)
+            jacobian[:, column], draws[:, column] = origin.jacobian[:, place], np.clip(known[:, place], p.low, p.high)
+        likely = np.exp((misfits.min() - misfits) / self._settings.misfit_scale)
+        chosen = self._generator.choice(misfits.size, count, p=likely / likely.sum())
+        for row, point in enumerate(chosen):
+            for key, value in self._box.values(self.points[point].place).items():
+                draws[row, keys.index(key)] = value
+        fitted = np.array([values[key] for key in keys])
+        return Fit(
+            self.hypothesis, parameters, fitted, residual, jacobian, 0, MATCHED, draws=draws, settings=problem.settings
+        )
+
     def _nearby(self, fit: Fit) -> dict[str, float]:
         """The best of points drawn about a fit, for the samples: values by key [SI], its nuisances stay."""
         problem, centre = self._baseline.problem, self._box.place(fit.mapping)
@@ -185,7 +217,8 @@ def search_rough(baseline: Baseline, origin: Fit, candidates: Sequence[Candidate
     Returns
     -------
     list of Fit
-        One for each candidate whose features are among the best, and for each valley that was reached before.
+        One for each candidate whose features are among the best, and for each valley that was reached before. Where
+        none of these is sufficient, but features are met, one to the features of each candidate that was not dropped.
     """
     problem, fits = baseline.problem, []
     settings, features = problem.settings.rough_search, CycleFeatures(problem, origin.residual)
@@ -218,5 +251,7 @@ def search_rough(baseline: Baseline, origin: Fit, candidates: Sequence[Candidate
         if id(one) not in fitted and one.least < np.inf:
             fits.append(one.fit(min(one.points, key=lambda point: point.misfit), sufficient))
             if reduced_chi2(fits[-1]) <= sufficient:
-                break
+                return fits
+    if min((one.least for one in contestants), default=np.inf) < settings.matched_misfit * features.size:
+        fits += [fit for one in contestants if one.least < np.inf and (fit := one.matched()) is not None]
     return fits

@@ -1,0 +1,69 @@
+"""A verdict on features of the cycle alone, where samples of rough motion cannot be followed.
+
+The lowest rung of what residuals tell: where in the cycle impacts come and how hard they are
+(`jointgap.identification.cycle_features`), not when exactly. Fits of samples have the first say; only what they leave
+``unexplained`` is decided here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from jointgap.identification.cycle_features import CycleFeatures
+from jointgap.identification.decide_verdict import AMBIGUOUS, NAMED, UNEXPLAINED, Decision
+from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.problem import Problem
+
+
+def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matched: Sequence[Fit]) -> list[Fit]:
+    """Explanations whose features are met, and so much better than those of all others that one of them must be true.
+
+    Parameters
+    ----------
+    problem : Problem
+    base : Fit
+        With no effect.
+    fits : sequence of Fit
+        To samples: rivals, each with its features.
+    matched : sequence of Fit
+        To features.
+
+    Returns
+    -------
+    list of Fit
+        Of those `matched`, best first; none where a fit to samples has features that are as good.
+    """
+    features, settings = CycleFeatures(problem, base.residual), problem.settings.rough_search
+
+    def misfit(fit: Fit) -> float:
+        return sum(features.misfit(base.residual - fit.residual, run) for run in problem.runs)
+
+    ranked = sorted(((misfit(fit), place) for place, fit in enumerate(matched)))
+    if not ranked or ranked[0][0] > settings.matched_misfit * features.size:
+        return []
+    enough = ranked[0][0] + settings.min_misfit_ahead
+    own = {fit.label for fit in matched}
+    rivals = [base, *(fit for fit in fits if fit.status != FAILED and fit.label not in own)]
+    if min(map(misfit, rivals)) < enough:
+        return []
+    return [matched[place] for found, place in ranked if found < enough]
+
+
+def decided_by_features(decision: Decision, leaders: Sequence[Fit]) -> Decision:
+    """The decision of samples, or that of features where samples leave ``unexplained`` what is missing.
+
+    Parameters
+    ----------
+    decision : Decision
+        Of fits to samples.
+    leaders : sequence of Fit
+        As of `leaders_by_features`.
+    """
+    if decision.verdict != UNEXPLAINED or not leaders:
+        return decision
+    if len(leaders) > 1:
+        because = "several explanations meet where in the cycle impacts come and how hard they are equally well"
+        return replace(decision, verdict=AMBIGUOUS, because=because, equivalent=list(leaders), best_known=None)
+    because = (
+        "samples cannot be followed, but where in the cycle impacts come and how hard they are is met by this alone"
+    )
+    return replace(decision, verdict=NAMED, because=because, chosen=leaders[0], best_known=None)
