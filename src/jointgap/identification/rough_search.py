@@ -49,10 +49,10 @@ class _Box:
     def dimensions(self) -> int:
         return len(self._keys)
 
-    def values(self, place: np.ndarray) -> dict[str, float]:
-        """By key [SI]."""
+    def values(self, place: np.ndarray, factor: float = 1.0) -> dict[str, float]:
+        """By key [SI], the amplitude times a `factor`."""
         plain = self._low + self._width * place
-        return dict(zip(self._keys, np.where(self._logarithmic, np.exp(plain), plain).tolist(), strict=True))
+        return dict(zip(self._keys, np.where(self._logarithmic, factor * np.exp(plain), plain).tolist(), strict=True))
 
     def place(self, values: Mapping[str, float]) -> np.ndarray:
         """Of values by key [SI], on the edge where they are beyond."""
@@ -145,8 +145,9 @@ class _Contestant:
     def matched(self) -> Fit | None:
         """The point whose features are best, as a fit to these alone; None where it cannot be simulated.
 
-        Draws of the coordinates are the points that were simulated, each as often as its features are likely; those of
-        the nuisances are what the origin knows of them.
+        Draws of the coordinates are the best points that were simulated, more often the better their features are met,
+        with sizes spread by what nuisances may change in them, which were not searched. Draws of the nuisances are what
+        the origin knows of them.
         """
         problem, origin = self._baseline.problem, self._origin
         parameters = problem.parameters(self.hypothesis)
@@ -164,10 +165,10 @@ class _Contestant:
         for place, p in enumerate(origin.parameters):
             column = keys.index(p.key)
             jacobian[:, column], draws[:, column] = origin.jacobian[:, place], np.clip(known[:, place], p.low, p.high)
-        likely = np.exp((misfits.min() - misfits) / self._settings.misfit_scale)
-        chosen = self._generator.choice(misfits.size, count, p=likely / likely.sum())
+        chosen = self._generator.choice(misfits.size, count, p=_likely(misfits, self._settings.elite))
+        spread = np.exp(self._settings.size_error * self._generator.standard_normal(count))
         for row, point in enumerate(chosen):
-            for key, value in self._box.values(self.points[point].place).items():
+            for key, value in self._box.values(self.points[point].place, spread[row]).items():
                 draws[row, keys.index(key)] = value
         fitted = np.array([values[key] for key in keys])
         return Fit(
@@ -192,6 +193,21 @@ class _Contestant:
         """Whether so little `chi2` says that a valley is reached."""
         excess = self._origin.chi2 - self._baseline.problem.size
         return self._origin.chi2 - chi2 > self._settings.reached_share * max(excess, 0.0)
+
+
+def _likely(misfits: np.ndarray, count: int) -> np.ndarray:
+    """How likely points are by their `misfits` (n,), flattened until as many as `count` carry it: (n,), sums to 1.
+
+    Points are few in five dimensions, so the likelihood itself would rest on the luckiest one. Flattening it is what a
+    tolerance does in approximate Bayesian computation: intervals become wider, not narrower.
+    """
+    low, high = 1.0, 1e6
+    while high > 1.01 * low:
+        scale = np.sqrt(low * high)
+        weights = np.exp((misfits.min() - misfits) / scale)
+        low, high = (low, scale) if weights.sum() ** 2 >= count * (weights**2).sum() else (scale, high)
+    weights = np.exp((misfits.min() - misfits) / high)
+    return weights / weights.sum()
 
 
 def leaves_rough_motion(problem: Problem, fit: Fit) -> bool:
