@@ -164,6 +164,18 @@ def test_the_demonstration_names_what_its_data_hide(tmp_path):
         assert (describe(path)["description"] != "").all(), path
 
 
+@pytest.mark.slow
+def test_the_demonstration_of_a_loose_joint_names_it_and_holds_its_clearance(tmp_path):
+    from jointgap.campaign import analyse
+
+    found = analyse(ROOT / "config/campaigns/demonstration_clearance.yaml", tmp_path)
+    (effect,) = found["effects"]
+    assert (found["verdict"], effect["name"]) == ("named", "crank_pin_clearance")
+    low, high = effect["parameters"]["clearance_m"]["interval_90"]
+    assert low <= 5e-4 <= high < 1.3 * low
+    assert found["held_out_test"] == "falls"
+
+
 def test_noise_of_other_data_is_refused_with_the_command_that_finds_it(tmp_path):
     case = CampaignState(ROOT / DEMONSTRATION, tmp_path)
     measure(case, pictures=False)

@@ -11,7 +11,7 @@ from jointgap.identification.confirmation import confirm
 from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_by_features import decided_by_features, leaders_by_features
 from jointgap.identification.decide_verdict import Decision
-from jointgap.identification.estimates import effect_estimates
+from jointgap.identification.estimates import effect_estimates, nuisance_estimates
 from jointgap.identification.fit import MATCHED, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
@@ -118,6 +118,7 @@ def test_where_samples_are_not_met_the_best_features_are_the_answer_with_an_inte
         assert estimate["value"] == pytest.approx(size, rel=0.1)
         assert high - low < 0.3 * size
         held += low <= size <= high
+        assert {estimate["remark"] for _, estimate in nuisance_estimates(found)} == {"not estimated"}
     assert held >= 3
 
 

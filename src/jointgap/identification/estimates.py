@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jointgap.identification.fit import Fit
+from jointgap.identification.fit import MATCHED, Fit
 from jointgap.identification.protocol import Candidate, Parameter
 
 HALF_WIDTHS = {50: 0.6745, 90: 1.645, 99: 2.576}
@@ -20,14 +20,16 @@ AT_BOUND = "at its bound"
 nothing."""
 
 NOT_ESTIMATED = "not estimated"
-"""A number that goes with an effect and that no fit varies, such as the length of a film or a whole order."""
+"""A number that goes with an effect and that no fit varies, such as the length of a film or a whole order; a nuisance
+where features of the cycle decide, which are searched over the effects alone."""
 
 CHANGES_NOTHING = "changes nothing in what was measured"
 """A parameter on which no measured value depends, such as a mass where no force is read: its value was not fitted."""
 
 
 def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
-    """Nuisances of a fit, each with its estimate as `coordinate_estimate` gives it; what changes nothing has none.
+    """Nuisances of a fit, each with its estimate as `coordinate_estimate` gives it; what changes nothing, or was not
+    fitted with the effects, has none.
 
     Parameters
     ----------
@@ -35,11 +37,14 @@ def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
     """
     of_effects = {f"{c.label}.{p.key}" for c in fit.hypothesis for p in c.coordinates}
     active = fit.active
-    return [
-        (p, coordinate_estimate(fit, i) if active[i] else _no_estimate(fit.values[i], CHANGES_NOTHING))
-        for i, p in enumerate(fit.parameters)
-        if p.key not in of_effects
-    ]
+
+    def estimate(place: int) -> dict[str, Any]:
+        if fit.status == MATCHED or not active[place]:
+            remark = NOT_ESTIMATED if fit.status == MATCHED else CHANGES_NOTHING
+            return _no_estimate(fit.values[place], remark)
+        return coordinate_estimate(fit, place)
+
+    return [(p, estimate(i)) for i, p in enumerate(fit.parameters) if p.key not in of_effects]
 
 
 def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:

@@ -146,8 +146,8 @@ class _Contestant:
         """The point whose features are best, as a fit to these alone; None where it cannot be simulated.
 
         Draws of the coordinates are the best points that were simulated, more often the better their features are met,
-        with sizes spread by what nuisances may change in them, which were not searched. Draws of the nuisances are what
-        the origin knows of them.
+        with sizes spread by what nuisances may change in them, which were not searched: these stay as the origin has
+        them.
         """
         problem, origin = self._baseline.problem, self._origin
         parameters = problem.parameters(self.hypothesis)
@@ -161,10 +161,8 @@ class _Contestant:
         keys = [p.key for p in parameters]
         jacobian, count = np.zeros((problem.size, len(keys))), self._settings.draws
         draws = np.tile([values[key] for key in keys], (count, 1))
-        known = self._generator.multivariate_normal(origin.values, origin.covariance(), count)
         for place, p in enumerate(origin.parameters):
-            column = keys.index(p.key)
-            jacobian[:, column], draws[:, column] = origin.jacobian[:, place], np.clip(known[:, place], p.low, p.high)
+            jacobian[:, keys.index(p.key)] = origin.jacobian[:, place]
         chosen = self._generator.choice(misfits.size, count, p=_likely(misfits, self._settings.elite))
         spread = np.exp(self._settings.size_error * self._generator.standard_normal(count))
         for row, point in enumerate(chosen):
