@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.fit import fit_hypothesis
@@ -302,3 +303,26 @@ def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_add
     decision = refit_and_decide(base, signatures, [*fits, *fit_pairs(base, signatures, limits, fits)[0]], limits)
     assert decision.verdict == "named"
     assert decision.chosen.label == "viscous"
+
+
+@pytest.mark.parametrize(
+    ("hidden", "is_tried"),
+    [
+        ({"coulomb": {"force_N": 0.2}}, False),
+        ({"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 3.0}}, True),
+    ],
+)
+def test_before_a_pair_is_named_one_effect_on_which_motion_depends_roughly_is_tried_alone(
+    hidden, is_tried, monkeypatch
+):
+    """It may do alone, and better, what two smooth effects do together."""
+    tried, search = [], hypothesis_fits.search_rough
+
+    def recorded(baseline, origin, candidates, sufficient):
+        tried.append((origin.label, [candidate.label for candidate in candidates]))
+        return search(baseline, origin, candidates, sufficient)
+
+    monkeypatch.setattr(hypothesis_fits, "search_rough", recorded)
+    decision, _ = named(hidden, more=[RINGING], seed=3)
+    assert {candidate.label for candidate in decision.chosen.hypothesis} == hidden.keys()
+    assert (("base", ["ringing"]) in tried) == is_tried

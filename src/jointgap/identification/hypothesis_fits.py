@@ -19,6 +19,8 @@ from jointgap.identification.model_selection import (
     two_effect_thresholds,
 )
 from jointgap.identification.nesting import not_above_its_parts
+from jointgap.identification.problem import Problem
+from jointgap.identification.protocol import Candidate
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
 from jointgap.identification.screening import LinearizedFit, Signatures, is_searched
 from jointgap.identification.thresholds import Thresholds
@@ -53,9 +55,13 @@ def fit_pairs(
 ) -> TimedFits:
     """Fit every pair of one part that is worth it beside the fits of single effects.
 
-    Where none of those is sufficient, the first part searches: effects on which motion depends roughly, if what is left
-    is rough, then single effects by smoothed residuals, then pairs. How far each one goes there depends on all others,
-    so it is not shared out. Single effects that it finds are among the fits then.
+    One effect on which motion depends roughly may do what two others do together: where a pair is worth a fit the first
+    part searches these too.
+
+    Where no single effect is sufficient, the first part searches: effects on which motion depends roughly, if what is
+    left is rough, then single effects by smoothed residuals, then effects on which motion depends roughly all the same,
+    then pairs. How far each one goes there depends on all others, so it is not shared out. Single effects that it finds
+    are among the fits then.
 
     Parameters
     ----------
@@ -66,7 +72,14 @@ def fit_pairs(
     """
     if _insufficient(baseline, alone, limits):
         return _search(baseline, signatures, limits, alone) if part == 0 else ([], [])
-    return _pairs_of_best(baseline, signatures, limits, alone, part, parts)
+    pairs = _pairs_of_best(baseline, signatures, limits, alone)
+    fits, seconds = _fit_each(baseline, signatures, pairs[part::parts], limits, alone)
+    if pairs and part == 0:
+        begin = time.monotonic()
+        searched = _search_alone(baseline, limits)
+        share = (time.monotonic() - begin) / max(len(searched), 1)
+        fits, seconds = [*fits, *searched], [*seconds, *[share] * len(searched)]
+    return fits, seconds
 
 
 def _insufficient(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> bool:
@@ -77,14 +90,13 @@ def _insufficient(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) 
 
 
 def _pairs_of_best(
-    baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
-) -> TimedFits:
-    """Pairs of the best single effect that is sufficient; none where none is."""
+    baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit]
+) -> list[tuple[LinearizedFit, Fit]]:
+    """Pairs that are worth a fit of the best single effect that is sufficient, each with this; none where none is."""
     second = two_effect_thresholds(baseline, alone, limits)
     best = best_sufficient(baseline, alone, second)
     count = baseline.problem.settings.selection.partners
-    pairs = shortlist_pairs(signatures, best, alone, second, count)[part::parts] if best else []
-    return _fit_each(baseline, signatures, [(pair, best) for pair in pairs], limits, alone)
+    return [(pair, best) for pair in shortlist_pairs(signatures, best, alone, second, count)] if best else []
 
 
 def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> TimedFits:
@@ -93,7 +105,9 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
     # steps as nobody else left them: the result must not depend on what else ran in this process
     start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
-    fits = _search_rough(baseline, alone, limits)
+    candidates = _searched_candidates(baseline.problem)
+    is_rough = bool(candidates) and leaves_rough_motion(baseline.problem, _origins(baseline, alone)[-1])
+    fits = _search_rough(baseline, alone, limits) if is_rough else []
     matched, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
     explains = any(_explains(baseline, fit) for fit in fits)
     leaders = [] if explains else leaders_by_features(baseline.problem, baseline.base, [*alone, *fits], matched)
@@ -104,10 +118,14 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
         if _insufficient(baseline, singles, limits):
             found = search_singles(baseline, limits)
             fits, singles = [*fits, *found], [*singles, *found]
+        if not is_rough and _insufficient(baseline, singles, limits):
+            found = _search_alone(baseline, limits)
+            fits, singles = [*fits, *found], [*singles, *found]
         if _insufficient(baseline, singles, limits):
             fits += search_pairs(baseline, singles, limits)
     if not any(len(fit.hypothesis) > 1 for fit in fits):
-        fits += _pairs_of_best(baseline, signatures, limits, singles)[0]
+        pairs = _pairs_of_best(baseline, signatures, limits, singles)
+        fits += _fit_each(baseline, signatures, pairs, limits, singles)[0]
     best: dict[str, Fit] = {}
     for fit in fits:
         best[fit.label] = min(best.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
@@ -120,18 +138,33 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
 
 def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> list[Fit]:
     """Fits of effects on which motion depends roughly: alone, and beside the best of those that are fitted `alone`."""
-    problem, fits = baseline.problem, []
-    candidates = [candidate for candidate in problem.model.candidates if is_searched(problem, candidate)]
-    best = min((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.bic, default=baseline.base)
-    origins = [baseline.base] if best.bic >= baseline.base.bic else [baseline.base, best]
-    if candidates and leaves_rough_motion(problem, origins[-1]):
-        for origin in origins:
-            taken = {candidate.label for candidate in origin.hypothesis}
-            others = [candidate for candidate in candidates if candidate.label not in taken]
-            fits += search_rough(baseline, origin, others, limits.omnibus)
-            if any(_explains(baseline, fit) or fit.status == MATCHED for fit in fits):
-                break
+    fits: list[Fit] = []
+    for origin in _origins(baseline, alone):
+        taken = {candidate.label for candidate in origin.hypothesis}
+        others = [candidate for candidate in _searched_candidates(baseline.problem) if candidate.label not in taken]
+        fits += search_rough(baseline, origin, others, limits.omnibus)
+        if any(_explains(baseline, fit) or fit.status == MATCHED for fit in fits):
+            break
     return fits
+
+
+def _search_alone(baseline: Baseline, limits: Thresholds) -> list[Fit]:
+    """The best fit to samples of each effect on which motion depends roughly, alone."""
+    found: dict[str, Fit] = {}
+    for fit in search_rough(baseline, baseline.base, _searched_candidates(baseline.problem), limits.omnibus):
+        if fit.status != MATCHED:
+            found[fit.label] = min(found.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
+    return list(found.values())
+
+
+def _searched_candidates(problem: Problem) -> list[Candidate]:
+    return [candidate for candidate in problem.model.candidates if is_searched(problem, candidate)]
+
+
+def _origins(baseline: Baseline, alone: Sequence[Fit]) -> list[Fit]:
+    """What effects are searched beside: the base, and the best of those that are fitted `alone` where it is better."""
+    best = min((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.bic, default=baseline.base)
+    return [baseline.base] if best.bic >= baseline.base.bic else [baseline.base, best]
 
 
 def _explains(baseline: Baseline, fit: Fit) -> bool:
