@@ -289,3 +289,24 @@ def test_a_formula_that_is_not_named_is_best_known_where_it_is_better_than_every
     assert outcome.best_known is best
     (row,) = outcome.ranking.to_dict("records")
     assert row["place"] == ("best_known" if shown == "law" else "")
+
+
+def test_what_features_name_and_the_held_out_data_refuse_is_best_known_without_a_rank_among_samples():
+    best = replace(fitted([FRICTION], [1.5, 20.0], chi2=9000.0), status="matched")
+    base = fitted([], [1.0], 900.0)
+    outcome = replace(outcome_of(base, base, ranking=[("spring", 500.0)]), verdict="unexplained", best_known=best)
+    content = document(outcome, gaps=gaps(features=(90.0, 88.0)))
+    assert content["basis"] == "statistics"
+    assert content["held_out_test"] == "stays"
+    assert content["held_out_features"] == {"before": 90.0, "after": 88.0}
+    known = content["best_known"]
+    assert (known["explained_share"], known["rival"]) == (None, None)
+    (effect_,) = known["effects"]
+    assert effect_["delta_bic"] is None
+    assert effect_["parameters"]["force_N"]["value"] == 20.0
+
+
+def test_motion_that_never_repeats_is_decided_on_statistics():
+    chosen = fitted([FRICTION], [1.5, 20.0])
+    assert document(outcome_of(chosen), repeats=False)["basis"] == "statistics"
+    assert document(outcome_of(chosen))["basis"] == "samples"

@@ -168,6 +168,15 @@ def test_it_is_told_that_features_of_the_cycle_confirm_what_samples_cannot():
     )
 
 
+def test_a_name_by_features_is_told_as_that_and_samples_as_not_met():
+    features = {"basis": "statistics", "held_out_features": {"before": 210.4, "after": 80.6}}
+    told = answer(held_out("named", 3.0, 4.0) | features)
+    assert "where in the cycle impacts come and how hard they are" in told
+    assert "Single samples it does not meet" in told
+    assert "within the noise" not in told
+    assert "Single samples" not in answer(held_out("named", 3.0, 4.0))
+
+
 @pytest.mark.parametrize(("before", "told"), [(TOLERATED**0.5 - 1e-6, False), (TOLERATED**0.5 + 1e-6, True)])
 def test_of_a_gap_that_counts_as_a_slight_misfit_no_share_is_told(before, told):
     assert ("of what exceeds the noise is gone" in held_out_in_words(held_out("named", before, 0.99))) == told

@@ -129,3 +129,11 @@ def test_nothing_is_asked_where_nothing_is_found():
     decision, families = asked(toy(seed=3))
     assert decision.verdict in ("no_disagreement", "parameters_only")
     assert families == ()
+
+
+def test_of_what_features_name_no_shape_is_asked():
+    decision, families = asked(
+        toy({"quadratic": {"drag_N_s2_m2": 1.0}}, seed=3),
+        lambda decision: replace(decision, chosen=replace(decision.chosen, status="matched")),
+    )
+    assert (decision.chosen.label, families) == ("quadratic", ())

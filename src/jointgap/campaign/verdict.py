@@ -131,6 +131,9 @@ def _best_known(outcome: Outcome, gaps: pd.DataFrame, gains: Mapping[str, float]
     best = outcome.best_known
     if best is None:
         return None
+    gap = {role: gap_of(gaps, role) for role in ("identify", "confirm")}
+    if best.status == MATCHED:  # samples, by which the others are ranked, say nothing of it
+        return {"effects": effects(best, gains), "explained_share": None, "gap": gap, "rival": None}
     ranking = outcome.ranking.set_index("explanation")
     own, labels = ranking.loc[best.label], set(best.label.split(JOINED))
     rivals = [
@@ -142,7 +145,7 @@ def _best_known(outcome: Outcome, gaps: pd.DataFrame, gains: Mapping[str, float]
     return {
         "effects": effects(best, gains),
         "explained_share": own["explained_share"],
-        "gap": {role: gap_of(gaps, role) for role in ("identify", "confirm")},
+        "gap": gap,
         "rival": nearest
         and {
             "explanation": nearest.Index,

@@ -108,7 +108,9 @@ def best_known_in_words(verdict: Mapping[str, Any]) -> tuple[str, ...]:
     if best["explained_share"] is not None and not hardly_shows:
         says[0] = says[0][:-1] + f": {percent(best['explained_share'])} of the misfit is explained."
     says.append(f"{_held_out_test(verdict, gap['confirm'])}.")
-    if rival is None:
+    if verdict["basis"] == "statistics" and verdict["held_out_features"]:
+        says.append("On the data used for fitting it alone meets where in the cycle impacts come and how hard.")
+    elif rival is None:
         says.append("No other explanation was fitted that could be held against it.")
     else:
         share = (

@@ -20,7 +20,7 @@ from jointgap.identification.decide_verdict import (
     rank,
 )
 from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import CONVERGED, FAILED, Fit, fit_hypothesis
+from jointgap.identification.fit import CONVERGED, FAILED, MATCHED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.thresholds import Thresholds
@@ -185,6 +185,8 @@ def with_families(
     limits : Thresholds
         For single effects.
     """
+    if any(fit.status == MATCHED for fit in (decision.chosen, *decision.equivalent)):
+        return decision, ()  # shapes are asked of samples, which cannot be followed there
     if decision.verdict == UNEXPLAINED:
         least = baseline.problem.settings.family.least_share
         tried = ((found, member) for found in _unproven(decision, least) for member in _of_families(found))
