@@ -170,7 +170,7 @@ def test_it_is_told_that_features_of_the_cycle_confirm_what_samples_cannot():
 
 def test_a_name_by_features_is_told_as_that_and_samples_as_not_met():
     features = {"basis": "statistics", "held_out_features": {"before": 210.4, "after": 80.6}}
-    told = answer(held_out("named", 3.0, 4.0) | features)
+    told = answer(held_out("named", 3.0, 4.0) | features | {"effects": [COULOMB | {"delta_bic": None}]})
     assert "where in the cycle impacts come and how hard they are" in told
     assert "Single samples it does not meet" in told
     assert "within the noise" not in told

@@ -110,6 +110,14 @@ def test_of_what_features_name_features_of_the_held_out_data_decide_however_samp
         assert final_verdict(found, data).verdict == verdict
 
 
+def test_what_features_name_needs_held_out_data_that_can_be_simulated():
+    found = Decision("named", replace(fitted(9000.0, COULOMB), status=MATCHED), BASE, because="features are met")
+    data = confirmed(features=(90.0, 20.0), by_features=True)
+    data.gaps.loc[data.gaps["role"] == "confirm", ["after", "features_after"]] = np.nan
+    assert data.test.outcome == "not_simulated"
+    assert final_verdict(found, data).verdict == "unexplained"
+
+
 def test_features_are_not_asked_where_samples_fall():
     found, data = decided("named", COULOMB), confirmed(features=(90.0, 20.0))
     assert final_verdict(found, data) is found

@@ -1,10 +1,12 @@
 """Of a law that was found, the data say which shapes of its family they allow."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from jointgap.identification import law_family
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.fit import fit_hypothesis
@@ -104,7 +106,17 @@ def test_what_took_up_a_wrong_exponent_beside_the_law_is_left_out():
     assert decision.chosen.label == "power_drag"
 
 
-def test_equals_of_one_family_are_its_name_and_others_stay_equal():
+def test_equals_that_have_two_laws_of_a_family_are_not_of_one():
+    def fit(*labels):
+        return SimpleNamespace(hypothesis=tuple(map(candidate_of, labels)))
+
+    is_one_family = law_family._is_one_family
+    assert is_one_family([fit("quadratic", "spring"), fit("spring", "viscous")])
+    assert not is_one_family([fit("quadratic", "coulomb"), fit("viscous", "coulomb")])
+    assert not is_one_family([fit("viscous"), fit("quadratic", "coulomb")])
+
+
+def test_equals_of_one_family_are_its_name_and_others_stay_equal(monkeypatch):
     model = toy({"quadratic": {"drag_N_s2_m2": 1.0}}, seed=3)
 
     def equal(*labels: str):
@@ -116,6 +128,9 @@ def test_equals_of_one_family_are_its_name_and_others_stay_equal():
     assert (decision.verdict, decision.chosen.label, decision.equivalent) == ("named", "quadratic", [])
     assert family.low <= 1.0 and family.high >= 2.0 and not family.alone
     decision, families = asked(model, equal("quadratic", "spring"))
+    assert (decision.verdict, families) == ("ambiguous", ())
+    monkeypatch.setattr(law_family, "profile_shape", lambda *of: None)  # a motion that cannot be simulated
+    decision, families = asked(model, equal("quadratic", "viscous"))
     assert (decision.verdict, families) == ("ambiguous", ())
 
 

@@ -100,11 +100,11 @@ def test_the_same_search_finds_the_same():
     assert np.array_equal(first.values, second.values)
 
 
-def blind_to_samples(base, monkeypatch):
+def blind_to_samples(base, monkeypatch, origin=None):
     """The search where no point of samples' valley is met: fits of samples end where they begin."""
     monkeypatch.setattr(rough_search._Contestant, "reached", lambda self, chi2: False)
     monkeypatch.setattr(rough_search._Contestant, "_fitted", lambda self, start, known, sufficient: base.base)
-    return search_rough(base, base.base, [RINGING], 1.2)
+    return search_rough(base, origin or base.base, [RINGING], 1.2)
 
 
 def test_where_samples_are_not_met_the_best_features_are_the_answer_with_an_interval_that_holds_the_truth(monkeypatch):
@@ -120,6 +120,16 @@ def test_where_samples_are_not_met_the_best_features_are_the_answer_with_an_inte
         held += low <= size <= high
         assert {estimate["remark"] for _, estimate in nuisance_estimates(found)} == {"not estimated"}
     assert held >= 3
+
+
+def test_features_are_matched_beside_an_effect_whose_fit_comes_from_a_file(monkeypatch):
+    base = rough(0.2, 6, other=lambda x, v: -0.5 * v)
+    viscous = next(one for one in CANDIDATES if one.label == "viscous")
+    beside = fit_hypothesis(base.problem, (viscous,), refresh=True)
+    beside = replace(beside, jacobian=beside.jacobian[:30])  # in fewer rows
+    *_, found = blind_to_samples(base, monkeypatch, beside)
+    assert (found.status, found.label) == (MATCHED, "viscous + ringing")
+    assert found.mapping["ringing.size"] == pytest.approx(0.2, rel=0.1)
 
 
 def test_features_name_what_leads_by_far_and_call_equal_what_does_not(monkeypatch):

@@ -248,7 +248,9 @@ def trend_frame(campaigns: Sequence[Dated]) -> pd.DataFrame:
         known = next((size for size in like if size.source != "nuisance"), like[0])
         for each, own in zip(campaigns, stated, strict=True):
             rows.append(_row(label, known, own.get(label), each, campaigns[0].campaign.date))
-    return pd.DataFrame(rows, columns=TREND.names)
+    frame = pd.DataFrame(rows, columns=TREND.names)
+    numbers = [name for name in TREND.names if name.startswith(("value", "low_", "high_", "smallest"))]
+    return frame.astype(dict.fromkeys(numbers, float))  # None, of what has no interval, is no number
 
 
 def _row(label: str, known: _Size, size: _Size | None, dated: Dated, first: Date) -> dict[str, Any]:

@@ -193,7 +193,8 @@ def _why(verdict: Mapping[str, Any]) -> list[Block]:
     named = verdict["effects"]
     gains = joined(f"{_gain(effect)} for {effect_in_words(effect)}" for effect in named)
     evidence = [Paragraph(f"Gain in BIC: {gains}; 10 would be very strong evidence.")] if named else []
-    if named and all(effect["delta_bic"] is None for effect in named) and verdict["basis"] == "statistics":
+    told = [effect for effects in (named, *verdict["equivalent"]) for effect in effects]
+    if told and all(effect["delta_bic"] is None for effect in told) and verdict["basis"] == "statistics":
         evidence = [Paragraph("Ranked are the fits to samples, which do not decide here.")]
     force = [] if all(map(is_fault, named)) else [_figure("missing_force")]
     return [Heading("What else was tried"), *evidence, _figure("ranking"), *force]

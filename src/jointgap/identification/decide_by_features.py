@@ -60,6 +60,8 @@ def decided_by_features(decision: Decision, leaders: Sequence[Fit]) -> Decision:
     """
     if decision.verdict != UNEXPLAINED or not leaders:
         return decision
+    led = {fit.label for fit in leaders}
+    decision = replace(decision, ranking=[ranked for ranked in decision.ranking if ranked.fit.label not in led])
     if len(leaders) > 1:
         because = "several explanations meet where in the cycle impacts come and how hard they are equally well"
         return replace(decision, verdict=AMBIGUOUS, because=because, equivalent=list(leaders), best_known=None)

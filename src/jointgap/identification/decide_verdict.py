@@ -320,8 +320,9 @@ def final_verdict(
     # 11 and 12
     # Of what the effects change in the held-out data the share a is there: the squared gap falls by (2 a - 1) times
     # that change's mean square. Where it falls at all, more of the change is there than not.
-    falls_not = by_features or not test.after < test.before
-    if test.outcome == RISES or (test.outcome == STAYS and falls_not):
+    if by_features and test.outcome != FALLS:
+        return withheld(f"{proposed.label} is told by features of the cycle alone, and no held-out data confirm it")
+    if test.outcome == RISES or (test.outcome == STAYS and not test.after < test.before):
         return withheld(f"with {proposed.label} the gap on the held-out data does not fall: {test.words}")
     hardly_shows = reduced_chi2(decision.base) <= settings.tolerated_reduced_chi2
     doubtful = hardly_shows or not explained_share(decision.base, proposed) >= settings.min_explained_share

@@ -207,7 +207,7 @@ def with_families(
         if interval is not None:
             intervals.append(interval)
             found = found if interval.fits else fit
-    if equal or found is not decision.chosen:
+    if (equal and intervals) or (not equal and found is not decision.chosen):
         decision = _named(baseline, decision, found, limits)
     return decision, tuple(intervals)
 
@@ -234,8 +234,9 @@ def _law(candidate: Candidate) -> str:
 
 
 def _is_one_family(equivalent: Sequence[Fit]) -> bool:
-    """Whether what is equally good differs in nothing but the shape of a law."""
-    return len({frozenset(map(_law, fit.hypothesis)) for fit in equivalent}) == 1
+    """Whether what is equally good differs in nothing but the shape of a law, and each has but one law of a family."""
+    laws = {tuple(sorted(map(_law, fit.hypothesis))) for fit in equivalent}
+    return len(laws) == 1 and all(len(set(each)) == len(each) for each in laws)
 
 
 def _asked(

@@ -161,8 +161,8 @@ class _Contestant:
         keys = [p.key for p in parameters]
         jacobian, count = np.zeros((problem.size, len(keys))), self._settings.draws
         draws = np.tile([values[key] for key in keys], (count, 1))
-        for place, p in enumerate(origin.parameters):
-            jacobian[:, keys.index(p.key)] = origin.jacobian[:, place]
+        for key, column in derivatives_of(origin).items():
+            jacobian[:, keys.index(key)] = column
         chosen = self._generator.choice(misfits.size, count, p=_likely(misfits, self._settings.elite))
         spread = np.exp(self._settings.size_error * self._generator.standard_normal(count))
         for row, point in enumerate(chosen):

@@ -325,8 +325,8 @@ GAPS = Table(
             Column(
                 f"features_{when}",
                 "1",
-                f"held-out runs: misfit of the features of the cycle {words} the effects, minus log likelihood; null "
-                "where samples can be followed",
+                f"misfit of the features of the cycle {words} the effects, minus log likelihood: of held-out runs "
+                "where a joint became loose, of all runs where features alone told it; else null",
                 nullable=True,
             )
             for when, words in (("before", "without"), ("after", "with"))

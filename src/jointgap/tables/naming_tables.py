@@ -14,7 +14,7 @@ FITS = Table(
     (
         _EXPLANATION,
         Column("kind", "", "base, single, pair or formula", "text"),
-        Column("status", "", "converged, stopped or failed", "text"),
+        Column("status", "", "converged, stopped, failed, or matched: to features of the cycle", "text"),
         Column("reason", "", "why it stopped or failed", "text", nullable=True),
         Column("chi2", "1", "sum of squared whitened residuals", nullable=True),
         Column("samples", "1", "residuals counted", "int"),
