@@ -245,8 +245,8 @@ def test_what_is_best_but_not_proven_is_told_with_its_rest_its_test_its_rival_an
     assert best_known_in_words(unproven()) == (
         "With it the gap on the data used for fitting goes from 3.00 to 2.00: 56.0 % of the misfit is explained.",
         "On data that took no part in fitting or choosing it falls from 3.00 to 2.10.",
-        "The next best that is another one, the weight of the bodies and a spring on the slider, is 432 of BIC behind, "
-        "and explains 31.0 %.",
+        "The next best that is another one, the weight of the bodies and a linear spring on the slider, is 432 of BIC "
+        "behind, and explains 31.0 %.",
         "What would prove it: that what it leaves is explained too, by another effect or by parameters with wider "
         "bounds; the map of disagreement and the residuals show where it is.",
     )

@@ -49,6 +49,10 @@ def test_a_family_is_told_with_the_range_of_its_shape_and_the_law_of_the_list_th
     assert effect_in_words(quadratic) == told
     law = quadratic | {"name": "slider_power_drag", "family": found | {"interval_99": [2.81, 3.2]}}
     assert effect_in_words(law) == "drag of the slider (exponent 2.8 to 3.2)"
+    found = {"law": "slider_nonlinear_spring", "shape": "cubic_share", "interval_99": [-0.31, 0.62], "named": True}
+    linear = {"name": "slider_spring", "site": "slider", "family": found}
+    told = "a spring on the slider (cubic share -0.31 to 0.62; a linear spring on the slider fits)"
+    assert effect_in_words(linear) == told
     alone = quadratic | {"family": found | {"named": False}}
     assert effect_in_words(alone) == "quadratic drag of the slider"
 
@@ -90,7 +94,7 @@ def test_an_effect_that_is_not_in_the_catalogue_keeps_its_name():
     [
         ("sensor_bias:crank_torque", "a bias of the sensor of crank torque"),
         ("pin_friction:piston_pin", "friction in the piston pin"),
-        ("slider_spring", "a spring on the slider"),
+        ("slider_spring", "a linear spring on the slider"),
         ("sensor_bias", "sensor_bias"),
     ],
 )
@@ -106,7 +110,7 @@ def test_an_explanation_has_the_values_of_all_parameters_with_their_units():
         {"name": "slider_offset", "site": "slider"},
     ]
     assert explanation_in_words(effects) == (
-        "a spring on the slider (stiffness_N_m 120 N/m, rest_position_m 0.56 m), the weight of the bodies and "
+        "a linear spring on the slider (stiffness_N_m 120 N/m, rest_position_m 0.56 m), the weight of the bodies and "
         f"{EFFECTS['slider_offset'].WORDS}"
     )
 

@@ -97,6 +97,9 @@ def slider_effects(moved: Motion) -> np.ndarray:
         force = force + e.force_N
     if e := made.effect("slider_spring"):
         force = force - e.stiffness_N_m * (x - e.rest_position_m)
+    if e := made.effect("slider_nonlinear_spring"):
+        stretch, c = x - e.rest_position_m, e.cubic_share
+        force = force - e.stiffness_N_m * ((1 - c) * stretch + c * stretch**3 / e.length_m**2)
     if e := made.effect("gas_pressure"):
         outermost = math.sqrt((made.crank.length + made.rod.length) ** 2 - made.slider.offset**2)
         force = force - e.force_N * (e.dead_length_m / (e.dead_length_m + outermost - x)) ** e.exponent

@@ -34,6 +34,7 @@ SLIDER = [
     effect("slider_load_friction", coefficient=0.1),
     effect("slider_constant_force", force_N=-50.0),
     effect("slider_spring", stiffness_N_m=2000.0, rest_position_m=0.56),
+    effect("slider_nonlinear_spring", stiffness_N_m=1000.0, rest_position_m=0.6, length_m=0.15, cubic_share=0.7),
     effect("gas_pressure", force_N=300.0, dead_length_m=0.05, exponent=1.3),
     effect("harmonic_force", force_N=30.0, frequency_Hz=37.0, phase_rad=0.4),
     effect("discovered_slider_force", formula="-a*v*|v| + b*sin(theta)", coefficients={"a": 2.0, "b": 3.0}),

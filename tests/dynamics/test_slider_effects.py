@@ -25,6 +25,10 @@ LAWS = {
     ),
     "slider_constant_force": ({"force_N": -50.0}, lambda x, v, t, a: np.full_like(x, -50.0)),
     "slider_spring": ({"stiffness_N_m": 2e3, "rest_position_m": 0.56}, lambda x, v, t, a: -2e3 * (x - 0.56)),
+    "slider_nonlinear_spring": (
+        {"stiffness_N_m": 1e3, "rest_position_m": 0.6, "length_m": 0.1, "cubic_share": -0.4},
+        lambda x, v, t, a: -1e3 * (1.4 * (x - 0.6) - 0.4 * (x - 0.6) ** 3 / 0.01),
+    ),
     "gas_pressure": (
         {"force_N": 300.0, "dead_length_m": 0.05, "exponent": 1.3},
         lambda x, v, t, a: -300.0 * (0.05 / (0.05 + OUTERMOST - x)) ** 1.3,

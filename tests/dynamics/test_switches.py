@@ -19,6 +19,7 @@ NOTHING = [
     effect("slider_load_friction", coefficient=0.0),
     effect("slider_constant_force", force_N=0.0),
     effect("slider_spring", stiffness_N_m=0.0, rest_position_m=0.5),
+    effect("slider_nonlinear_spring", stiffness_N_m=0.0, rest_position_m=0.5, length_m=0.1, cubic_share=1.0),
     effect("gas_pressure", force_N=0.0, dead_length_m=0.05, exponent=1.3),
     effect("harmonic_force", force_N=0.0, frequency_Hz=37.0, phase_rad=0.4),
     effect("pin_friction", "crank_pin", coefficient=0.0),

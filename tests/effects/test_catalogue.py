@@ -65,6 +65,8 @@ def test_every_effect_has_a_law_a_reference_and_explained_parameters(name):
         ("slider_load_friction", "coefficient", (0, 1), (-0.1, 1.1)),
         ("slider_constant_force", "force_N", (-5, 5), ()),
         ("slider_spring", "stiffness_N_m", (0,), (-1,)),
+        ("slider_nonlinear_spring", "length_m", (1e-3,), (0,)),
+        ("slider_nonlinear_spring", "cubic_share", (-0.5, 1), (-0.6, 1.1)),
         ("gas_pressure", "dead_length_m", (1e-6,), (0,)),
         ("gas_pressure", "exponent", (1, 1.4), (0.9, 1.5)),
         ("harmonic_force", "force_N", (0,), (-1,)),

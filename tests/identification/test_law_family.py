@@ -106,6 +106,19 @@ def test_what_took_up_a_wrong_exponent_beside_the_law_is_left_out():
     assert decision.chosen.label == "power_drag"
 
 
+def test_what_leaves_more_than_noise_gives_way_to_a_law_of_a_family_that_does_not():
+    model = toy(hidden=drag(2.0, 3.0), seed=5)
+
+    def of_others(decision: Decision) -> Decision:
+        problem = Problem(model, stated_noise(model))
+        pair = fit_hypothesis(problem, (candidate_of("spring"), candidate_of("constant_force")), refresh=True)
+        return replace(decision, verdict="named_with_remaining_misfit", chosen=pair, best_known=None)
+
+    decision, (family,) = asked(model, of_others)
+    assert (decision.verdict, decision.chosen.label) == ("named", "power_drag")
+    assert family.low <= 3.0 <= family.high
+
+
 def test_equals_that_have_two_laws_of_a_family_are_not_of_one():
     def fit(*labels):
         return SimpleNamespace(hypothesis=tuple(map(candidate_of, labels)))

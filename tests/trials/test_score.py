@@ -140,6 +140,10 @@ def test_a_law_off_the_list_is_right_as_its_family_and_wrong_as_another_law():
     assert outcome(fifth, kind="off_list", effects=[drag_family()]) == "right"
     assert outcome(fifth, kind="off_list", effects=[drag_family(family=False)]) == "wrong"
     assert outcome(stribeck, kind="off_list", effects=[drag_family(low=0.0)]) == "wrong"
+    cubic, found = fifth | {"name": "cubic_spring"}, {"law": "slider_nonlinear_spring", "shape": "cubic_share"}
+    for low, high, expected in ((0.9, 1.0, "right"), (-0.2, 1.0, "right"), (0.1, 0.6, "wrong")):
+        spring = named(SPRING) | {"family": found | {"value": 0.5, "interval_99": [low, high], "named": True}}
+        assert outcome(cubic, kind="off_list", effects=[spring]) == expected
     row = score_trial(truth(fifth, kind="off_list"), analysis(effects=[drag_family()]))
     assert row["named"] == "slider_power_drag"
 

@@ -1,6 +1,7 @@
 """A spring on the slider."""
 
 from jointgap.effects.base import Candidates, Effect, FitContext, TrialContext, TrialSize, amplitude, page, parameter
+from jointgap.effects.slider_nonlinear_spring import SliderNonlinearSpring
 
 _FARTHEST_STROKES = 3.0
 """How far from mid-stroke a spring may rest [strokes]: farther away it is a constant force, to a sixth of it."""
@@ -14,7 +15,7 @@ class SliderSpring(Effect):
     SITE = "slider"
     LAW = "F = -k (x - x0)"
     REFERENCE = "Hooke, De potentia restitutiva (1678)"
-    WORDS = "a spring on the slider"
+    WORDS = "a linear spring on the slider"
     COMPILED = {"spring_stiffness": "stiffness_N_m", "spring_rest": "rest_position_m"}
     PARAMETERS = {
         "stiffness_N_m": parameter("N/m", "k, force per length", 2000.0, ge=0),
@@ -38,7 +39,8 @@ class SliderSpring(Effect):
             share = (outer - inner) / stiffness if stiffness > 0.0 else 0.0
             return {"stiffness_N_m": stiffness, "rest_position_m": scale.middle + share * farthest}
 
-        yield cls.candidate(*coordinates, parameters=parameters)
+        family = SliderNonlinearSpring.family_of(coordinates, parameters, context)
+        yield cls.candidate(*coordinates, parameters=parameters, family=family)
 
     @classmethod
     def trial(cls, context: TrialContext) -> TrialSize:

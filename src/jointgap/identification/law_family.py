@@ -172,10 +172,10 @@ def with_families(
     """The decision with the shapes of its laws asked for, and what the data leave of their families.
 
     Where a shape is not that of the effect that was found, the law of the family takes its place. Where nothing is
-    named, this is tried in the best known explanation and in the best effect of each family alone, and the law is named
-    if it leaves noise alone. What stands beside it is left out if it gains no more than chance then. Where all that is
-    equally good is of one family, this is named. Two laws of one family beside each other are left as they are: their
-    sum has no shape of it.
+    named, or what is leaves more than noise, this is tried in the best known explanation and in the best effect of each
+    family alone, and the law is named if it leaves noise alone. What stands beside it is left out if it gains no more
+    than chance then. Where all that is equally good is of one family, this is named. Two laws of one family beside each
+    other are left as they are: their sum has no shape of it.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def with_families(
     """
     if any(fit.status == MATCHED for fit in (decision.chosen, *decision.equivalent)):
         return decision, ()  # shapes are asked of samples, which cannot be followed there
-    if decision.verdict == UNEXPLAINED:
+    if decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT):
         least = baseline.problem.settings.family.least_share
         tried = ((found, member) for found in _unproven(decision, least) for member in _of_families(found))
         for found, member in tried:
@@ -197,6 +197,7 @@ def with_families(
             fit, interval = _asked(baseline, member, fit, limits)
             if interval is not None and not interval.fits:
                 return _named(baseline, decision, fit, limits), (interval,)
+    if decision.verdict == UNEXPLAINED:
         return decision, ()
     equal = decision.equivalent if _is_one_family(decision.equivalent) else []
     found, intervals = equal[0] if equal else decision.chosen, []
@@ -213,8 +214,8 @@ def with_families(
 
 
 def _unproven(decision: Decision, least_share: float) -> list[Fit]:
-    """What may be a family's law where nothing is named: the best known explanation, the best effect of each family
-    that explains the `least_share` of the misfit.
+    """What may be a family's law where nothing leaves noise alone: the best known explanation, the best
+    effect of each family that explains the `least_share` of the misfit.
     """
     single = [ranked for ranked in decision.ranking if len(ranked.fit.hypothesis) == 1 and ranked.admissible]
     alone = [ranked.fit for ranked in single if ranked.share >= least_share]

@@ -34,8 +34,8 @@ EFFECT_CLASSES = {
         "common_pin_friction", "pin_restitution", "common_pin_restitution",
     ),
     "force": (
-        "gravity", "slider_constant_force", "slider_spring", "gas_pressure", "harmonic_force", "crank_periodic_torque",
-        "speed_fluctuation",
+        "gravity", "slider_constant_force", "slider_spring", "slider_nonlinear_spring", "gas_pressure",
+        "harmonic_force", "crank_periodic_torque", "speed_fluctuation",
     ),
     "mass or length": ("added_slider_mass", "crank_unbalance", "slider_offset", "link_length_error"),
     "film or rod": ("lubricated_joint", "rod_flexibility"),

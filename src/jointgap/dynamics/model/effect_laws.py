@@ -43,6 +43,9 @@ def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
     if e.power_drag != 0.0:
         force -= e.power_drag * (abs(v) / e.power_drag_speed) ** e.power_drag_exponent * sign
     force -= e.spring_stiffness * (x - e.spring_rest)
+    if e.nonlinear_spring != 0.0:
+        stretch, share = x - e.nonlinear_spring_rest, e.nonlinear_spring_share
+        force -= e.nonlinear_spring * stretch * (1.0 - share + share * (stretch / e.nonlinear_spring_length) ** 2)
     if e.gas_force != 0.0:
         force -= e.gas_force * (e.gas_length / (e.gas_length + e.gas_outermost - x)) ** e.gas_exponent
     if e.harmonic != 0.0:

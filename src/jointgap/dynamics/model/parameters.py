@@ -160,6 +160,10 @@ class EffectParameters(NamedTuple):
     constant: float = 0.0
     spring_stiffness: float = 0.0
     spring_rest: float = 0.0
+    nonlinear_spring: float = 0.0
+    nonlinear_spring_rest: float = 0.0
+    nonlinear_spring_length: float = 1.0
+    nonlinear_spring_share: float = 0.0
     gas_force: float = 0.0
     gas_length: float = 1.0
     gas_exponent: float = 1.0

@@ -1,4 +1,4 @@
-"""A drag that is on nobody's list is named as the family of those that are, with its exponent."""
+"""A law that is on nobody's list is named as the family of those that are, with its shape."""
 
 import json
 from pathlib import Path
@@ -45,3 +45,25 @@ def test_quadratic_drag_that_shows_well_keeps_its_name(tmp_path):
     assert not found["family"]["named"]
     assert answer(verdict).startswith("Missing in the model is quadratic drag of the slider.")
     assert [effect["name"] for effect in effects] == ["slider_quadratic_drag"]
+
+
+def test_a_cubic_spring_is_named_as_a_spring_whose_cubic_share_is_one(tmp_path):
+    formula = {"formula": "-s*(x-0.5)^3", "coefficients": {"s": 5e3}}
+    verdict, effects = analysed(tmp_path, {"name": "discovered_slider_force", "parameters": formula})
+    (found,) = verdict["effects"]
+    low, high = found["family"]["interval_99"]
+    assert (verdict["verdict"], found["name"]) == ("named", "slider_nonlinear_spring")
+    assert 0.5 < low <= 1.0 == high
+    assert "is a spring on the slider (cubic share" in answer(verdict) and "linear" not in answer(verdict)
+    (written,) = (effect["parameters"] for effect in effects)
+    assert written["stiffness_N_m"] / written["length_m"] ** 2 == pytest.approx(5e3, rel=0.2)
+    assert written["rest_position_m"] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_linear_spring_that_shows_well_keeps_its_name(tmp_path):
+    hidden = {"name": "slider_spring", "parameters": {"stiffness_N_m": 200.0, "rest_position_m": 0.52}}
+    verdict, _ = analysed(tmp_path, hidden)
+    (found,) = verdict["effects"]
+    low, high = found["family"]["interval_99"]
+    assert (verdict["verdict"], found["name"], found["family"]["named"]) == ("named", "slider_spring", False)
+    assert low <= 0.0 <= high
