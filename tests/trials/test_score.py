@@ -13,9 +13,9 @@ from jointgap.config import EFFECTS
 from jointgap.errors import InputError
 from jointgap.identification.estimates import LEVELS
 from jointgap.slider_crank.sensor_faults import FAULTS
-from jointgap.trials.analyse_trial import greedy_names
+from jointgap.trials.analyse_trial import greedy_names, samples_names, statistics_names
 from jointgap.trials.make_trial import ANGLE_PIECES
-from jointgap.trials.score import LEAST_GAP, TRIALS, effect_label, score_batches, score_trial
+from jointgap.trials.score import BASELINES, LEAST_GAP, TRIALS, effect_label, score_batches, score_trial
 from jointgap.trials.trial_figures import draw_score
 from jointgap.trials.trials_report import EFFECT_CLASSES, class_confusion, markdown, metrics, rates, share_interval
 
@@ -241,6 +241,25 @@ def test_greedy_steps_follow_the_least_bic_whatever_remains():
     assert greedy_names(frame[:1]) == []
 
 
+def test_statistics_alone_name_the_best_features_at_a_price_for_each_effect():
+    def ranking(**gains):
+        return pd.DataFrame(
+            {"explanation": [name.replace("_", " + ") for name in gains], "feature_gain": gains.values()}
+        )
+
+    verdict = {"basis": "samples", "effects": [named(DRAG)]}
+    assert statistics_names(verdict, ranking(a=40.0, b=30.0, a_b=49.0)) == ["a"]
+    assert statistics_names(verdict, ranking(a=40.0, b=30.0, a_b=51.0)) == ["a", "b"]
+    assert statistics_names(verdict, ranking(a=9.0, b=np.nan)) == []
+    assert statistics_names(verdict | {"basis": "statistics"}, ranking(a=40.0)) == ["slider_quadratic_drag"]
+
+
+def test_samples_alone_name_nothing_that_statistics_decided():
+    verdict = {"basis": "samples", "effects": [named(DRAG)]}
+    assert samples_names(verdict) == ["slider_quadratic_drag"]
+    assert samples_names(verdict | {"basis": "statistics"}) == []
+
+
 def test_the_interval_of_a_share_is_clopper_and_pearsons():
     assert share_interval(0, 10) == (0.0, pytest.approx(1 - 0.025**0.1, rel=1e-9))  # (1 - p)^10 = 0.025
     assert share_interval(10, 10) == (pytest.approx(0.025**0.1, rel=1e-9), 1.0)
@@ -341,7 +360,8 @@ def rows_of(*rows) -> pd.DataFrame:
     numbers |= {"nuisances": 8.0, "nuisances_covered_90": 7.0}
     hidden = np.where(frame["kind"] == "clearance", "piston_pin_clearance", "gravity")
     hidden[frame["size"] == 0.0] = "nothing"
-    return frame.assign(hidden=hidden, told=False, named="gravity", greedy="wrong", sparse="not asked", **numbers)
+    baselines = dict.fromkeys(BASELINES, "not asked") | {"greedy": "wrong"}
+    return frame.assign(hidden=hidden, told=False, named="gravity", **baselines, **numbers)
 
 
 def test_every_rate_counts_the_trials_that_it_says():

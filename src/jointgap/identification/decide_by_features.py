@@ -5,8 +5,10 @@ The lowest rung of what residuals tell: where in the cycle impacts come and how 
 ``unexplained`` is decided here.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import AMBIGUOUS, NAMED, UNEXPLAINED, Decision
@@ -32,11 +34,8 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
     list of Fit
         Of those `matched`, best first; none where a fit to samples has features that are as good.
     """
-    features, settings = CycleFeatures(problem, base.residual), problem.settings.rough_search
-
-    def misfit(fit: Fit) -> float:
-        return sum(features.misfit(base.residual - fit.residual, run) for run in problem.runs)
-
+    features, misfit = _misfits_of(problem, base)
+    settings = problem.settings.rough_search
     ranked = sorted(((misfit(fit), place) for place, fit in enumerate(matched)))
     if not ranked or ranked[0][0] > settings.matched_misfit * features.size:
         return []
@@ -46,6 +45,29 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
     if min(map(misfit, rivals)) < enough:
         return []
     return [matched[place] for found, place in ranked if found < enough]
+
+
+def with_feature_gains(problem: Problem, decision: Decision) -> Decision:
+    """The decision with the `feature_gain` of each explanation in its ranking.
+
+    Parameters
+    ----------
+    problem : Problem
+    decision : Decision
+    """
+    features, misfit = _misfits_of(problem, decision.base)
+    if not features.size:
+        return decision
+    absent = misfit(decision.base)
+    gains = [np.nan if each.fit.status == FAILED else absent - misfit(each.fit) for each in decision.ranking]
+    ranking = [replace(each, feature_gain=gain) for each, gain in zip(decision.ranking, gains, strict=True)]
+    return replace(decision, ranking=ranking)
+
+
+def _misfits_of(problem: Problem, base: Fit) -> tuple[CycleFeatures, Callable[[Fit], float]]:
+    """The features of a base, and how far those of a fit are from them."""
+    features = CycleFeatures(problem, base.residual)
+    return features, lambda fit: sum(features.misfit(base.residual - fit.residual, run) for run in problem.runs)
 
 
 def decided_by_features(decision: Decision, leaders: Sequence[Fit]) -> Decision:

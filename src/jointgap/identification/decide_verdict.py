@@ -91,6 +91,9 @@ class Ranked:
         Whether all its effects are there and none is a nuisance within its range.
     remark : str
         Why it is not admissible, or what the fit says.
+    feature_gain : float
+        [1] By how much the log likelihood of the features of the cycle (`jointgap.identification.cycle_features`) is
+        above the base's; NaN where nothing has such features.
     """
 
     fit: Fit
@@ -99,6 +102,7 @@ class Ranked:
     passes: bool
     admissible: bool
     remark: str = ""
+    feature_gain: float = np.nan
 
 
 @dataclass(frozen=True)

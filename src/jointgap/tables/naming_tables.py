@@ -146,6 +146,7 @@ RANKING = Table(
         *FITS.columns,
         Column("delta_bic", "1", "BIC of the base less its own; larger is better", nullable=True),
         Column("explained_share", "1", "share of the base's chi2 beyond noise that is gone", nullable=True),
+        Column("feature_gain", "1", "log likelihood of the features of the cycle above the base's", nullable=True),
         Column("passes", "", "leaves no more than null campaigns do", "bool"),
         Column("admissible", "", "all its effects are there, and none is a nuisance within its range", "bool"),
         Column("place", "", "named, equivalent, best_known, or empty", "text"),

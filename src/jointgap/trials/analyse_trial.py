@@ -4,16 +4,21 @@ import shutil
 import tempfile
 import time
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from jointgap import tables
+from jointgap.campaign.tables_of_identification import JOINED
 from jointgap.campaign.verdict import read
 from jointgap.tables import CONTRADICTIONS
 from jointgap.tables.results_folder import ResultsFolder
+from jointgap.trials.score import effect_label
 from jointgap.trials.sparse_regression import sparse_names
+
+_GAIN_OF_AN_EFFECT = 10.0  # in log likelihood of the features of the cycle; that asked of held-out data too
 
 
 def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
@@ -29,8 +34,8 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        id, seconds, doubts (what `measure` found to contradict), and verdict, greedy, sparse and fits (of
-        `least_chi2`), or error.
+        id, seconds, doubts (what `measure` found to contradict), and verdict, greedy, sparse, statistics, samples and
+        fits (of `least_chi2`), or error.
     """
     from jointgap.campaign import analyse
 
@@ -50,6 +55,9 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
         if "verdict" in record:
             fits = _all_fits(own_results)
             record |= {"greedy": greedy_names(fits), "fits": least_chi2(fits)}
+            ranking = ResultsFolder(own_results).read("ranking", "verdict")
+            record |= {"statistics": statistics_names(record["verdict"], ranking)}
+            record |= {"samples": samples_names(record["verdict"])}
             try:
                 residuals = tables.read(tables.RESIDUALS, own_results / "confirm" / "residuals.parquet")
                 record["sparse"] = sparse_names(copy / "campaign.yaml", residuals)
@@ -115,3 +123,39 @@ def greedy_names(fits: pd.DataFrame) -> list[str]:
             return sorted(chosen)
         chosen = min(larger, key=larger.__getitem__)
         best = larger[chosen]
+
+
+def statistics_names(verdict: Mapping[str, Any], ranking: pd.DataFrame) -> list[str]:
+    """Labels of the explanation whose features of the cycle are best, each effect of it at the price of a fixed gain;
+    those of the verdict where statistics decided it.
+
+    Parameters
+    ----------
+    verdict : mapping
+        Content of ``verdict.json``.
+    ranking : DataFrame
+        Table `jointgap.tables.RANKING`.
+    """
+    if verdict["basis"] == "statistics":
+        return _labels(verdict)
+    found = {
+        row.explanation: row.feature_gain - _GAIN_OF_AN_EFFECT * len(row.explanation.split(JOINED))
+        for row in ranking.dropna(subset=["feature_gain"]).itertuples()
+    }
+    best = max(found, key=found.__getitem__, default=None)
+    return sorted(best.split(JOINED)) if best and found[best] > 0.0 else []
+
+
+def samples_names(verdict: Mapping[str, Any]) -> list[str]:
+    """Labels that a verdict names by samples: none where statistics decided it.
+
+    Parameters
+    ----------
+    verdict : mapping
+        Content of ``verdict.json``.
+    """
+    return _labels(verdict) if verdict["basis"] == "samples" else []
+
+
+def _labels(verdict: Mapping[str, Any]) -> list[str]:
+    return sorted(map(effect_label, verdict["effects"]))

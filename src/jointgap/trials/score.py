@@ -45,9 +45,15 @@ CLOSED_FROM_GAP = 1.5
 
 _BIN_DEG = 10  # [deg] width of a bin of the map of disagreement
 
-BASELINES = {"greedy": "greedy BIC", "sparse": "sparse regression"}
+BASELINES = {
+    "greedy": "greedy BIC",
+    "sparse": "sparse regression",
+    "statistics": "statistics alone",
+    "samples": "samples alone",
+}
 """Methods beside the naming, by the key of the analysis' record that holds the names they give: the least BIC, one
-effect at a time, without a gate; and sparse regression of the residual."""
+effect at a time, without a gate; sparse regression of the residual; the best features of the cycle, without a gate; and
+the naming without what it decides by features."""
 
 _TEXT = {
     "id": "the campaign's name",
