@@ -184,8 +184,8 @@ class ChaosSettings:
     unstated_noise_share : float
         [1, of a channel's standard deviation] Noise where it is not stated.
     tolerance_m : float
-        [m] Local error of a step: statistics do not depend on it beyond their scatter from 1e-11 to 1e-7, and 1e-9 saves
-        a quarter to a half of the time that 1e-10 takes.
+        [m] Local error of a step: from 1e-11 to 1e-7 statistics do not depend on it beyond their scatter, and 1e-9
+        saves a quarter to a half of the time that 1e-10 takes.
     cycles, learning_cycles : int
         Simulated in every evaluation, and once to learn how statistics scatter. 180 cycles tell a variance within 10 %
         (experience).
