@@ -19,7 +19,7 @@ def held_out(verdict, before, after):
 
 def test_the_answer_names_a_family_where_the_law_of_the_list_is_not_the_only_one():
     found = {"law": "slider_power_drag", "shape": "exponent", "value": 0.4, "interval_99": [0.0, 1.3], "named": True}
-    assert answer(NAMED | {"effects": [COULOMB | {"family": found}]}) == (
+    assert answer(NAMED | {"effects": [COULOMB | {"families": [found]}]}) == (
         "Missing in the model is drag of the slider (exponent 0 to 1.3; Coulomb friction of the slider fits). With "
         "this added the model meets the measurement within the noise."
     )

@@ -44,16 +44,22 @@ def test_a_value_has_the_digits_that_its_error_leaves(value, error, shown):
 
 def test_a_family_is_told_with_the_range_of_its_shape_and_the_law_of_the_list_that_fits():
     found = {"law": "slider_power_drag", "shape": "exponent", "value": 2.4, "interval_99": [1.62, 5.0], "named": True}
-    quadratic = {"name": "slider_quadratic_drag", "site": "slider", "family": found}
+    quadratic = {"name": "slider_quadratic_drag", "site": "slider", "families": [found]}
     told = "drag of the slider (exponent 1.6 to 5; quadratic drag of the slider fits)"
     assert effect_in_words(quadratic) == told
-    law = quadratic | {"name": "slider_power_drag", "family": found | {"interval_99": [2.81, 3.2]}}
+    law = quadratic | {"name": "slider_power_drag", "families": [found | {"interval_99": [2.81, 3.2]}]}
     assert effect_in_words(law) == "drag of the slider (exponent 2.8 to 3.2)"
     found = {"law": "slider_nonlinear_spring", "shape": "cubic_share", "interval_99": [-0.31, 0.62], "named": True}
-    linear = {"name": "slider_spring", "site": "slider", "family": found}
+    linear = {"name": "slider_spring", "site": "slider", "families": [found]}
     told = "a spring on the slider (cubic share -0.31 to 0.62; a linear spring on the slider fits)"
     assert effect_in_words(linear) == told
-    alone = quadratic | {"family": found | {"named": False}}
+    drag = {"law": "slider_power_drag", "shape": "exponent", "interval_99": [0.0, 1.3], "named": True}
+    dry = {"law": "slider_stribeck_friction", "shape": "stribeck_share", "interval_99": [0.0, 0.72], "named": True}
+    assert effect_in_words({"name": "slider_coulomb_friction", "site": "slider", "families": [drag, dry]}) == (
+        "drag of the slider (exponent 0 to 1.3; Coulomb friction of the slider fits) or "
+        "dry friction of the slider (stribeck share 0 to 0.72; Coulomb friction of the slider fits)"
+    )
+    alone = quadratic | {"families": [found | {"named": False}]}
     assert effect_in_words(alone) == "quadratic drag of the slider"
 
 

@@ -89,6 +89,9 @@ def slider_effects(moved: Motion) -> np.ndarray:
         force = force - e.damping_N_s_m * v
     if e := made.effect("slider_quadratic_drag"):
         force = force - e.drag_N_s2_m2 * v * np.abs(v)
+    if e := made.effect("slider_stribeck_friction"):
+        lasting, falling = 1 - e.stribeck_share, e.stribeck_share * np.exp(-np.abs(v) / e.stribeck_speed_m_s)
+        force = force - e.force_N * (lasting + falling) * sign
     if e := made.effect("slider_power_drag"):
         force = force - e.force_N * np.abs(v / e.speed_m_s) ** e.exponent * sign
     if e := made.effect("slider_load_friction"):

@@ -30,6 +30,7 @@ SLIDER = [
     effect("slider_coulomb_friction", force_N=20.0),
     effect("slider_viscous_friction", damping_N_s_m=5.0),
     effect("slider_quadratic_drag", drag_N_s2_m2=0.5),
+    effect("slider_stribeck_friction", force_N=15.0, stribeck_speed_m_s=0.5, stribeck_share=0.7),
     effect("slider_power_drag", force_N=2.0, speed_m_s=1.5, exponent=3.5),
     effect("slider_load_friction", coefficient=0.1),
     effect("slider_constant_force", force_N=-50.0),

@@ -19,6 +19,10 @@ LAWS = {
     "slider_coulomb_friction": ({"force_N": 20.0}, lambda x, v, t, a: -20.0 * np.tanh(v / 0.01)),
     "slider_viscous_friction": ({"damping_N_s_m": 5.0}, lambda x, v, t, a: -5.0 * v),
     "slider_quadratic_drag": ({"drag_N_s2_m2": 0.5}, lambda x, v, t, a: -0.5 * v * np.abs(v)),
+    "slider_stribeck_friction": (
+        {"force_N": 30.0, "stribeck_speed_m_s": 0.5, "stribeck_share": 0.4},
+        lambda x, v, t, a: -30.0 * (0.6 + 0.4 * np.exp(-np.abs(v) / 0.5)) * np.tanh(v / 0.01),
+    ),
     "slider_power_drag": (
         {"force_N": 30.0, "speed_m_s": 2.0, "exponent": 3.5},
         lambda x, v, t, a: -30.0 * np.abs(v / 2.0) ** 3.5 * np.tanh(v / 0.01),

@@ -15,6 +15,7 @@ NOTHING = [
     effect("slider_coulomb_friction", force_N=0.0),
     effect("slider_viscous_friction", damping_N_s_m=0.0),
     effect("slider_quadratic_drag", drag_N_s2_m2=0.0),
+    effect("slider_stribeck_friction", force_N=0.0, stribeck_speed_m_s=1.0, stribeck_share=1.0),
     effect("slider_power_drag", force_N=0.0, speed_m_s=1.0, exponent=3.0),
     effect("slider_load_friction", coefficient=0.0),
     effect("slider_constant_force", force_N=0.0),

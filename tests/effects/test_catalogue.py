@@ -60,6 +60,8 @@ def test_every_effect_has_a_law_a_reference_and_explained_parameters(name):
         ("slider_coulomb_friction", "force_N", (0, 1e4), (-1,)),
         ("slider_viscous_friction", "damping_N_s_m", (0,), (-1,)),
         ("slider_quadratic_drag", "drag_N_s2_m2", (0,), (-1,)),
+        ("slider_stribeck_friction", "stribeck_share", (0, 1), (-0.1, 1.1)),
+        ("slider_stribeck_friction", "stribeck_speed_m_s", (1e-3,), (0,)),
         ("slider_power_drag", "exponent", (0, 6), (-0.1, 6.1)),
         ("slider_power_drag", "speed_m_s", (1e-3,), (0,)),
         ("slider_load_friction", "coefficient", (0, 1), (-0.1, 1.1)),

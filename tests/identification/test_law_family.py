@@ -23,9 +23,10 @@ from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import thresholds
-from tests.identification.toy import Toy, candidate_of, stated_noise, toy
+from tests.identification.toy import FALLING_SPEED, Toy, candidate_of, stated_noise, toy
 
 QUADRATIC = candidate_of("quadratic")
+(DRAG,) = QUADRATIC.families
 RISE = DEFAULT_SETTINGS.family.interval_rise
 RISE_90 = 2.706  # quantile of chi2 with one degree of freedom
 
@@ -37,7 +38,7 @@ def drag(size: float, exponent: float):
 def profile(model: Toy) -> ShapeProfile:
     problem = Problem(model, stated_noise(model))
     found = fit_hypothesis(problem, (QUADRATIC,))
-    return profile_shape(problem, fit_shape(problem, found, QUADRATIC), QUADRATIC)
+    return profile_shape(problem, fit_shape(problem, found, QUADRATIC, DRAG), DRAG)
 
 
 def asked(model: Toy, other=lambda decision: decision) -> tuple[Decision, tuple[FamilyInterval, ...]]:
@@ -106,6 +107,22 @@ def test_what_took_up_a_wrong_exponent_beside_the_law_is_left_out():
     assert decision.chosen.label == "power_drag"
 
 
+def test_an_effect_of_two_families_that_fits_in_both_has_what_the_data_leave_of_each():
+    decision, families = asked(toy({"coulomb": {"force_N": 3.0}}, seed=3))
+    assert (decision.verdict, decision.chosen.label) == ("named", "coulomb")
+    assert [family.law for family in families] == ["power_drag", "falling_friction"]
+    assert all(family.fits and family.alone and family.low <= 0.0 <= family.high for family in families)
+
+
+def test_a_law_of_one_of_two_families_takes_the_place_of_the_effect_that_is_in_both():
+    def hidden(x, v, angle, time):
+        return -3.0 * (0.6 + 0.4 * np.exp(-np.abs(v) / FALLING_SPEED)) * np.tanh(v / 0.01)
+
+    decision, (family,) = asked(toy(hidden=hidden, seed=3))
+    assert (decision.verdict, decision.chosen.label) == ("named", "falling_friction")
+    assert 0.0 < family.low <= 0.4 <= family.high < 1.0
+
+
 def test_what_leaves_more_than_noise_gives_way_to_a_law_of_a_family_that_does_not():
     model = toy(hidden=drag(2.0, 3.0), seed=5)
 
@@ -127,6 +144,8 @@ def test_equals_that_have_two_laws_of_a_family_are_not_of_one():
     assert is_one_family([fit("quadratic", "spring"), fit("spring", "viscous")])
     assert not is_one_family([fit("quadratic", "coulomb"), fit("viscous", "coulomb")])
     assert not is_one_family([fit("viscous"), fit("quadratic", "coulomb")])
+    assert is_one_family([fit("viscous"), fit("coulomb")])
+    assert not is_one_family([fit("viscous"), fit("spring")])
 
 
 def test_equals_of_one_family_are_its_name_and_others_stay_equal(monkeypatch):
@@ -147,10 +166,10 @@ def test_equals_of_one_family_are_its_name_and_others_stay_equal(monkeypatch):
     assert (decision.verdict, families) == ("ambiguous", ())
 
 
-def test_two_laws_of_one_family_beside_each_other_are_left_as_they_are():
+def test_a_family_of_which_two_laws_stand_beside_each_other_is_not_asked():
     decision, families = asked(toy({"coulomb": {"force_N": 1.0}, "quadratic": {"drag_N_s2_m2": 1.0}}, seed=3))
     assert {candidate.label for candidate in decision.chosen.hypothesis} == {"coulomb", "quadratic"}
-    assert families == ()
+    assert [family.law for family in families] == ["falling_friction"]
 
 
 def test_nothing_is_asked_where_nothing_is_found():

@@ -16,6 +16,7 @@ from jointgap.identification.protocol import Candidate, Effects, LawFamily, Para
 from jointgap.identification.whitening import Noise
 
 ROD_RATIO = 0.25
+FALLING_SPEED = 0.5  # m/s, over which a share of dry friction falls
 SPEEDS = {"slow": 10.0, "mid": 16.0, "fast": 24.0}  # rad/s
 UNITS = {"torque": "N*m", "guide_force": "N", "acceleration": "m/s**2"}
 Law = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -26,8 +27,8 @@ def _effect(name: str, coordinate: str, step: float, unit: str, low: float = -np
     return Candidate(name, "slider", (Parameter(coordinate, 0.0, low, step=step, unit=unit),), (coordinate,), **more)
 
 
-def _drag(name: str, coordinate: str, unit: str, exponent: float) -> Candidate:
-    """A force over a power of the speed, which is one of a family."""
+def _drag(name: str, coordinate: str, unit: str, exponent: float, *more: LawFamily) -> Candidate:
+    """A force over a power of the speed, which is one of a family, and of `more`."""
     law = Candidate(
         "power_drag",
         "slider",
@@ -36,7 +37,18 @@ def _drag(name: str, coordinate: str, unit: str, exponent: float) -> Candidate:
     )
     in_use = (0.0, 1.0, 2.0, 3.0, 5.0)
     family = LawFamily(law, "exponent", exponent, in_use, lambda values: {"force_N": values[coordinate]})
-    return _effect(name, coordinate, 0.3, unit, low=0.0, family=family)
+    return _effect(name, coordinate, 0.3, unit, low=0.0, families=(family, *more))
+
+
+def _falling() -> LawFamily:
+    """Dry friction of which a share falls with speed."""
+    law = Candidate(
+        "falling_friction",
+        "slider",
+        (Parameter("force_N", 0.0, 0.0, step=0.3, unit="N"), Parameter("falling_share", 0.0, 0.0, 1.0, 0.1)),
+        ("force_N",),
+    )
+    return LawFamily(law, "falling_share", 0.0, (0.0, 0.5, 1.0), dict)
 
 
 def _harmonic() -> Candidate:
@@ -59,7 +71,7 @@ def _sensor(name: str, channel: str, coordinate: str, step: float, unit: str) ->
 
 
 CANDIDATES = (
-    _drag("coulomb", "force_N", "N", 0.0),
+    _drag("coulomb", "force_N", "N", 0.0, _falling()),
     _drag("viscous", "damping_N_s_m", "N*s/m", 1.0),
     _drag("quadratic", "drag_N_s2_m2", "N*s**2/m**2", 2.0),
     _effect("constant_force", "force_N", 0.3, "N"),
@@ -144,6 +156,9 @@ def _force(name: str, at: Mapping[str, float], x, v, w: float, time, width: floa
             return -at["drag_N_s2_m2"] * v * np.abs(v)
         case "power_drag":
             return -at["force_N"] * np.abs(v) ** at["exponent"] * np.tanh(v / width)
+        case "falling_friction":
+            falling = at["falling_share"] * np.exp(-np.abs(v) / FALLING_SPEED)
+            return -at["force_N"] * (1.0 - at["falling_share"] + falling) * np.tanh(v / width)
         case "constant_force":
             return np.full(x.shape, at["force_N"])
         case "spring":

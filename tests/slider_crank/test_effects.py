@@ -102,11 +102,12 @@ def test_every_physical_effect_of_the_catalogue_is_a_candidate_where_it_can_act_
     own = {"restitution_crank_pin": [0.3, 0.9]}
     loose = [build_model(campaign(mechanism(PINS), nuisance=each, speeds=(30.0, 31.0))) for each in (shared, own)]
     candidates = [one for model in loose for one in model.candidates if not one.sensor]
-    families = {one.name: one.family.law.name for one in candidates if one.family}
-    assert families == {name: law.NAME for law in EFFECTS.values() for name in law.MEMBERS}
-    names = {one.name for one in candidates}
-    assert not names & {*families.values()}
-    assert names | {*families.values()} == {name for name in EFFECTS if not name.startswith("discovered")}
+    families = {(family.law.name, one.name): family.own for one in candidates for family in one.families}
+    shapes = {(law.NAME, name): shape for law in EFFECTS.values() for name, shape in law.MEMBERS.items()}
+    assert families == shapes
+    names, laws = {one.name for one in candidates}, {law for law, _ in families}
+    assert not names & laws
+    assert names | laws == {name for name in EFFECTS if not name.startswith("discovered")}
 
 
 def test_what_cannot_act_is_no_candidate():

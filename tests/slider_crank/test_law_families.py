@@ -27,9 +27,10 @@ def test_cubic_drag_is_named_as_drag_with_an_exponent_whose_interval_holds_three
     formula = {"formula": "-c*v^3", "coefficients": {"c": size}}
     verdict, effects = analysed(tmp_path, {"name": "discovered_slider_force", "parameters": formula})
     (found,) = verdict["effects"]
-    low, high = found["family"]["interval_99"]
+    (family,) = found["families"]
+    low, high = family["interval_99"]
     assert verdict["verdict"] == "named"
-    assert found["name"] == "slider_power_drag" and found["family"]["named"]
+    assert found["name"] == "slider_power_drag" and family["named"]
     assert 2.0 < low <= 3.0 <= high
     assert "drag of the slider (exponent" in answer(verdict) and "quadratic" not in answer(verdict)
     (written,) = effects
@@ -41,8 +42,9 @@ def test_quadratic_drag_that_shows_well_keeps_its_name(tmp_path):
     verdict, effects = analysed(tmp_path, hidden)
     (found,) = verdict["effects"]
     assert (verdict["verdict"], found["name"]) == ("named", "slider_quadratic_drag")
-    assert found["family"]["interval_99"][0] <= 2.0 <= found["family"]["interval_99"][1]
-    assert not found["family"]["named"]
+    (family,) = found["families"]
+    assert family["interval_99"][0] <= 2.0 <= family["interval_99"][1]
+    assert not family["named"]
     assert answer(verdict).startswith("Missing in the model is quadratic drag of the slider.")
     assert [effect["name"] for effect in effects] == ["slider_quadratic_drag"]
 
@@ -51,7 +53,7 @@ def test_a_cubic_spring_is_named_as_a_spring_whose_cubic_share_is_one(tmp_path):
     formula = {"formula": "-s*(x-0.5)^3", "coefficients": {"s": 5e3}}
     verdict, effects = analysed(tmp_path, {"name": "discovered_slider_force", "parameters": formula})
     (found,) = verdict["effects"]
-    low, high = found["family"]["interval_99"]
+    ((low, high),) = (family["interval_99"] for family in found["families"])
     assert (verdict["verdict"], found["name"]) == ("named", "slider_nonlinear_spring")
     assert 0.5 < low <= 1.0 == high
     assert "is a spring on the slider (cubic share" in answer(verdict) and "linear" not in answer(verdict)
@@ -64,6 +66,30 @@ def test_a_linear_spring_that_shows_well_keeps_its_name(tmp_path):
     hidden = {"name": "slider_spring", "parameters": {"stiffness_N_m": 200.0, "rest_position_m": 0.52}}
     verdict, _ = analysed(tmp_path, hidden)
     (found,) = verdict["effects"]
-    low, high = found["family"]["interval_99"]
-    assert (verdict["verdict"], found["name"], found["family"]["named"]) == ("named", "slider_spring", False)
+    (family,) = found["families"]
+    low, high = family["interval_99"]
+    assert (verdict["verdict"], found["name"], family["named"]) == ("named", "slider_spring", False)
     assert low <= 0.0 <= high
+
+
+def test_stribeck_friction_is_named_as_dry_friction_with_the_share_that_falls_and_over_which_speed(tmp_path):
+    formula = {"formula": "-f*tanh(v/0.01)*(0.3 + 0.7*exp(-|v|/0.8))", "coefficients": {"f": 40.0}}
+    verdict, effects = analysed(tmp_path, {"name": "discovered_slider_force", "parameters": formula})
+    (found,) = verdict["effects"]
+    (family,) = found["families"]
+    low, high = family["interval_99"]
+    assert (verdict["verdict"], found["name"], family["named"]) == ("named", "slider_stribeck_friction", True)
+    assert 0.0 < low <= 0.7 <= high < 1.0
+    assert "is dry friction of the slider (stribeck share" in answer(verdict)
+    (written,) = (effect["parameters"] for effect in effects)
+    assert written["stribeck_speed_m_s"] == pytest.approx(0.8, rel=0.3)
+
+
+def test_coulomb_friction_that_shows_well_keeps_its_name(tmp_path):
+    verdict, _ = analysed(tmp_path, {"name": "slider_coulomb_friction", "parameters": {"force_N": 5.0}})
+    (found,) = verdict["effects"]
+    assert (verdict["verdict"], found["name"]) == ("named", "slider_coulomb_friction")
+    assert {family["law"]: family["named"] for family in found["families"]} == {
+        "slider_power_drag": False,
+        "slider_stribeck_friction": False,
+    }

@@ -112,7 +112,7 @@ def test_with_nothing_hidden_nothing_is_right_and_any_name_is_wrong():
 def drag_family(name="slider_quadratic_drag", low=1.6, high=5.0, family=True) -> dict:
     """Drag with what the data leave of its exponent."""
     found = {"law": "slider_power_drag", "shape": "exponent", "value": 2.4, "interval_99": [low, high], "named": family}
-    return named(DRAG | {"name": name}) | {"family": found}
+    return named(DRAG | {"name": name}) | {"families": [found]}
 
 
 def test_a_family_is_right_where_the_true_law_lies_in_it_and_its_interval_holds_it():
@@ -142,8 +142,12 @@ def test_a_law_off_the_list_is_right_as_its_family_and_wrong_as_another_law():
     assert outcome(stribeck, kind="off_list", effects=[drag_family(low=0.0)]) == "wrong"
     cubic, found = fifth | {"name": "cubic_spring"}, {"law": "slider_nonlinear_spring", "shape": "cubic_share"}
     for low, high, expected in ((0.9, 1.0, "right"), (-0.2, 1.0, "right"), (0.1, 0.6, "wrong")):
-        spring = named(SPRING) | {"family": found | {"value": 0.5, "interval_99": [low, high], "named": True}}
+        spring = named(SPRING) | {"families": [found | {"interval_99": [low, high], "named": True}]}
         assert outcome(cubic, kind="off_list", effects=[spring]) == expected
+    coulomb = {"law": "slider_stribeck_friction", "shape": "stribeck_share", "interval_99": [0.2, 1.0], "named": True}
+    both = drag_family("slider_coulomb_friction", 0.0, 0.4)
+    assert outcome(stribeck, kind="off_list", effects=[both]) == "wrong"
+    assert outcome(stribeck, kind="off_list", effects=[both | {"families": [*both["families"], coulomb]}]) == "right"
     row = score_trial(truth(fifth, kind="off_list"), analysis(effects=[drag_family()]))
     assert row["named"] == "slider_power_drag"
 

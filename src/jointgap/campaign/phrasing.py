@@ -16,14 +16,15 @@ _OF_CHANNEL = "as the channel"
 def effect_in_words(effect: Mapping[str, Any]) -> str:
     """``Coulomb friction of the slider`` of an effect of a verdict; its name where nothing is known of it.
 
-    Where its family is named: ``drag of the slider (exponent 1.6 to 5; quadratic drag of the slider fits)``.
+    Where a family of it is named: ``drag of the slider (exponent 1.6 to 5; quadratic drag of the slider fits)``.
     """
-    words, family = _words(effect["name"]).format(site=effect["site"].replace("_", " ")), effect.get("family")
-    if family is None or not family["named"]:
-        return words
-    low, high = (f"{end:.2g}" for end in family["interval_99"])
-    fits = "" if effect["name"] == family["law"] else f"; {words} fits"
-    return f"{_words(family['law'])} ({family['shape'].replace('_', ' ')} {low} to {high}{fits})"
+    words, named = _words(effect["name"]).format(site=effect["site"].replace("_", " ")), []
+    for family in effect.get("families", ()):
+        if family["named"]:
+            low, high = (f"{end:.2g}" for end in family["interval_99"])
+            fits = "" if effect["name"] == family["law"] else f"; {words} fits"
+            named.append(f"{_words(family['law'])} ({family['shape'].replace('_', ' ')} {low} to {high}{fits})")
+    return " or ".join(named) or words
 
 
 def _words(name: str) -> str:

@@ -255,7 +255,7 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
     more : sequence of Candidate
         Candidates beside the model's own, such as those of a library.
     """
-    families = {c.family.law.label: c.family.law for c in problem.model.candidates if c.family}
+    families = {f.law.label: f.law for c in problem.model.candidates for f in c.families}
     candidates = (*problem.model.candidates, *families.values(), *more)
     values, jacobians, residuals, all_shifts, all_draws = (
         {label: rows for label, rows in frames[name].groupby("explanation", sort=False)}

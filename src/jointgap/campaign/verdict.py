@@ -191,18 +191,13 @@ def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
 
 
 def _with_families(named: list[dict[str, Any]], families: pd.DataFrame | None) -> list[dict[str, Any]]:
-    """The effects `named`, each with what the data leave of its family, if it has one."""
-    found = {
-        row.effect if row.fits else row.law: {
-            "law": row.law,
-            "shape": row.shape,
-            "value": row.value,
-            "interval_99": [row.low, row.high],
-            "named": not row.alone,
-        }
-        for row in (() if families is None else families.itertuples())
-    }
-    return [effect | ({"family": found[effect["name"]]} if effect["name"] in found else {}) for effect in named]
+    """The effects `named`, each with what the data leave of its families, if it has any."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for row in () if families is None else families.itertuples():
+        left = {"law": row.law, "shape": row.shape, "value": row.value}
+        left |= {"interval_99": [row.low, row.high], "named": not row.alone}
+        found.setdefault(row.effect if row.fits else row.law, []).append(left)
+    return [effect | ({"families": found[effect["name"]]} if effect["name"] in found else {}) for effect in named]
 
 
 def _gains(outcome: Outcome) -> dict[str, float]:

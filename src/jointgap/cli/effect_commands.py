@@ -38,7 +38,7 @@ def _catalogue(catalogue) -> None:
     from jointgap.effects.describe import parameters_of
 
     shown = Table(show_lines=True, width=WIDTH, highlight=False)
-    shown.add_column("effect, site", width=23, overflow="fold")
+    shown.add_column("effect, site", width=24, overflow="fold")
     shown.add_column("law, reference")
     shown.add_column("parameters", width=34, overflow="fold")
     for name, effect in catalogue.items():

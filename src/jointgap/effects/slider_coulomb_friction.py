@@ -12,6 +12,7 @@ from jointgap.effects.base import (
     parameter,
 )
 from jointgap.effects.slider_power_drag import SliderPowerDrag
+from jointgap.effects.slider_stribeck_friction import SliderStribeckFriction
 
 
 @page(order=20)
@@ -30,8 +31,8 @@ class SliderCoulombFriction(Effect):
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
-        family = SliderPowerDrag.family_of(cls, context)
-        yield cls.candidate(amplitude("force_N", context.scale.force, "N", 0.0), family=family)
+        families = SliderPowerDrag.family_of(cls, context), SliderStribeckFriction.family_of(context)
+        yield cls.candidate(amplitude("force_N", context.scale.force, "N", 0.0), families=families)
 
     @classmethod
     def trial(cls, context: TrialContext) -> TrialSize:

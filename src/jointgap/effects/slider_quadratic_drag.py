@@ -21,8 +21,9 @@ class SliderQuadraticDrag(Effect):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         scale = context.scale
-        family = SliderPowerDrag.family_of(cls, context)
-        yield cls.candidate(amplitude("drag_N_s2_m2", scale.force / scale.speed**2, "N*s^2/m^2", 0.0), family=family)
+        families = (SliderPowerDrag.family_of(cls, context),)
+        size = amplitude("drag_N_s2_m2", scale.force / scale.speed**2, "N*s^2/m^2", 0.0)
+        yield cls.candidate(size, families=families)
 
     @classmethod
     def trial(cls, context: TrialContext) -> TrialSize:

@@ -39,8 +39,8 @@ class SliderSpring(Effect):
             share = (outer - inner) / stiffness if stiffness > 0.0 else 0.0
             return {"stiffness_N_m": stiffness, "rest_position_m": scale.middle + share * farthest}
 
-        family = SliderNonlinearSpring.family_of(coordinates, parameters, context)
-        yield cls.candidate(*coordinates, parameters=parameters, family=family)
+        families = (SliderNonlinearSpring.family_of(coordinates, parameters, context),)
+        yield cls.candidate(*coordinates, parameters=parameters, families=families)
 
     @classmethod
     def trial(cls, context: TrialContext) -> TrialSize:

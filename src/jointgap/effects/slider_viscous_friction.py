@@ -31,8 +31,8 @@ class SliderViscousFriction(Effect):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         scale = context.scale
-        family = SliderPowerDrag.family_of(cls, context)
-        yield cls.candidate(amplitude("damping_N_s_m", scale.force / scale.speed, "N*s/m", 0.0), family=family)
+        families = (SliderPowerDrag.family_of(cls, context),)
+        yield cls.candidate(amplitude("damping_N_s_m", scale.force / scale.speed, "N*s/m", 0.0), families=families)
 
     @classmethod
     def trial(cls, context: TrialContext) -> TrialSize:

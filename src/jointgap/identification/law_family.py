@@ -7,11 +7,13 @@ once it is found chi2 is followed along the shape, with all else fitted at each 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from jointgap.identification.baseline import Baseline, with_intervals
 from jointgap.identification.decide_verdict import (
+    AMBIGUOUS,
     NAMED,
     NAMED_WITH_REMAINING_MISFIT,
     UNEXPLAINED,
@@ -22,7 +24,7 @@ from jointgap.identification.decide_verdict import (
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import CONVERGED, FAILED, MATCHED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Candidate
+from jointgap.identification.protocol import Candidate, LawFamily
 from jointgap.identification.thresholds import Thresholds
 
 
@@ -62,7 +64,9 @@ class ShapeProfile:
         return ends[0], ends[1]
 
 
-def fit_shape(problem: Problem, found: Fit, member: Candidate, differences: FiniteDifferences | None = None) -> Fit:
+def fit_shape(
+    problem: Problem, found: Fit, member: Candidate, family: LawFamily, differences: FiniteDifferences | None = None
+) -> Fit:
     """Fit the law of a family, its shape too, beside all else that was `found`, from there on.
 
     A fit that does not converge from the effect's own shape begins at others in use.
@@ -73,11 +77,13 @@ def fit_shape(problem: Problem, found: Fit, member: Candidate, differences: Fini
     found : Fit
         An explanation.
     member : Candidate
-        The effect of it that is one shape of a family.
+        The effect of it that is one shape of the family.
+    family : LawFamily
+        One of the effect's.
     differences : FiniteDifferences, optional
         Shared with other fits of the problem.
     """
-    family, prefix = member.family, f"{member.label}."
+    prefix = f"{member.label}."
     hypothesis = tuple(family.law if candidate is member else candidate for candidate in found.hypothesis)
     own = {name.removeprefix(prefix): value for name, value in found.mapping.items() if name.startswith(prefix)}
     start = {name: value for name, value in found.mapping.items() if not name.startswith(prefix)}
@@ -92,7 +98,7 @@ def fit_shape(problem: Problem, found: Fit, member: Candidate, differences: Fini
 
 
 def profile_shape(
-    problem: Problem, free: Fit, member: Candidate, differences: FiniteDifferences | None = None
+    problem: Problem, free: Fit, family: LawFamily, differences: FiniteDifferences | None = None
 ) -> ShapeProfile | None:
     """Hold the shape of a law, and fit all else at each of its values from the best one outward.
 
@@ -100,7 +106,7 @@ def profile_shape(
 
     Parameters
     ----------
-    problem, member, differences
+    problem, family, differences
         As of `fit_shape`.
     free : Fit
         What that found.
@@ -110,7 +116,7 @@ def profile_shape(
     ShapeProfile or None
         None where a motion with the law could not be simulated.
     """
-    settings, place = problem.settings.family, _place(free, member)
+    settings, place = problem.settings.family, _place(free, family)
     shape = free.parameters[place]
     centre, variance = float(free.values[place]), free.covariance(released=(place,))[place, place]
     step = float(np.clip(np.sqrt(variance), settings.least_step, settings.largest_step))
@@ -130,9 +136,9 @@ def profile_shape(
     return ShapeProfile(shapes, np.array([chi2[value] for value in shapes]) / free.inflation)
 
 
-def _place(free: Fit, member: Candidate) -> int:
-    """Which parameter of a fit with the law of a `member` is the shape."""
-    key = f"{member.family.law.label}.{member.family.shape}"
+def _place(free: Fit, family: LawFamily) -> int:
+    """Which parameter of a fit with the law of a `family` is the shape."""
+    key = f"{family.law.label}.{family.shape}"
     return [p.key for p in free.parameters].index(key)
 
 
@@ -172,10 +178,11 @@ def with_families(
     """The decision with the shapes of its laws asked for, and what the data leave of their families.
 
     Where a shape is not that of the effect that was found, the law of the family takes its place. Where nothing is
-    named, or what is leaves more than noise, this is tried in the best known explanation and in the best effect of each
-    family alone, and the law is named if it leaves noise alone. What stands beside it is left out if it gains no more
-    than chance then. Where all that is equally good is of one family, this is named. Two laws of one family beside each
-    other are left as they are: their sum has no shape of it.
+    named, what is leaves more than noise or several explanations are equally good, this is tried in the best known
+    explanation and in the best effect of each family alone, and the law is named if it is better and leaves noise
+    alone. What stands beside it is left out if it gains no more than chance then. Where all that is equally good is of
+    one family, this is named. Two laws of one family beside each other are left as they are: their sum has no shape of
+    it. Where an effect fits in none of several families, the law that fits best takes its place.
 
     Parameters
     ----------
@@ -187,79 +194,93 @@ def with_families(
     """
     if any(fit.status == MATCHED for fit in (decision.chosen, *decision.equivalent)):
         return decision, ()  # shapes are asked of samples, which cannot be followed there
-    if decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT):
-        least = baseline.problem.settings.family.least_share
-        tried = ((found, member) for found in _unproven(decision, least) for member in _of_families(found))
-        for found, member in tried:
-            fit = fit_shape(baseline.problem, found, member, baseline.differences)
-            if not _weighed(baseline, decision, fit, limits).passes:
+    equal = decision.equivalent if _is_one_family(decision.equivalent) else []
+    if not equal and decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS):
+        settings = baseline.problem.settings
+        best = min(fit.bic for fit in (decision.chosen, *decision.equivalent)) - settings.decision.min_delta_bic
+        for found, member, family in _unproven(decision, settings.family.least_share):
+            fit = fit_shape(baseline.problem, found, member, family, baseline.differences)
+            if fit.bic > best or not _weighed(baseline, decision, fit, limits).passes:
                 continue
-            fit, interval = _asked(baseline, member, fit, limits)
+            fit, interval = _asked(baseline, member, family, fit, limits)
             if interval is not None and not interval.fits:
                 return _named(baseline, decision, fit, limits), (interval,)
     if decision.verdict == UNEXPLAINED:
         return decision, ()
-    equal = decision.equivalent if _is_one_family(decision.equivalent) else []
     found, intervals = equal[0] if equal else decision.chosen, []
-    for member in _of_families(found):
-        rivals = [each.family.own for fit in equal for each in fit.hypothesis if _law(each) == _law(member)]
-        fit = fit_shape(baseline.problem, found, member, baseline.differences)
-        fit, interval = _asked(baseline, member, fit, limits, rivals)
-        if interval is not None:
-            intervals.append(interval)
-            found = found if interval.fits else fit
+    for member in found.hypothesis:
+        asked = []
+        for family in (family for each, family in _of_families(found) if each is member):
+            fit = fit_shape(baseline.problem, found, member, family, baseline.differences)
+            rivals = [other.own for fit in equal for other in _families(fit) if other.law.label == family.law.label]
+            asked.append(_asked(baseline, member, family, fit, limits, rivals))
+        known = [(fit, interval) for fit, interval in asked if interval is not None]
+        if better := [(fit, interval) for fit, interval in known if not interval.fits]:
+            found, interval = min(better, key=lambda each: each[0].bic)
+            known = [(found, interval)]
+        intervals += [interval for _, interval in known]
     if (equal and intervals) or (not equal and found is not decision.chosen):
         decision = _named(baseline, decision, found, limits)
     return decision, tuple(intervals)
 
 
-def _unproven(decision: Decision, least_share: float) -> list[Fit]:
-    """What may be a family's law where nothing leaves noise alone: the best known explanation, the best
-    effect of each family that explains the `least_share` of the misfit.
+def _unproven(decision: Decision, least_share: float) -> list[tuple[Fit, Candidate, LawFamily]]:
+    """What may be a family's law where nothing leaves noise alone, with the effect and the family: the best known
+    explanation, and of each family the best effect alone that explains the `least_share` of the misfit.
     """
     single = [ranked for ranked in decision.ranking if len(ranked.fit.hypothesis) == 1 and ranked.admissible]
-    alone = [ranked.fit for ranked in single if ranked.share >= least_share]
-    best = {_law(fit.hypothesis[0]): fit for fit in reversed(alone)}
-    return [fit for fit in (decision.best_known, *best.values()) if fit is not None]
+    alone = [ranked.fit for ranked in single if ranked.share >= least_share and ranked.fit is not decision.best_known]
+    known = [] if decision.best_known is None else [decision.best_known]
+    best = {family.law.label: (fit, each, family) for fit in reversed(alone) for each, family in _of_families(fit)}
+    return [*((fit, each, family) for fit in known for each, family in _of_families(fit)), *best.values()]
 
 
-def _of_families(found: Fit) -> list[Candidate]:
-    """Those effects of an explanation that are the only one of their family in it."""
-    laws = [_law(candidate) for candidate in found.hypothesis]
-    return [each for each in found.hypothesis if each.family and laws.count(_law(each)) == 1]
+def _families(found: Fit) -> list[LawFamily]:
+    """The families of all effects of an explanation; one of two effects stands there twice."""
+    return [family for candidate in found.hypothesis for family in candidate.families]
 
 
-def _law(candidate: Candidate) -> str:
-    """Label of the law of a candidate's family; else its own."""
-    return candidate.family.law.label if candidate.family else candidate.label
+def _of_families(found: Fit) -> list[tuple[Candidate, LawFamily]]:
+    """The effects of an explanation, each with those of its families of which it is the only one in it."""
+    laws = [family.law.label for family in _families(found)]
+    pairs = ((candidate, family) for candidate in found.hypothesis for family in candidate.families)
+    return [(candidate, family) for candidate, family in pairs if laws.count(family.law.label) == 1]
 
 
 def _is_one_family(equivalent: Sequence[Fit]) -> bool:
     """Whether what is equally good differs in nothing but the shape of a law, and each has but one law of a family."""
-    laws = {tuple(sorted(map(_law, fit.hypothesis))) for fit in equivalent}
-    return len(laws) == 1 and all(len(set(each)) == len(each) for each in laws)
+    if any(len(_of_families(fit)) < len(_families(fit)) for fit in equivalent):
+        return False
+    laws = [[[f.law.label for f in c.families] or [c.label] for c in fit.hypothesis] for fit in equivalent]
+    readings = [{tuple(sorted(reading)) for reading in product(*each)} for each in laws]
+    return bool(readings) and bool(set.intersection(*readings))
 
 
 def _asked(
-    baseline: Baseline, member: Candidate, fit: Fit, limits: Thresholds, rivals: Sequence[float] = ()
+    baseline: Baseline,
+    member: Candidate,
+    family: LawFamily,
+    fit: Fit,
+    limits: Thresholds,
+    rivals: Sequence[float] = (),
 ) -> tuple[Fit, FamilyInterval | None]:
     """A fit with the law of a family, with its intervals, and what the data leave of the family; None where the motion
     could not be simulated. What the law leaves idle, where it is not the effect of the list, is left out.
 
     The interval is wider than the profile by what other numerics change in the shape, and has those of `rivals` in it.
     """
-    problem, family = baseline.problem, member.family
-    profile = fit.status != FAILED and profile_shape(problem, fit, member, baseline.differences)
+    problem = baseline.problem
+    profile = fit.status != FAILED and profile_shape(problem, fit, family, baseline.differences)
     if not profile:
         return fit, None
-    fit, place = with_intervals(problem, fit, baseline.differences), _place(fit, member)
+    fit, place = with_intervals(problem, fit, baseline.differences), _place(fit, family)
     low, high = profile.interval(problem.settings.family.interval_rise)
     moved = 0.0 if fit.shifts is None else float(np.abs(fit.shifts[:, place]).max(initial=0.0))
     p = fit.parameters[place]
     low, high = max(p.low, min(low - moved, *rivals, low)), min(p.high, max(high + moved, *rivals, high))
     fits = low <= family.own <= high
-    if not fits and (lean := _without_idle(baseline, fit, member, limits)) is not fit:
-        return _asked(baseline, member, lean, limits, rivals)
+    if not fits and (lean := _without_idle(baseline, fit, family, limits)) is not fit:
+        return _asked(baseline, member, family, lean, limits, rivals)
     others = any(low <= shape <= high for shape in family.in_use if shape != family.own)
     names = member.label, family.law.label, family.shape
     return fit, FamilyInterval(*names, float(fit.values[place]), low, high, fits, fits and not others)
@@ -282,13 +303,13 @@ def _named(baseline: Baseline, decision: Decision, found: Fit, limits: Threshold
     )
 
 
-def _without_idle(baseline: Baseline, found: Fit, member: Candidate, limits: Thresholds) -> Fit:
-    """The explanation without what gains no more than chance beside the law of the family of a `member`."""
+def _without_idle(baseline: Baseline, found: Fit, family: LawFamily, limits: Thresholds) -> Fit:
+    """The explanation without what gains no more than chance beside the law of a `family`."""
     problem, differences = baseline.problem, baseline.differences
     needed = max(problem.settings.decision.min_delta_bic, limits.max_gain_threshold)
     for candidate in found.hypothesis:
         rest = tuple(each for each in found.hypothesis if each is not candidate)
-        if not rest or candidate is member.family.law:
+        if not rest or candidate is family.law:
             continue
         start = {key: value for key, value in found.mapping.items() if not key.startswith(f"{candidate.label}.")}
         fit = fit_hypothesis(problem, rest, start, differences=differences, refresh=True)

@@ -90,8 +90,8 @@ class Candidate:
     search_range : tuple of two floats
         Of an effect with one amplitude on which the motion depends so roughly that a fit converges from near by alone:
         between which values it is searched, evenly in its logarithm; () of others.
-    family : LawFamily, optional
-        The law of which the effect is one shape.
+    families : tuple of LawFamily
+        Laws of which the effect is one shape.
     """
 
     name: str
@@ -106,7 +106,7 @@ class Candidate:
     steady_counterpart: str = ""
     is_perturbation: bool = False
     search_range: tuple[float, ...] = ()
-    family: "LawFamily | None" = field(default=None, compare=False)
+    families: tuple["LawFamily", ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         """Refuse finite amplitudes that nothing could be derived from."""

@@ -212,6 +212,7 @@ SHAPES: dict[tuple[str, str], float] = {
     **{(law.NAME, name): shape for law in EFFECTS.values() for name, shape in law.MEMBERS.items()},
     ("slider_power_drag", "fifth_power_drag"): 5.0,
     ("slider_nonlinear_spring", "cubic_spring"): 1.0,
+    ("slider_stribeck_friction", "stribeck_friction"): 1.0,
 }
 """The shape [1] at which the law of a family is an effect, by the law and the effect."""
 

@@ -149,12 +149,8 @@ def named_labels(effects: Iterable[Mapping[str, Any]], hidden: frozenset[str]) -
     """
 
     def label(effect: Mapping[str, Any]) -> str:
-        family = effect.get("family")
-        if family is None or not family["named"]:
-            return effect_label(effect)
-        low, high = family["interval_99"]
-        inside = {name for name in hidden if low <= SHAPES.get((family["law"], name), math.nan) <= high}
-        return min(inside, default=family["law"])
+        inside = {name for family in _families_named(effect) for name in hidden if _holds_shape_of(family, name)}
+        return min(inside, default=_name_stated(effect))
 
     return frozenset(map(label, effects))
 
@@ -224,10 +220,19 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     return row | sizes | _held_out_gaps(verdict) | _windows(truth, verdict)
 
 
+def _families_named(effect: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [family for family in effect.get("families", ()) if family["named"]]
+
+
+def _holds_shape_of(family: Mapping[str, Any], name: str) -> bool:
+    """Whether the interval of a family's shape holds the one at which its law is the effect `name`."""
+    low, high = family["interval_99"]
+    return low <= SHAPES.get((family["law"], name), math.nan) <= high
+
+
 def _name_stated(effect: Mapping[str, Any]) -> str:
-    """The label of an effect of a verdict, or the law of its family where that is named."""
-    family = effect.get("family")
-    return family["law"] if family and family["named"] else effect_label(effect)
+    """The label of an effect of a verdict, or the law of its family where one is named."""
+    return next((family["law"] for family in _families_named(effect)), effect_label(effect))
 
 
 def _is_fault_of(effect: Mapping, channels: Sequence[str]) -> bool:

@@ -29,8 +29,8 @@ CLOSE_SIZE = 0.1
 EFFECT_CLASSES = {
     "clearance": CLEARANCES,
     "friction": (
-        "slider_coulomb_friction", "slider_viscous_friction", "slider_quadratic_drag", "slider_power_drag",
-        "slider_load_friction", "crank_coulomb_friction", "crank_viscous_friction", "pin_friction",
+        "slider_coulomb_friction", "slider_stribeck_friction", "slider_viscous_friction", "slider_quadratic_drag",
+        "slider_power_drag", "slider_load_friction", "crank_coulomb_friction", "crank_viscous_friction", "pin_friction",
         "common_pin_friction", "pin_restitution", "common_pin_restitution",
     ),
     "force": (

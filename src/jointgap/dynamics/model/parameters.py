@@ -153,6 +153,9 @@ class EffectParameters(NamedTuple):
     coulomb: float = 0.0
     viscous: float = 0.0
     drag: float = 0.0
+    stribeck: float = 0.0
+    stribeck_speed: float = 1.0
+    stribeck_share: float = 0.0
     power_drag: float = 0.0
     power_drag_speed: float = 1.0
     power_drag_exponent: float = 0.0
