@@ -25,7 +25,9 @@ from jointgap.campaign.tables_of_identification import (
 )
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS, Channel
-from jointgap.identification.advice import Preflight, advise, preflight
+from jointgap.identification.advice import Preflight, advise, assumed_noise, preflight
+from jointgap.identification.look_alikes import look_alikes
+from jointgap.identification.noise_model import numerics_noise
 from jointgap.identification.protocol import Model
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.recordings import Measurements, Recording, read_measurements
@@ -100,6 +102,31 @@ def preflight_tables_with_advice(
     if measured is not None:
         shown_now = preflight(measured, None, rate, counts(measured, recordings), settings)
     return _frames(shown_now) | {"advice": changes.assign(**joined)}
+
+
+def look_alikes_table(
+    campaign: Campaign,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
+) -> pd.DataFrame:
+    """Which joints that could have become loose look alike by features of the cycle: table
+    `jointgap.tables.LOOK_ALIKES`.
+
+    In the runs for fitting, four revolutions of each.
+
+    Parameters
+    ----------
+    campaign, settings, model_settings
+        As of `preflight_tables`.
+    """
+    for_fitting = {"runs": tuple(run for run in campaign.runs if run.role != "confirm")}
+    plan, wider = (
+        build_model(each.model_copy(update=for_fitting), None, None, model_settings)
+        for each in (campaign, extended(campaign))
+    )
+    noise = numerics_noise(wider, {}, assumed_noise(wider, settings.detectability)[0], settings.noise)
+    found = look_alikes(wider, [series.key for series in plan.series], noise, settings)
+    return found.assign(parted_by=found["parted_by"].map(", ".join))
 
 
 def _as_recorded(
@@ -220,13 +247,16 @@ def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Ite
     return "No single further speed or channel that was tried would separate them: vary a mass or a load between runs."
 
 
-def in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame) -> str:
+def in_words(
+    detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame, look_alikes: pd.DataFrame
+) -> str:
     """What a preflight found, as lines of text.
 
     Parameters
     ----------
-    detectable, confusability, advice : DataFrame
-        Tables `jointgap.tables.DETECTABLE`, `jointgap.tables.CONFUSABILITY` and `jointgap.tables.ADVICE`.
+    detectable, confusability, advice, look_alikes : DataFrame
+        Tables `jointgap.tables.DETECTABLE`, `jointgap.tables.CONFUSABILITY`, `jointgap.tables.ADVICE` and
+        `jointgap.tables.LOOK_ALIKES`.
     """
     lines = ["Effects that these runs and channels show, from which size on:"]
     for row in detectable[detectable["detectable"]].itertuples():
@@ -245,6 +275,23 @@ def in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.D
         gains += [f"tells apart {row.separated}"] if row.separated else []
         if gains:
             lines.append(f"A further {row.change} {' and '.join(gains)}")
+    lines += _alike_in_words(look_alikes)
     if noise := assumed(detectable):
         lines += ["Assumed noise, where the campaign states none:", *(f"  {text}" for text in noise)]
     return "\n".join(lines)
+
+
+def _alike_in_words(look_alikes: pd.DataFrame) -> list[str]:
+    """Lines of text on table `jointgap.tables.LOOK_ALIKES`: for each pair the sizes, and what parts it at each."""
+    lines, alike = [], look_alikes[look_alikes["alike"]]
+    for pair in dict.fromkeys(frozenset((row.true, row.other)) for row in alike.itertuples()):
+        rows = [row for row in alike.itertuples() if {row.true, row.other} == pair]
+        names, sizes = ", ".join(sorted(pair)), ", ".join(f"{row.true} {row.size:.2g} {row.unit}" for row in rows)
+        lines.append(f"Cannot be told apart by where impacts come and how hard they are: {names} (true: {sizes})")
+        parting = [
+            name for name in rows[0].parted_by.split(", ") if all(name in row.parted_by.split(", ") for row in rows)
+        ]
+        lines += [f"A further channel {name} tells these apart" for name in parting if name][:_MOST_ADVICE]
+        if not any(parting):
+            lines.append("No single further channel that was tried tells these apart at each of these sizes")
+    return lines

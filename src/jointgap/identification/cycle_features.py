@@ -27,14 +27,14 @@ class CycleFeatures:
     def __init__(self, problem: Problem, residual: np.ndarray):
         self._settings: CycleFeatureSettings = problem.settings.cycle_features
         bins, self._cells, cells = self._settings.bins, np.full(problem.size, -1), 0
-        self._of_run: dict[str, list[slice]] = {run: [] for run in problem.runs}
+        self._of_run: dict[str, dict[str, slice]] = {run: {} for run in problem.runs}
         for part in problem.parts:
             angle = part.series.angle[part.used]
             if part.series.statistic or not np.isfinite(angle).any():
                 continue
             turned = np.mod(np.nan_to_num(angle), 2.0 * np.pi) / (2.0 * np.pi)
             self._cells[part.place] = np.where(np.isfinite(angle), cells + (turned * bins).astype(int) % bins, -1)
-            self._of_run[part.series.run].append(slice(cells, cells + bins))
+            self._of_run[part.series.run][part.series.channel] = slice(cells, cells + bins)
             cells += bins
         self._counts = np.bincount(self._cells[self._cells >= 0], minlength=cells)
         energy, mean = self._energy_and_mean(residual)
@@ -77,8 +77,18 @@ class CycleFeatures:
         run : str
             Bins of this run alone count.
         """
+        return sum(self.misfit_by_channel(change, run).values())
+
+    def misfit_by_channel(self, change: np.ndarray, run: str) -> dict[str, float]:
+        """The parts of which `misfit` is the sum.
+
+        Parameters
+        ----------
+        change, run
+            As of `misfit`.
+        """
         energy, mean = self._energy_and_mean(change)
         squares = (self._features - self._transformed(energy + 1.0, mean)) ** 2 / self._variance
         freedom = self._settings.degrees_of_freedom
         terms = 0.5 * (freedom + 1.0) * np.log1p(squares / freedom) * (self._counts > 0)
-        return float(sum(terms[:, bins].sum() for bins in self._of_run[run]))
+        return {channel: float(terms[:, bins].sum()) for channel, bins in self._of_run[run].items()}

@@ -33,8 +33,16 @@ class _Point:
     chi2: float  # of the samples
 
 
-class _Box:
-    """The ranges of a candidate's coordinates, each from 0 to 1; the amplitude by its logarithm, others as they are."""
+class Box:
+    """The ranges of a candidate's coordinates, each from 0 to 1; the amplitude by its logarithm, others as they are.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        One with a `search_range`.
+    parameters : sequence of Parameter
+        Of a hypothesis that holds it.
+    """
 
     def __init__(self, candidate: Candidate, parameters: Sequence[Parameter]):
         key = f"{candidate.label}.{candidate.amplitudes[0]}"
@@ -45,12 +53,25 @@ class _Box:
         ends = np.array([np.log(candidate.search_range) if p.key == key else (p.low, p.high) for p in own])
         self._low, self._width = ends[:, 0], ends[:, 1] - ends[:, 0]
 
-    @property
-    def dimensions(self) -> int:
-        return len(self._keys)
+    def spread(self, settings: RoughSearchSettings, generator: np.random.Generator) -> np.ndarray:
+        """Places (points, dimensions) spread evenly over the box: the first ones of a search.
+
+        Parameters
+        ----------
+        settings : RoughSearchSettings
+        generator : numpy Generator
+        """
+        return qmc.Sobol(len(self._keys), seed=generator).random_base2(settings.first_points_log2)
 
     def values(self, place: np.ndarray, factor: float = 1.0) -> dict[str, float]:
-        """By key [SI], the amplitude times a `factor`."""
+        """By key [SI], the amplitude times a `factor`.
+
+        Parameters
+        ----------
+        place : (dimensions,) array
+            Each from 0 to 1.
+        factor : float
+        """
         plain = self._low + self._width * place
         return dict(zip(self._keys, np.where(self._logarithmic, factor * np.exp(plain), plain).tolist(), strict=True))
 
@@ -61,13 +82,32 @@ class _Box:
         return np.clip((plain - self._low) / self._width, 0.0, 1.0)
 
 
+def drawn_about(
+    elite: Sequence[np.ndarray], settings: RoughSearchSettings, generator: np.random.Generator
+) -> np.ndarray:
+    """Places (points, dimensions) about the `elite`, normally distributed with a part of their spread.
+
+    Parameters
+    ----------
+    elite : sequence of (dimensions,) array
+        Places in a `Box`.
+    settings : RoughSearchSettings
+    generator : numpy Generator
+    """
+    dimensions = len(elite[0])
+    spread = settings.kernel_width**2 * np.cov(np.transpose(elite)).reshape(dimensions, -1)
+    spread = spread + settings.least_spread**2 * np.eye(dimensions)
+    centres = np.array(elite)[generator.integers(len(elite), size=settings.points)]
+    return np.clip(generator.multivariate_normal(np.zeros(dimensions), spread, settings.points) + centres, 0, 1)
+
+
 class _Contestant:
     """A candidate beside the effects of a fit, and the points at which it was simulated."""
 
     def __init__(self, baseline: Baseline, origin: Fit, candidate: Candidate, number: int):
         self._baseline, self._origin = baseline, origin
         self._settings: RoughSearchSettings = baseline.problem.settings.rough_search
-        self._box = _Box(candidate, baseline.problem.parameters((candidate,)))
+        self._box = Box(candidate, baseline.problem.parameters((candidate,)))
         self._generator = np.random.default_rng([number, self._settings.seed])
         self.hypothesis: Hypothesis = (*origin.hypothesis, candidate)
         self.points: list[_Point] = []
@@ -86,23 +126,13 @@ class _Contestant:
     def begin(self, features: CycleFeatures) -> None:
         """Simulate points spread evenly over the box, others at each call: a new population."""
         self._population = []
-        sobol = qmc.Sobol(self._box.dimensions, seed=self._generator)
-        self._simulate(features, sobol.random_base2(self._settings.first_points_log2))
+        self._simulate(features, self._box.spread(self._settings, self._generator))
 
     def go_on(self, features: CycleFeatures) -> None:
         """Simulate points about those of the population with the best features."""
         ranked = sorted(self._population, key=lambda point: point.misfit)
-        self._simulate(features, self._drawn([point.place for point in ranked[: self._settings.elite]]))
-
-    def _drawn(self, elite: Sequence[np.ndarray]) -> np.ndarray:
-        """Places (points, dimensions) about the `elite`, normally distributed with a part of their spread."""
-        settings, dimensions = self._settings, self._box.dimensions
-        spread = settings.kernel_width**2 * np.cov(np.transpose(elite)).reshape(dimensions, -1)
-        spread = spread + settings.least_spread**2 * np.eye(dimensions)
-        centres = np.array(elite)[self._generator.integers(len(elite), size=settings.points)]
-        return np.clip(
-            self._generator.multivariate_normal(np.zeros(dimensions), spread, settings.points) + centres, 0, 1
-        )
+        elite = [point.place for point in ranked[: self._settings.elite]]
+        self._simulate(features, drawn_about(elite, self._settings, self._generator))
 
     def _simulate(self, features: CycleFeatures, places: np.ndarray) -> None:
         """Simulate places run by run, each as long as its misfit may still be among the best."""

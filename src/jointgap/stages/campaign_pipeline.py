@@ -12,7 +12,7 @@ from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.slider_crank.settings import SliderCrankSettings
 from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
-from jointgap.tables import ADVICE, DECISION, OPTIMUM, write_text
+from jointgap.tables import ADVICE, DECISION, LOOK_ALIKES, OPTIMUM, write_text
 from jointgap.tables.results_folder import ResultsFolder
 
 # the optimum is no part of the verdict, which is concluded here without its figures
@@ -73,7 +73,7 @@ def _remove_conclusions(folder: ResultsFolder) -> None:
     """Remove what an earlier analysis came to: beside the tables of one that fails half-way it would pass for its
     result.
     """
-    tables = [folder.place(ADVICE), folder.place(OPTIMUM)]
+    tables = [folder.place(table) for table in (ADVICE, LOOK_ALIKES, OPTIMUM)]
     tables += [folder.place(DECISION, stage) for stage in ("decide", "regress", "verdict")]
     pages = [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]
     figures = [folder.path / "figures" / f"{name}{ending}" for name in CATALOGUE for ending in _ENDINGS]

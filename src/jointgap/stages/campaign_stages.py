@@ -21,6 +21,7 @@ from jointgap.tables import (
     GAPS,
     LAW_FAMILIES,
     LOOK,
+    LOOK_ALIKES,
     MAP_BINS,
     MAP_ORDERS,
     MAP_SCALING,
@@ -86,7 +87,7 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     return "\n".join([*remarks, f"figures and tables: {folder.path / 'measure'}"])
 
 
-@CAMPAIGN_STAGES.stage(writes=(DETECTABLE, CONFUSABILITY, ADVICE))
+@CAMPAIGN_STAGES.stage(writes=(DETECTABLE, CONFUSABILITY, ADVICE, LOOK_ALIKES))
 def preflight(state: "CampaignState", advice: bool = True) -> str:
     """Say before anything is measured what CAMPAIGN will be able to show.
 
@@ -98,15 +99,23 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     ----------
     state : CampaignState
     advice : bool
-        Whether further speeds and channels are tried too.
+        Whether further speeds and channels are tried too, and joints that could be loose are compared.
     """
-    from jointgap.campaign.preflight import in_words, preflight_tables, preflight_tables_with_advice
+    from jointgap.campaign.preflight import (
+        in_words,
+        look_alikes_table,
+        preflight_tables,
+        preflight_tables_with_advice,
+    )
 
     frames = (preflight_tables_with_advice if advice else preflight_tables)(
         state.campaign, state.false_alarm_rate, state.settings, state.model_settings
     )
+    if advice:
+        frames["look_alikes"] = look_alikes_table(state.campaign, state.settings, state.model_settings)
     state.folder.write_all(frames)
-    return in_words(*(frames[table.name] for table in (DETECTABLE, CONFUSABILITY, ADVICE))) if advice else ""
+    told = (DETECTABLE, CONFUSABILITY, ADVICE, LOOK_ALIKES)
+    return in_words(*(frames[table.name] for table in told)) if advice else ""
 
 
 @CAMPAIGN_STAGES.stage(reads=_MEASURED, writes=_of("noise", NOISE_TABLES))

@@ -251,6 +251,21 @@ ADVICE = Table(
     path="preflight/advice.parquet",
 )
 
+LOOK_ALIKES = Table(
+    "look_alikes",
+    "Joints that could be loose, each taken as true, and whether features of the cycle tell it from the others",
+    (
+        Column("true", "", "effect that is taken as true", "text"),
+        Column("other", "", "effect that is searched beside it", "text"),
+        Column("size", "SI", "size of the true one"),
+        Column("unit", "", "SI unit", "text"),
+        Column("lead_share", "1", "by how much less the other explains, as a part of what the true one does"),
+        Column("alike", "", "whether the search would keep both", "bool"),
+        Column("parted_by", "", "further channels that part the two, the best first, separated by ', '", "text"),
+    ),
+    path="preflight/look_alikes.parquet",
+)
+
 RESIDUALS = Table(
     "residuals",
     "Every compared sample: measured, and as predicted before and after the effect was added",
