@@ -17,6 +17,8 @@ from jointgap.identification.problem import Problem
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
 from tests.identification.toy import CANDIDATES, RINGING, ringing, stated_noise, toy
 
+POPULATIONS = 2
+
 
 def rough(size, seed, other=lambda x, v: 0.0):
     """A baseline of the toy with a ringing hidden, and perhaps another force."""
@@ -78,7 +80,7 @@ def test_ringing_is_rough_and_a_smooth_force_is_not():
 @pytest.mark.parametrize("size", [0.05, 0.2, 0.6])
 def test_the_search_ends_at_the_bottom_of_the_valley(size):
     base = rough(size, 5)
-    (found,) = search_rough(base, base.base, [RINGING], 1.2)
+    (found,) = search_rough(base, base.base, [RINGING], 1.2, POPULATIONS)
     assert found.mapping["ringing.size"] == pytest.approx(size, rel=0.01)
     assert found.chi2 < 1.2 * base.problem.size
 
@@ -88,7 +90,7 @@ def test_an_effect_is_searched_beside_one_that_is_fitted():
     viscous = next(one for one in CANDIDATES if one.label == "viscous")
     beside = fit_hypothesis(base.problem, (viscous,), refresh=True)
     beside = replace(beside, jacobian=beside.jacobian[:30])  # in fewer rows, as fits come from files
-    (found,) = search_rough(base, beside, [RINGING], 1.2)
+    (found,) = search_rough(base, beside, [RINGING], 1.2, POPULATIONS)
     assert found.label == "viscous + ringing"
     assert found.mapping["ringing.size"] == pytest.approx(0.2, rel=0.01)
     assert found.mapping["viscous.damping_N_s_m"] == pytest.approx(0.5, rel=0.05)
@@ -96,7 +98,7 @@ def test_an_effect_is_searched_beside_one_that_is_fitted():
 
 def test_the_same_search_finds_the_same():
     base = rough(0.2, 5)
-    first, second = (search_rough(base, base.base, [RINGING], 1.2)[0] for _ in range(2))
+    first, second = (search_rough(base, base.base, [RINGING], 1.2, POPULATIONS)[0] for _ in range(2))
     assert np.array_equal(first.values, second.values)
 
 
@@ -104,7 +106,7 @@ def blind_to_samples(base, monkeypatch, origin=None):
     """The search where no point of samples' valley is met: fits of samples end where they begin."""
     monkeypatch.setattr(rough_search._Contestant, "reached", lambda self, chi2: False)
     monkeypatch.setattr(rough_search._Contestant, "_fitted", lambda self, start, known, sufficient: base.base)
-    return search_rough(base, origin or base.base, [RINGING], 1.2)
+    return search_rough(base, origin or base.base, [RINGING], 1.2, POPULATIONS)
 
 
 def test_where_samples_are_not_met_the_best_features_are_the_answer_with_an_interval_that_holds_the_truth(monkeypatch):

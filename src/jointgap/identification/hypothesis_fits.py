@@ -139,19 +139,22 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
 def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> list[Fit]:
     """Fits of effects on which motion depends roughly: alone, and beside the best of those that are fitted `alone`."""
     fits: list[Fit] = []
+    populations = baseline.problem.settings.rough_search.populations
     for origin in _origins(baseline, alone):
         taken = {candidate.label for candidate in origin.hypothesis}
         others = [candidate for candidate in _searched_candidates(baseline.problem) if candidate.label not in taken]
-        fits += search_rough(baseline, origin, others, limits.omnibus)
+        fits += search_rough(baseline, origin, others, limits.omnibus, populations)
         if any(_explains(baseline, fit) or fit.status == MATCHED for fit in fits):
             break
     return fits
 
 
 def _search_alone(baseline: Baseline, limits: Thresholds) -> list[Fit]:
-    """The best fit to samples of each effect on which motion depends roughly, alone."""
+    """The best fit to samples of each effect on which motion depends roughly, alone: where nothing rings, or something
+    else explains the data, one population is enough.
+    """
     found: dict[str, Fit] = {}
-    for fit in search_rough(baseline, baseline.base, _searched_candidates(baseline.problem), limits.omnibus):
+    for fit in search_rough(baseline, baseline.base, _searched_candidates(baseline.problem), limits.omnibus, 1):
         if fit.status != MATCHED:
             found[fit.label] = min(found.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
     return list(found.values())

@@ -245,7 +245,9 @@ def leaves_rough_motion(problem: Problem, fit: Fit) -> bool:
     return CycleFeatures(problem, fit.residual).rough_share > problem.settings.rough_search.min_rough_share
 
 
-def search_rough(baseline: Baseline, origin: Fit, candidates: Sequence[Candidate], sufficient: float) -> list[Fit]:
+def search_rough(
+    baseline: Baseline, origin: Fit, candidates: Sequence[Candidate], sufficient: float, populations: int
+) -> list[Fit]:
     """Fits of candidates on which motion depends roughly, each beside the effects of a fit that is there.
 
     Parameters
@@ -257,6 +259,8 @@ def search_rough(baseline: Baseline, origin: Fit, candidates: Sequence[Candidate
         Those with a `search_range`.
     sufficient : float
         [1] Reduced chi2 of a fit that ends the search.
+    populations : int
+        How often it begins anew at most, as long as the features are not met.
 
     Returns
     -------
@@ -269,7 +273,7 @@ def search_rough(baseline: Baseline, origin: Fit, candidates: Sequence[Candidate
     absent = sum(features.misfit(np.zeros(problem.size), run) for run in problem.runs)
     contestants = [_Contestant(baseline, origin, candidate, number) for number, candidate in enumerate(candidates)]
     fitted: dict[int, float] = {}  # chi2 of the point from which a contestant was fitted
-    for round_ in range(settings.populations * settings.rounds):
+    for round_ in range(populations * settings.rounds):
         population, since = divmod(round_, settings.rounds)
         if not since:
             if min((one.least for one in contestants), default=0.0) < settings.matched_misfit * features.size:

@@ -115,8 +115,7 @@ def channels_at(
     read : int, optional
         How many of the angles, from the first, `change` gets; all by default.
     fast : bool
-        For a search: one revolution stands for the record whether it has settled or not, and a motion that takes more
-        steps than a plain one is given up.
+        For a search: a motion that takes more steps than a plain one is given up.
 
     Raises
     ------
@@ -139,8 +138,6 @@ def channels_at(
     # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
     within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
     whole_record = {"crank_angle": angles, "time": _times(p, angles)}
-    if fast:
-        return _sampled(p, within + max(settings.fast_settled_after, round(back)) * tau, integrate) | whole_record
     first, last = (max(dropped, round(back)) for dropped in settings.settled_after)
     earlier = _sampled(p, within[:read] + (first - 2) * tau, integrate)
     before = _sampled(p, within[:read] + (first - 1) * tau, integrate)

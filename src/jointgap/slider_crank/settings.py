@@ -46,9 +46,9 @@ class SimulationSettings:
         Least and most revolutions dropped before the one that is kept, the least at least two; never fewer than are
         simulated before the first sample. After three or four most motions of loose pins have settled; with a loose
         crank pivot some take ten. What has not settled after the most is simulated as long as the record, from there.
-    fast_settled_after : int
-        Revolutions dropped in a search: after six what is read is near its end with a loose crank pivot too, after two
-        or three it is not.
+    fast_settled : float
+        [1, of the noise] As `settled_length`, in a search, for the root of the mean square of the changes: less
+        hardly changes the energy of a residual beside that of the noise.
     other_start_revolutions : float
         [revolutions] How much earlier the motion begins for another start: one, and the part of the next that meets no
         symmetry of a slider-crank (the golden section).
@@ -71,7 +71,7 @@ class SimulationSettings:
     settling_time_constants: float = 7.0
     settled_length: float = 1.0
     settled_after: tuple[int, int] = (3, 12)
-    fast_settled_after: int = 6
+    fast_settled: float = 0.3
     other_start_revolutions: float = 1.382
     transient_revolutions: float = 1.5
     motor_samples_per_revolution: int = 60
