@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.identification import baseline, coarse_search
+from jointgap.identification import baseline, coarse_search, hypothesis_fits
 from jointgap.identification import smoother as smoothing
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.coarse_search import search_pairs, search_singles
 from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import FAILED, fit_hypothesis
+from jointgap.identification.fit import FAILED, STOPPED, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import refit_and_decide, shortlist_singles
@@ -139,7 +139,7 @@ def test_two_effects_that_move_every_knock_are_found_among_few_pairs(monkeypatch
         return race(base, chosen, *rest)
 
     monkeypatch.setattr(coarse_search, "successive_elimination", successive_elimination)
-    best, *_ = search_pairs(base, fits, limits)
+    best, *_ = search_pairs(base, fits, limits, smoothers_of(base.problem))
     assert {candidate.label for candidate in best.hypothesis} == hidden.keys()
     assert best.chi2 < 1.1 * base.problem.size
     leading = tried[0][0]
@@ -152,3 +152,39 @@ def test_two_effects_that_move_every_knock_are_found_among_few_pairs(monkeypatch
         others.count(first) <= base.problem.settings.coarse_search.partners_per_single for first in others
     )
     assert not any("added_mass" in pair for pair in tried if leading not in pair)
+
+
+def recalibrated(model):
+    base = recalibrate(model, stated_noise(model))
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    return base, signatures, thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+
+
+def no_coarse_search(*args):
+    raise AssertionError("a search from smoothed residuals")
+
+
+def test_an_effect_that_missed_its_valley_is_found_from_the_nuisances_of_another_that_did_not(monkeypatch):
+    model = knocking({"spring": {"stiffness_N_m": 1.5}}, clearance=1.0, seed=2)
+    base, signatures, limits = recalibrated(model)
+    spring, viscous = (next(one for one in model.candidates if one.label == label) for label in ("spring", "viscous"))
+    astray = fit_hypothesis(base.problem, (spring,), {"clearance": 0.93}, differences=base.differences)
+    near = fit_hypothesis(base.problem, (viscous,), {"clearance": 1.06}, differences=base.differences)
+    assert astray.chi2 > 10.0 * base.problem.size
+    assert near.chi2 > 1.1 * base.problem.size
+    monkeypatch.setattr(hypothesis_fits, "search_singles", no_coarse_search)
+    found, _ = fit_pairs(base, signatures, limits, [replace(astray, status=STOPPED), near])
+    best = min(found, key=lambda fit: fit.bic)
+    assert best.label == "spring"
+    assert best.chi2 < 1.1 * base.problem.size
+
+
+def test_two_effects_of_which_one_explains_most_are_found_without_smoothing(monkeypatch):
+    hidden = {"viscous": {"damping_N_s_m": 0.8}, "spring": {"stiffness_N_m": 3.0}}
+    base, signatures, limits = recalibrated(toy(hidden, seed=3))
+    fits, _ = fit_singles(base, signatures, limits)
+    monkeypatch.setattr(hypothesis_fits, "search_singles", no_coarse_search)
+    found, _ = fit_pairs(base, signatures, limits, fits)
+    best = min(found, key=lambda fit: fit.bic)
+    assert {candidate.label for candidate in best.hypothesis} == hidden.keys()
+    assert best.chi2 < 1.1 * base.problem.size

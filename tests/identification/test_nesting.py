@@ -77,6 +77,18 @@ def test_a_fit_above_a_part_of_it_goes_on_from_there():
     assert not_above_its_parts(base.problem, base.differences, mended, [base.base, part]) is mended
 
 
+def test_no_fit_of_an_effect_that_is_searched_begins_where_it_is_absent():
+    """There is no slope from there, and a joint with hardly any clearance takes longest to simulate."""
+    base, _ = recalibrated(
+        toy({"viscous": {"damping_N_s_m": 0.2}}, seed=3, candidates=(RINGING, candidate_of("viscous")))
+    )
+    high = fit_hypothesis(base.problem, (RINGING,), {"ringing.size": 0.6}, differences=base.differences, vary=())
+    simulations = base.problem.simulations
+    assert high.chi2 > base.base.chi2
+    assert not_above_its_parts(base.problem, base.differences, high, [base.base]) is high
+    assert base.problem.simulations == simulations
+
+
 def test_what_the_base_would_leave_in_a_fits_valley_is_what_it_leaves_where_residuals_are_linear():
     model = toy({"viscous": {"damping_N_s_m": 0.05}}, seed=3)
     base, _ = recalibrated(model)

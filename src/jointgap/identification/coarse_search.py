@@ -35,7 +35,9 @@ def search_singles(baseline: Baseline, limits: Thresholds) -> list[Fit]:
     return successive_elimination(baseline, [(single, signatures) for single in singles], smoothers, limits)
 
 
-def search_pairs(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> list[Fit]:
+def search_pairs(
+    baseline: Baseline, fits: Sequence[Fit], limits: Thresholds, smoothers: Sequence[Smoother]
+) -> list[Fit]:
     """Fits of pairs of effects where no single one is sufficient, best first, the failed ones last.
 
     The single effects that explain most to the first smoother to which the base leaves something visible are paired
@@ -48,9 +50,10 @@ def search_pairs(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) ->
     fits : sequence of Fit
         Of the single effects.
     limits : Thresholds
+    smoothers : sequence of Smoother
+        Coarsest first; none where the fits can be followed on samples.
     """
     settings = baseline.problem.settings.coarse_search
-    smoothers = smoothers_of(baseline.problem)
     visible = (smoother for smoother in smoothers if _is_visible(baseline.base, smoother, baseline))
     first = next(visible, smoothers[-1] if smoothers else None)
     singles: dict[str, Fit] = {}

@@ -10,7 +10,7 @@ from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.coarse_search import search_pairs, search_singles
 from jointgap.identification.decide_by_features import leaders_by_features
 from jointgap.identification.decide_verdict import reduced_chi2
-from jointgap.identification.fit import FAILED, MATCHED, Fit
+from jointgap.identification.fit import FAILED, MATCHED, STOPPED, Fit
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import (
     best_sufficient,
@@ -18,11 +18,12 @@ from jointgap.identification.model_selection import (
     shortlist_singles,
     two_effect_thresholds,
 )
-from jointgap.identification.nesting import not_above_its_parts
+from jointgap.identification.nesting import moved, not_above_its_parts
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
 from jointgap.identification.screening import LinearizedFit, Signatures, is_searched
+from jointgap.identification.smoother import smoothers_of
 from jointgap.identification.thresholds import Thresholds
 
 TimedFits = tuple[list[Fit], list[float]]
@@ -100,29 +101,23 @@ def _pairs_of_best(
 
 
 def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> TimedFits:
-    """Single effects by coarse search, and pairs: of a single that is sufficient now, or searched too."""
+    """Fits of single effects and of pairs by other ways than the base's derivatives, the cheapest first, until one is
+    sufficient.
+    """
     begin = time.monotonic()
     # steps as nobody else left them: the result must not depend on what else ran in this process
     start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
-    candidates = _searched_candidates(baseline.problem)
-    is_rough = bool(candidates) and leaves_rough_motion(baseline.problem, _origins(baseline, alone)[-1])
-    fits = _search_rough(baseline, alone, limits) if is_rough else []
-    matched, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
-    explains = any(_explains(baseline, fit) for fit in fits)
-    leaders = [] if explains else leaders_by_features(baseline.problem, baseline.base, [*alone, *fits], matched)
-    led = {fit.label for fit in leaders}
-    fits = [fit for fit in fits if fit.label not in led]
-    singles = [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
-    if not explains and not leaders:
-        if _insufficient(baseline, singles, limits):
-            found = search_singles(baseline, limits)
-            fits, singles = [*fits, *found], [*singles, *found]
-        if not is_rough and _insufficient(baseline, singles, limits):
-            found = _search_alone(baseline, limits)
-            fits, singles = [*fits, *found], [*singles, *found]
-        if _insufficient(baseline, singles, limits):
-            fits += search_pairs(baseline, singles, limits)
+    fits = _from_nuisances_of_best(baseline, alone, limits)
+    singles, leaders = [*alone, *fits], []
+    if _insufficient(baseline, singles, limits):
+        pairs = search_pairs(baseline, singles, limits, ()) if _follows_samples(baseline, singles) else []
+        if any(_is_sufficient(fit, limits) for fit in pairs):
+            fits += [*pairs, *_search_alone(baseline, limits)]
+        else:
+            found, leaders = _search_far(baseline, limits, singles)
+            fits += [*pairs, *found]
+            singles += [fit for fit in found if len(fit.hypothesis) == 1]
     if not any(len(fit.hypothesis) > 1 for fit in fits):
         pairs = _pairs_of_best(baseline, signatures, limits, singles)
         fits += _fit_each(baseline, signatures, pairs, limits, singles)[0]
@@ -130,10 +125,78 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
     for fit in fits:
         best[fit.label] = min(best.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
     parts = [baseline.base, *singles, *best.values()]
-    found = [not_above_its_parts(baseline.problem, baseline.differences, fit, parts) for fit in best.values()]
+    sufficient = min((fit.chi2 for fit in parts if _is_sufficient(fit, limits)), default=np.inf)
+    found = [
+        not_above_its_parts(baseline.problem, baseline.differences, fit, parts, sufficient) for fit in best.values()
+    ]
     found += leaders
     share = (time.monotonic() - begin) / max(len(found), 1)
     return found, [share] * len(found)
+
+
+def _search_far(baseline: Baseline, limits: Thresholds, alone: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
+    """Fits of effects that no fit of samples leads to: on which motion depends roughly, if what is left is rough; by
+    smoothed residuals, single effects and pairs. And those that lead by features of the cycle, which end the search.
+    """
+    candidates = _searched_candidates(baseline.problem)
+    is_rough = bool(candidates) and leaves_rough_motion(baseline.problem, _origins(baseline, alone)[-1])
+    fits = _search_rough(baseline, alone, limits) if is_rough else []
+    matched, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
+    if any(_explains(baseline, fit) for fit in fits):
+        return fits, []
+    leaders = leaders_by_features(baseline.problem, baseline.base, [*alone, *fits], matched)
+    if leaders:
+        led = {fit.label for fit in leaders}
+        return [fit for fit in fits if fit.label not in led], leaders
+    singles = [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
+    if _insufficient(baseline, singles, limits):
+        found = search_singles(baseline, limits)
+        fits, singles = [*fits, *found], [*singles, *found]
+    if not is_rough and _insufficient(baseline, singles, limits):
+        found = _search_alone(baseline, limits)
+        fits, singles = [*fits, *found], [*singles, *found]
+    smoothers = smoothers_of(baseline.problem)
+    if smoothers and _insufficient(baseline, singles, limits):
+        fits += search_pairs(baseline, singles, limits, smoothers)
+    return fits, []
+
+
+def _from_nuisances_of_best(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> list[Fit]:
+    """Fits of the single effects that ended early, from the nuisances of the best one: it may be in a deeper valley,
+    which they share. As long as another one becomes the best, until one is sufficient.
+    """
+    found: dict[str, Fit] = {fit.label: fit for fit in alone if fit.status != FAILED}
+    again: dict[str, Fit] = {}
+    best = None
+    while found and best is not (best := min(found.values(), key=lambda fit: fit.chi2)):
+        # those that are never small, such as a film, last: their motion is not the base's and takes long to simulate
+        for label, fit in sorted(found.items(), key=lambda item: (_starts_large(item[1]), item[1].chi2)):
+            if fit is not best and fit.status == STOPPED:
+                found[label] = moved(baseline.problem, baseline.differences, fit, best)
+                if found[label] is not fit:
+                    again[label] = found[label]
+                if _is_sufficient(found[label], limits):
+                    return list(again.values())
+    return list(again.values())
+
+
+def _starts_large(fit: Fit) -> bool:
+    candidates = fit.hypothesis
+    return any({*guess} & {*one.amplitudes} for one in candidates for guess in one.initial_guesses)
+
+
+def _follows_samples(baseline: Baseline, fits: Sequence[Fit]) -> bool:
+    """Whether the best fit explains so much of what the base leaves that samples can be followed from there, or there
+    is nothing coarser: statistics over cycles are not smoothed.
+    """
+    chi2, size = baseline.base.chi2, baseline.problem.size
+    share = baseline.problem.settings.rough_search.reached_share
+    explains = any(fit.status != FAILED and chi2 - fit.chi2 >= share * (chi2 - size) for fit in fits)
+    return explains or not smoothers_of(baseline.problem)
+
+
+def _is_sufficient(fit: Fit, limits: Thresholds) -> bool:
+    return fit.status != FAILED and reduced_chi2(fit) <= limits.omnibus
 
 
 def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> list[Fit]:
@@ -189,6 +252,6 @@ def _fit_each(
         begin = time.monotonic()
         sufficient = min((fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
         fit = fit_screened(problem, differences, signatures, screened, part_fit, sufficient)
-        fits.append(not_above_its_parts(problem, differences, fit, parts))
+        fits.append(not_above_its_parts(problem, differences, fit, parts, sufficient))
         seconds.append(time.monotonic() - begin)
     return fits, seconds

@@ -149,7 +149,7 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
         best.setdefault(labels_of(fit.hypothesis), fit)
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
     base = _where_effects_are(baseline, sorted(best.values(), key=lambda fit: fit.bic), needed)
-    best = none_above_its_parts(baseline, [base, *best.values()])
+    best = none_above_its_parts(baseline, [base, *best.values()], limits)
     ranked = sorted(best.values(), key=lambda fit: fit.bic)
     if ranked and limits.numerical_noise > selection.smooth_numerical_noise and ranked[0].bic < base.bic:
         base = moved(baseline.problem, baseline.differences, base, ranked[0])
@@ -165,7 +165,7 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
                     if fit.status != FAILED:
                         labels = labels_of(fit.hypothesis)
                         best[labels] = moved(baseline.problem, baseline.differences, best[labels], deeper)
-        best = none_above_its_parts(baseline, [base, *best.values()])
+        best = none_above_its_parts(baseline, [base, *best.values()], limits)
     subspaces = SignatureSubspaces(signatures, baseline.problem.settings.screening)
     best = without_repetitions(best, subspaces.is_special_case, settings.min_delta_bic)
     similarity = {
@@ -213,14 +213,17 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     return swapped
 
 
-def none_above_its_parts(baseline: Baseline, fits: Sequence[Fit]) -> dict[frozenset[str], Fit]:
+def none_above_its_parts(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> dict[frozenset[str], Fit]:
     """Those of the `fits` that have effects, by their labels.
 
-    Where a part of a hypothesis ended lower, it is fitted on to the problem of the `baseline` from there.
+    Where a part of a hypothesis ended lower, it is fitted on to the problem of the `baseline` from there; not for long
+    where it is far behind one that is sufficient by the `limits`.
     """
     done: list[Fit] = []
+    sound = (fit for fit in fits if fit.status != FAILED)
+    sufficient = min((fit.chi2 for fit in sound if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
     for fit in sorted(fits, key=lambda fit: len(fit.hypothesis)):
-        done.append(not_above_its_parts(baseline.problem, baseline.differences, fit, done))
+        done.append(not_above_its_parts(baseline.problem, baseline.differences, fit, done, sufficient))
     return {labels_of(fit.hypothesis): fit for fit in done if fit.hypothesis}
 
 

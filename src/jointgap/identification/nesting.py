@@ -52,7 +52,9 @@ def with_effects_absent(problem: Problem, hypothesis: Hypothesis, part: Fit) -> 
     return {p.key: float(np.clip(values[p.key], a, b)) for p, a, b in zip(parameters, low, high, strict=True)}
 
 
-def not_above_its_parts(problem: Problem, differences: FiniteDifferences, fit: Fit, parts: Sequence[Fit]) -> Fit:
+def not_above_its_parts(
+    problem: Problem, differences: FiniteDifferences, fit: Fit, parts: Sequence[Fit], sufficient_chi2: float = np.inf
+) -> Fit:
     """The `fit`; where the fit of a part of its hypothesis is lower, one that starts from there if that is lower.
 
     It starts as near to the part as the bounds of the further effects let it.
@@ -63,15 +65,20 @@ def not_above_its_parts(problem: Problem, differences: FiniteDifferences, fit: F
     differences : FiniteDifferences
     fit : Fit
     parts : sequence of Fit
-        Of the model as it stands and of other hypotheses; those that are no part of this one are passed over.
+        Of the model as it stands and of other hypotheses. Passed over are those that are no part of this one, and those
+        that lack an effect with a `search_range`: no slope leads from its absence to where it explains something.
+    sufficient_chi2 : float
+        As of `jointgap.identification.fit.fit_hypothesis`.
     """
     own = labels_of(fit.hypothesis)
-    lower = [part for part in parts if labels_of(part.hypothesis) < own and part.chi2 < fit.chi2]
+    searched = {candidate.label for candidate in fit.hypothesis if candidate.search_range}
+    lower = [part for part in parts if searched <= labels_of(part.hypothesis) < own and part.chi2 < fit.chi2]
     if fit.status == FAILED or not lower:
         return fit
     lowest = min(lower, key=lambda part: part.chi2)
     start = with_effects_absent(problem, fit.hypothesis, lowest)
-    again = fit_hypothesis(problem, fit.hypothesis, start, derivatives_of(fit) | derivatives_of(lowest), differences)
+    known = derivatives_of(fit) | derivatives_of(lowest)
+    again = fit_hypothesis(problem, fit.hypothesis, start, known, differences, sufficient_chi2=sufficient_chi2)
     return again if again.chi2 < fit.chi2 else fit
 
 
