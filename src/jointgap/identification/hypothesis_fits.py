@@ -167,11 +167,12 @@ def _from_nuisances_of_best(baseline: Baseline, alone: Sequence[Fit], limits: Th
     """
     found: dict[str, Fit] = {fit.label: fit for fit in alone if fit.status != FAILED}
     again: dict[str, Fit] = {}
-    best = None
-    while found and best is not (best := min(found.values(), key=lambda fit: fit.chi2)):
-        # those that are never small, such as a film, last: their motion is not the base's and takes long to simulate
-        for label, fit in sorted(found.items(), key=lambda item: (_starts_large(item[1]), item[1].chi2)):
-            if fit is not best and fit.status == STOPPED:
+    for large in (False, True):  # first those that may be small: the motion with a film takes long to simulate
+        best = None
+        while found and best is not (best := min(found.values(), key=lambda fit: fit.chi2)):
+            for label, fit in sorted(found.items(), key=lambda item: item[1].chi2):
+                if fit is best or fit.status != STOPPED or _starts_large(fit) != large:
+                    continue
                 found[label] = moved(baseline.problem, baseline.differences, fit, best)
                 if found[label] is not fit:
                     again[label] = found[label]
