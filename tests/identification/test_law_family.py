@@ -136,6 +136,34 @@ def test_what_leaves_more_than_noise_gives_way_to_a_law_of_a_family_that_does_no
     assert family.low <= 3.0 <= family.high
 
 
+@pytest.mark.parametrize(("ahead", "named"), [(30.0, ["falling_friction"]), (3.0, ["falling_friction", "power_drag"])])
+def test_of_several_laws_that_leave_noise_alone_the_best_is_named_and_equally_good_ones_are_ambiguous(
+    ahead, named, monkeypatch
+):
+    coulomb = candidate_of("coulomb")
+    laws = {family.law.label: family for family in coulomb.families}
+    bic = {"power_drag": 100.0 + ahead, "falling_friction": 100.0}
+
+    def shaped(problem, found, member, family, differences):
+        return SimpleNamespace(bic=bic[family.law.label], label=family.law.label, hypothesis=(family.law,))
+
+    def of_family(baseline, member, family, fit, limits):
+        return fit, FamilyInterval("coulomb", family.law.label, family.shape, 0.5, 0.4, 0.6, fits=False, alone=False)
+
+    unproven = [(SimpleNamespace(hypothesis=(coulomb,)), coulomb, laws[label]) for label in bic]
+    monkeypatch.setattr(law_family, "_unproven", lambda *args: unproven)
+    monkeypatch.setattr(law_family, "fit_shape", shaped)
+    monkeypatch.setattr(law_family, "_asked", of_family)
+    monkeypatch.setattr(law_family, "_weighed", lambda *args: SimpleNamespace(passes=True, fit=args[2]))
+    base = SimpleNamespace(bic=900.0, status="converged")
+    decision = Decision("unexplained", base, base)
+    problem = SimpleNamespace(settings=DEFAULT_SETTINGS)
+    decision, families = with_families(SimpleNamespace(problem=problem, differences=None), decision, None)
+    found = [decision.chosen, *decision.equivalent] if decision.verdict == "named" else decision.equivalent
+    assert [fit.label for fit in found] == named == [family.law for family in families]
+    assert decision.verdict == ("named" if len(named) == 1 else "ambiguous")
+
+
 def test_equals_that_have_two_laws_of_a_family_are_not_of_one():
     def fit(*labels):
         return SimpleNamespace(hypothesis=tuple(map(candidate_of, labels)))

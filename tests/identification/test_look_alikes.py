@@ -66,6 +66,16 @@ def test_one_such_effect_alone_is_compared_with_nothing():
     assert compared(candidates=(RINGING,)).empty
 
 
+def test_channels_that_could_be_had_do_not_change_what_is_taken_as_true(by_torque):
+    def taken_as_true(found):
+        return {*zip(found["true"], found["size"], strict=True)}
+
+    model = rattling()
+    model = replace(model, series=tuple(one for one in model.series if one.channel == "torque"))
+    alone = look_alikes(model, [("slow", "torque")], stated_noise(model))
+    assert taken_as_true(alone) == taken_as_true(by_torque)
+
+
 def test_an_effect_that_nothing_planned_shows_is_not_taken_as_true():
     found = compared(("acceleration",))
     assert set(found["true"]) == {"echo"}

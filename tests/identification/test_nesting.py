@@ -89,6 +89,20 @@ def test_no_fit_of_an_effect_that_is_searched_begins_where_it_is_absent():
     assert base.problem.simulations == simulations
 
 
+def test_statistics_over_cycles_are_smooth_so_that_a_fit_of_them_begins_where_its_effect_is_absent():
+    model = toy({"viscous": {"damping_N_s_m": 0.2}}, seed=3)
+    model = replace(model, candidates=(RINGING, candidate_of("viscous")))
+    model = replace(model, series=tuple(replace(one, statistic=True) for one in model.series))
+    base, _ = recalibrated(model)
+    high = fit_hypothesis(base.problem, (RINGING,), {"ringing.size": 0.6}, differences=base.differences, vary=())
+    parameters = base.problem.parameters((RINGING,))
+    values = np.array([high.mapping.get(p.key, 0.6) for p in parameters])
+    high = replace(high, parameters=parameters, values=values, jacobian=np.zeros((high.residual.size, len(parameters))))
+    assert high.chi2 > base.base.chi2
+    mended = not_above_its_parts(base.problem, base.differences, high, [base.base])
+    assert mended.chi2 <= base.base.chi2 + 1e-6
+
+
 def test_what_the_base_would_leave_in_a_fits_valley_is_what_it_leaves_where_residuals_are_linear():
     model = toy({"viscous": {"damping_N_s_m": 0.05}}, seed=3)
     base, _ = recalibrated(model)

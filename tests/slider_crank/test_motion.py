@@ -126,6 +126,14 @@ def test_a_search_too_takes_as_many_revolutions_as_a_motion_needs_to_settle(ends
         assert ends[-1] == pytest.approx(length, abs=0.1)
 
 
+def test_of_a_motion_that_does_not_settle_a_search_takes_the_last_revolution_for_the_record(ends):
+    run = driven(("crank_pin", "piston_pin"))
+    for fast in (True, False):
+        ends.clear()
+        motion.channels_at(run.numbers, run.angles, TOLERANCE, change=lambda one, other: 2.0, fast=fast)
+        assert (ends[-1] == pytest.approx(13.0, abs=0.1)) == fast
+
+
 @pytest.mark.parametrize("turned", [0.0, 0.2, 1.0, np.pi])
 @pytest.mark.parametrize("decay", [0.1, 0.5, 0.9, 0.99])
 @pytest.mark.parametrize("away", [0.5, 0.9, 1.1, 2.0, 20.0])

@@ -13,7 +13,7 @@ from jointgap.config import EFFECTS
 from jointgap.errors import InputError
 from jointgap.identification.estimates import LEVELS
 from jointgap.slider_crank.sensor_faults import FAULTS
-from jointgap.trials.analyse_trial import greedy_names, samples_names, statistics_names
+from jointgap.trials.analyse_trial import greedy_names, statistics_names
 from jointgap.trials.make_trial import ANGLE_PIECES
 from jointgap.trials.score import BASELINES, LEAST_GAP, TRIALS, effect_label, score_batches, score_trial
 from jointgap.trials.trial_figures import draw_score
@@ -39,7 +39,7 @@ def same(low, high) -> dict:
 def named(effect, value=None, low=0.0, high=1e3) -> dict:
     key, true = next(iter(effect["parameters"].items()))
     stated = {key: {"value": true if value is None else value, "sd": 1.0, **same(low, high)}}
-    return {"name": effect["name"], "site": effect["site"], "parameters": stated}
+    return {"name": effect["name"], "site": effect["site"], "parameters": stated, "delta_bic": 50.0}
 
 
 def analysis(
@@ -48,7 +48,7 @@ def analysis(
     return {
         "id": "a", "seconds": 3.0,
         "verdict": {
-            "verdict": verdict, "because": "so it is", "effects": list(effects),
+            "verdict": verdict, "because": "so it is", "basis": "samples", "effects": list(effects),
             "equivalent": [list(labels) for labels in equivalent], "certain": list(certain),
             "preflight": {"merged": [list(labels) for labels in merged], "undetectable": list(undetectable)},
             "where": list(where), "gap": {"confirm": {"before": gap[0], "after": gap[1]}},
@@ -160,7 +160,8 @@ def test_one_of_a_pair_is_but_a_part():
 def law(formula: str, **coefficients: float) -> dict:
     stated = {key: {"value": value} for key, value in coefficients.items()}
     return {
-        "name": "discovered_slider_force", "site": "slider", "parameters": {"formula": {"value": formula}, **stated}
+        "name": "discovered_slider_force", "site": "slider", "delta_bic": 50.0,
+        "parameters": {"formula": {"value": formula}, **stated},
     }  # fmt: skip
 
 
@@ -258,10 +259,16 @@ def test_statistics_alone_name_the_best_features_at_a_price_for_each_effect():
     assert statistics_names(verdict | {"basis": "statistics"}, ranking(a=40.0)) == ["slider_quadratic_drag"]
 
 
-def test_samples_alone_name_nothing_that_statistics_decided():
-    verdict = {"basis": "samples", "effects": [named(DRAG)]}
-    assert samples_names(verdict) == ["slider_quadratic_drag"]
-    assert samples_names(verdict | {"basis": "statistics"}) == []
+def test_samples_alone_are_the_naming_but_for_what_features_of_the_cycle_told():
+    by_samples = score_trial(truth(DRAG), analysis(effects=[named(DRAG)]))
+    assert (by_samples["samples"], by_samples["samples_named"]) == ("right", "slider_quadratic_drag")
+    for told in ({"effects": [named(DRAG)]}, {"verdict": "ambiguous", "equivalent": [[named(DRAG)], [named(SPRING)]]}):
+        found = analysis(**told)
+        found["verdict"]["basis"] = "statistics"  # of motion that never repeats
+        assert score_trial(truth(DRAG), found)["samples"] != "missed"
+        for effect in [*found["verdict"]["effects"], *(one for each in found["verdict"]["equivalent"] for one in each)]:
+            effect["delta_bic"] = None
+        assert score_trial(truth(DRAG), found)["samples"] == "missed"
 
 
 def test_the_interval_of_a_share_is_clopper_and_pearsons():

@@ -16,7 +16,13 @@ from jointgap.campaign.phrasing import (
     size_in_words,
 )
 from jointgap.campaign.tables_of_identification import assumed, failures
-from jointgap.campaign.verdict_sentences import ENOUGH, answer, best_known_in_words, held_out_in_words
+from jointgap.campaign.verdict_sentences import (
+    ENOUGH,
+    answer,
+    best_known_in_words,
+    held_out_in_words,
+    is_told_by_features,
+)
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.identification.estimates import AT_BOUND, CHANGES_NOTHING, NOT_ESTIMATED
 from jointgap.report.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
@@ -194,7 +200,7 @@ def _why(verdict: Mapping[str, Any]) -> list[Block]:
     gains = joined(f"{_gain(effect)} for {effect_in_words(effect)}" for effect in named)
     evidence = [Paragraph(f"Gain in BIC: {gains}; 10 would be very strong evidence.")] if named else []
     told = [effect for effects in (named, *verdict["equivalent"]) for effect in effects]
-    if told and all(effect["delta_bic"] is None for effect in told) and verdict["basis"] == "statistics":
+    if is_told_by_features(verdict, told):
         evidence = [Paragraph("Ranked are the fits to samples, which do not decide here.")]
     force = [] if all(map(is_fault, named)) else [_figure("missing_force")]
     return [Heading("What else was tried"), *evidence, _figure("ranking"), *force]

@@ -22,7 +22,7 @@ _NOISE_GAP = _DECISION.max_gap_of_noise
 def answer(verdict: Mapping[str, Any]) -> str:
     """The verdict, content of ``verdict.json``, in a sentence or two."""
     named, taken = _named(verdict["effects"])
-    if verdict["effects"] and _is_told_by_features(verdict, verdict["effects"]):
+    if verdict["effects"] and is_told_by_features(verdict, verdict["effects"]):
         return (
             f"{named} With this {taken} the model meets where in the cycle impacts come and how hard they are, and "
             "nothing else that was tried does. Single samples it does not meet: impacts ring in another phase, since "
@@ -44,9 +44,12 @@ def answer(verdict: Mapping[str, Any]) -> str:
     }[verdict["verdict"]]
 
 
-def _is_told_by_features(verdict: Mapping[str, Any], effects: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether features of the cycle told the effects, where motion repeats: samples count nothing for them."""
-    return verdict["basis"] == "statistics" and all(effect["delta_bic"] is None for effect in effects)
+def is_told_by_features(verdict: Mapping[str, Any], effects: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether features of the cycle told the `effects` of a verdict, where motion repeats: samples count nothing for
+    them.
+    """
+    told = bool(effects) and all(effect["delta_bic"] is None for effect in effects)
+    return verdict["basis"] == "statistics" and told
 
 
 def _closed(verdict: Mapping[str, Any], unmet: str) -> str:
@@ -113,7 +116,7 @@ def best_known_in_words(verdict: Mapping[str, Any]) -> tuple[str, ...]:
     if best["explained_share"] is not None and not hardly_shows:
         says[0] = says[0][:-1] + f": {percent(best['explained_share'])} of the misfit is explained."
     says.append(f"{_held_out_test(verdict, gap['confirm'])}.")
-    if _is_told_by_features(verdict, best["effects"]):
+    if is_told_by_features(verdict, best["effects"]):
         says.append("On the data used for fitting it meets where in the cycle impacts come and how hard.")
     elif rival is None:
         says.append("No other explanation was fitted that could be held against it.")

@@ -71,7 +71,8 @@ def search_pairs(
         remaining = max(remaining, rest, key=len)
         signatures = simulate_signatures(baseline.problem, single, baseline.differences)
         smoother = rest[0] if rest else None
-        for pair in _shortlist(signatures, smoother, settings.partners_per_single, single.hypothesis, every=rank == 0):
+        every = rank == 0 and bool(smoothers)
+        for pair in _shortlist(signatures, smoother, settings.partners_per_single, single.hypothesis, every):
             if pair.hypothesis[-1].label not in failed:
                 chosen.setdefault(frozenset(c.label for c in pair.hypothesis), (pair, signatures))
     pairs = list(chosen.values())

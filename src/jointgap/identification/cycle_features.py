@@ -5,6 +5,8 @@ the truth. Where in the cycle there are impacts, how strong they are and what th
 likelihood of such features has one broad minimum (Wood, Nature 466 (2010) 1102-1104).
 """
 
+from collections.abc import Collection
+
 import numpy as np
 
 from jointgap.identification.problem import Problem
@@ -22,15 +24,18 @@ class CycleFeatures:
     problem : Problem
     residual : (n,) array
         Of the fit [1].
+    channels : collection of str, optional
+        Only these have features; all by default.
     """
 
-    def __init__(self, problem: Problem, residual: np.ndarray):
+    def __init__(self, problem: Problem, residual: np.ndarray, channels: Collection[str] | None = None):
         self._settings: CycleFeatureSettings = problem.settings.cycle_features
         bins, self._cells, cells = self._settings.bins, np.full(problem.size, -1), 0
         self._of_run: dict[str, dict[str, slice]] = {run: {} for run in problem.runs}
         for part in problem.parts:
             angle = part.series.angle[part.used]
-            if part.series.statistic or not np.isfinite(angle).any():
+            unheard = channels is not None and part.series.channel not in channels
+            if unheard or part.series.statistic or not np.isfinite(angle).any():
                 continue
             turned = np.mod(np.nan_to_num(angle), 2.0 * np.pi) / (2.0 * np.pi)
             self._cells[part.place] = np.where(np.isfinite(angle), cells + (turned * bins).astype(int) % bins, -1)
@@ -45,8 +50,10 @@ class CycleFeatures:
         self._variance = np.stack([of_energy, 1.0 / count / (1.0 + mean**2)]) + unknown
         total = float(np.sum(self._counts * (energy - 1.0)))
         repeating = float(np.sum((self._counts * mean**2 - 1.0)[self._counts > 0]))
-        self.rough_share = 1.0 - repeating / total if total > 0.0 else 0.0
-        """Share of the residual's energy beyond noise [1] that is not in its means: what rings, within a bin."""
+        scatter = float(np.sqrt(2.0 * np.sum(self._counts)))  # of chi2, where there is noise alone
+        self.rough_share = 1.0 - repeating / total if total > self._settings.least_deviations * scatter else 0.0
+        """Share of the residual's energy beyond noise [1] that is not in its means: what rings, within a bin; 0 of
+        noise."""
 
     @property
     def size(self) -> int:

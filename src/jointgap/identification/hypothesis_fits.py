@@ -18,7 +18,7 @@ from jointgap.identification.model_selection import (
     shortlist_singles,
     two_effect_thresholds,
 )
-from jointgap.identification.nesting import moved, not_above_its_parts
+from jointgap.identification.nesting import labels_of, moved, not_above_its_parts
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
@@ -59,10 +59,10 @@ def fit_pairs(
     One effect on which motion depends roughly may do what two others do together: where a pair is worth a fit the first
     part searches these too.
 
-    Where no single effect is sufficient, the first part searches: effects on which motion depends roughly, if what is
-    left is rough, then single effects by smoothed residuals, then effects on which motion depends roughly all the same,
-    then pairs. How far each one goes there depends on all others, so it is not shared out. Single effects that it finds
-    are among the fits then.
+    Where no single effect is sufficient the first part searches for one, or for a pair, the cheapest way first: from
+    the nuisances of the best one; pairs on samples, where these can be followed; effects on which motion depends
+    roughly, if what is left is rough; by smoothed residuals. How far each one goes depends on all others, so it is not
+    shared out. Single effects that it finds are among the fits then.
 
     Parameters
     ----------
@@ -112,15 +112,18 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
     singles, leaders = [*alone, *fits], []
     if _insufficient(baseline, singles, limits):
         pairs = search_pairs(baseline, singles, limits, ()) if _follows_samples(baseline, singles) else []
-        if any(_is_sufficient(fit, limits) for fit in pairs):
-            fits += [*pairs, *_search_alone(baseline, limits)]
+        if sufficient := [fit for fit in pairs if _is_sufficient(fit, limits)]:
+            best = min(sufficient, key=lambda fit: fit.chi2)
+            found = [*_moved(baseline, singles, best, limits), *_search_alone(baseline, limits)]
         else:
-            found, leaders = _search_far(baseline, limits, singles)
-            fits += [*pairs, *found]
-            singles += [fit for fit in found if len(fit.hypothesis) == 1]
-    if not any(len(fit.hypothesis) > 1 for fit in fits):
-        pairs = _pairs_of_best(baseline, signatures, limits, singles)
-        fits += _fit_each(baseline, signatures, pairs, limits, singles)[0]
+            found, leaders = _search_far(baseline, limits, singles, pairs)
+        fits += [*pairs, *found]
+        singles += [fit for fit in found if len(fit.hypothesis) == 1]
+    done = {labels_of(fit.hypothesis) for fit in fits}
+    chosen = [each for each in _pairs_of_best(baseline, signatures, limits, singles) if _labels(each) not in done]
+    fits += _fit_each(baseline, signatures, chosen, limits, singles)[0]
+    if chosen and not any(is_searched(baseline.problem, one) for fit in fits for one in fit.hypothesis):
+        fits += _search_alone(baseline, limits)
     best: dict[str, Fit] = {}
     for fit in fits:
         best[fit.label] = min(best.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
@@ -134,9 +137,12 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
     return found, [share] * len(found)
 
 
-def _search_far(baseline: Baseline, limits: Thresholds, alone: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
+def _search_far(
+    baseline: Baseline, limits: Thresholds, alone: Sequence[Fit], pairs: Sequence[Fit]
+) -> tuple[list[Fit], list[Fit]]:
     """Fits of effects that no fit of samples leads to: on which motion depends roughly, if what is left is rough; by
-    smoothed residuals, single effects and pairs. And those that lead by features of the cycle, which end the search.
+    smoothed residuals, single effects and pairs. And those that lead by features of the cycle, which end the search;
+    single effects that were fitted `alone` and `pairs` are their rivals.
     """
     candidates = _searched_candidates(baseline.problem)
     is_rough = bool(candidates) and leaves_rough_motion(baseline.problem, _origins(baseline, alone)[-1])
@@ -144,7 +150,7 @@ def _search_far(baseline: Baseline, limits: Thresholds, alone: Sequence[Fit]) ->
     matched, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
     if any(_explains(baseline, fit) for fit in fits):
         return fits, []
-    leaders = leaders_by_features(baseline.problem, baseline.base, [*alone, *fits], matched)
+    leaders = leaders_by_features(baseline.problem, baseline.base, [*alone, *pairs, *fits], matched)
     if leaders:
         led = {fit.label for fit in leaders}
         return [fit for fit in fits if fit.label not in led], leaders
@@ -165,25 +171,47 @@ def _from_nuisances_of_best(baseline: Baseline, alone: Sequence[Fit], limits: Th
     """Fits of the single effects that ended early, from the nuisances of the best one: it may be in a deeper valley,
     which they share. As long as another one becomes the best, until one is sufficient.
     """
+    problem = baseline.problem
     found: dict[str, Fit] = {fit.label: fit for fit in alone if fit.status != FAILED}
     again: dict[str, Fit] = {}
-    for large in (False, True):  # first those that may be small: the motion with a film takes long to simulate
-        best = None
-        while found and best is not (best := min(found.values(), key=lambda fit: fit.chi2)):
-            for label, fit in sorted(found.items(), key=lambda item: item[1].chi2):
-                if fit is best or fit.status != STOPPED or _starts_large(fit) != large:
-                    continue
-                found[label] = moved(baseline.problem, baseline.differences, fit, best)
-                if found[label] is not fit:
-                    again[label] = found[label]
-                if _is_sufficient(found[label], limits):
-                    return list(again.values())
+    least = np.inf
+    while found:
+        best = min(found.values(), key=lambda fit: fit.chi2)
+        if _is_sufficient(best, limits) or best.chi2 > least - problem.settings.decision.min_delta_bic:
+            break
+        least = best.chi2
+        for never_small in (False, True):  # these last: the motion with a film takes long to simulate
+            some = [fit for fit in found.values() if fit is not best and _is_never_small(fit) == never_small]
+            better = {fit.label: fit for fit in _moved(baseline, some, best, limits)}
+            found |= better
+            again |= better
+            if any(fit.chi2 < least - problem.settings.decision.min_delta_bic for fit in better.values()):
+                break
     return list(again.values())
 
 
-def _starts_large(fit: Fit) -> bool:
-    candidates = fit.hypothesis
-    return any({*guess} & {*one.amplitudes} for one in candidates for guess in one.initial_guesses)
+def _moved(baseline: Baseline, fits: Sequence[Fit], best: Fit, limits: Thresholds) -> list[Fit]:
+    """Those of the `fits` that ended early and are lower from the nuisances of the `best`, lowest first.
+
+    Those far above a sufficient one end early once more.
+    """
+    sufficient, better = best.chi2 if _is_sufficient(best, limits) else np.inf, []
+    for fit in sorted((fit for fit in fits if fit.status == STOPPED), key=lambda fit: fit.chi2):
+        again = moved(baseline.problem, baseline.differences, fit, best, sufficient)
+        if again is not fit:
+            better.append(again)
+        if _is_sufficient(again, limits):
+            sufficient = min(sufficient, again.chi2)
+    return better
+
+
+def _is_never_small(fit: Fit) -> bool:
+    """Whether all fits of its effects begin at a size, since small ones say nothing of them."""
+    return any(all({*guess} & {*one.amplitudes} for guess in one.initial_guesses) for one in fit.hypothesis)
+
+
+def _labels(chosen: tuple[LinearizedFit, Fit | None]) -> frozenset[str]:
+    return labels_of(chosen[0].hypothesis)
 
 
 def _follows_samples(baseline: Baseline, fits: Sequence[Fit]) -> bool:
@@ -191,7 +219,7 @@ def _follows_samples(baseline: Baseline, fits: Sequence[Fit]) -> bool:
     is nothing coarser: statistics over cycles are not smoothed.
     """
     chi2, size = baseline.base.chi2, baseline.problem.size
-    share = baseline.problem.settings.rough_search.reached_share
+    share = baseline.problem.settings.selection.followed_share
     explains = any(fit.status != FAILED and chi2 - fit.chi2 >= share * (chi2 - size) for fit in fits)
     return explains or not smoothers_of(baseline.problem)
 
@@ -218,7 +246,9 @@ def _search_alone(baseline: Baseline, limits: Thresholds) -> list[Fit]:
     else explains the data, one population is enough.
     """
     found: dict[str, Fit] = {}
-    for fit in search_rough(baseline, baseline.base, _searched_candidates(baseline.problem), limits.omnibus, 1):
+    populations = baseline.problem.settings.rough_search.populations_alone
+    candidates = _searched_candidates(baseline.problem)
+    for fit in search_rough(baseline, baseline.base, candidates, limits.omnibus, populations):
         if fit.status != MATCHED:
             found[fit.label] = min(found.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
     return list(found.values())

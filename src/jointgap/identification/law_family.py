@@ -179,10 +179,11 @@ def with_families(
 
     Where a shape is not that of the effect that was found, the law of the family takes its place. Where nothing is
     named, what is leaves more than noise or several explanations are equally good, this is tried in the best known
-    explanation and in the best effect of each family alone, and the law is named if it is better and leaves noise
-    alone. What stands beside it is left out if it gains no more than chance then. Where all that is equally good is of
-    one family, this is named. Two laws of one family beside each other are left as they are: their sum has no shape of
-    it. Where an effect fits in none of several families, the law that fits best takes its place.
+    explanation, or in those, and in the best effect of each family alone. The best law is named if it is better and
+    leaves noise alone; laws that do so equally well are ambiguous. What stands beside it is left out if it gains no
+    more than chance then. Where all that is equally good is of one family, this is named. Two laws of one family beside
+    each other are left as they are: their sum has no shape of it. Where an effect fits in none of several families, the
+    law that fits best takes its place.
 
     Parameters
     ----------
@@ -198,13 +199,23 @@ def with_families(
     if not equal and decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS):
         settings = baseline.problem.settings
         best = min(fit.bic for fit in (decision.chosen, *decision.equivalent)) - settings.decision.min_delta_bic
+        laws = []
         for found, member, family in _unproven(decision, settings.family.least_share):
             fit = fit_shape(baseline.problem, found, member, family, baseline.differences)
             if fit.bic > best or not _weighed(baseline, decision, fit, limits).passes:
                 continue
             fit, interval = _asked(baseline, member, family, fit, limits)
             if interval is not None and not interval.fits:
-                return _named(baseline, decision, fit, limits), (interval,)
+                laws.append((fit, interval))
+        laws.sort(key=lambda law: law[0].bic)
+        laws = [law for law in laws if law[0].bic < laws[0][0].bic + settings.decision.min_delta_bic]
+        if len({fit.label for fit, _ in laws}) > 1:
+            because, equivalent = "several explanations fit the data equally well", [fit for fit, _ in laws]
+            decision = replace(decision, verdict=AMBIGUOUS, because=because, equivalent=equivalent, best_known=None)
+            return decision, tuple(interval for _, interval in laws)
+        if laws:
+            fit, interval = laws[0]
+            return _named(baseline, decision, fit, limits), (interval,)
     if decision.verdict == UNEXPLAINED:
         return decision, ()
     found, intervals = equal[0] if equal else decision.chosen, []
@@ -226,12 +237,14 @@ def with_families(
 
 def _unproven(decision: Decision, least_share: float) -> list[tuple[Fit, Candidate, LawFamily]]:
     """What may be a family's law where nothing leaves noise alone, with the effect and the family: the best known
-    explanation, and of each family the best effect alone that explains the `least_share` of the misfit.
+    explanation or those that are equally good, and of each family the best effect alone that explains the `least_share`
+    of the misfit.
     """
     single = [ranked for ranked in decision.ranking if len(ranked.fit.hypothesis) == 1 and ranked.admissible]
     alone = [ranked.fit for ranked in single if ranked.share >= least_share and ranked.fit is not decision.best_known]
-    known = [] if decision.best_known is None else [decision.best_known]
-    best = {family.law.label: (fit, each, family) for fit in reversed(alone) for each, family in _of_families(fit)}
+    known = decision.equivalent if decision.best_known is None else [decision.best_known]
+    alone.sort(key=lambda fit: fit.bic, reverse=True)  # of each family the best is the last
+    best = {family.law.label: (fit, each, family) for fit in alone for each, family in _of_families(fit)}
     return [*((fit, each, family) for fit in known for each, family in _of_families(fit)), *best.values()]
 
 

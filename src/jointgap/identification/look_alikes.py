@@ -96,15 +96,13 @@ class _Rehearsal:
         self, model: Model, planned: Collection[Key], noise: Mapping[Key, Noise], settings: IdentificationSettings
     ):
         self._problem, self._settings = Problem(model, noise, planned=True, settings=settings), settings
-        channels, runs = ({key[i] for key in planned} for i in (1, 0))
-        self._parts = [part for part in self._problem.parts if part.series.run in runs]
-        self._channels = list(dict.fromkeys(part.series.channel for part in self._parts))
+        channels = {channel for _, channel in planned}
+        self._channels = list(dict.fromkeys(part.series.channel for part in self._problem.parts))
         self._planned = np.array([channel in channels for channel in self._channels])
-        self._runs = [run for run in self._problem.runs if run in runs]
         self._generator = np.random.default_rng(settings.rough_search.seed)
         self._noise = self._generator.standard_normal(self._problem.size)
         searched = [candidate for candidate in model.candidates if candidate.search_range]
-        if len(searched) < 2 or any(part.series.statistic for part in self._parts):
+        if len(searched) < 2 or any(part.series.statistic for part in self._problem.parts):
             searched = []
         self.truths = [truth for candidate in searched for truth in self._truths_of(candidate)]
         self._points = {
@@ -131,18 +129,16 @@ class _Rehearsal:
             if change is None:
                 continue
             measured = change + self._noise
-            heard = np.zeros(self._problem.size)
-            for part in self._parts:
-                heard[part.place] = self._planned[self._channels.index(part.series.channel)]
-            if CycleFeatures(self._problem, heard * measured).rough_share > self._settings.rough_search.min_rough_share:
+            planned = [channel for channel, is_planned in zip(self._channels, self._planned, strict=True) if is_planned]
+            features = CycleFeatures(self._problem, measured, planned)
+            if features.rough_share > self._settings.rough_search.min_rough_share:
                 yield _Truth(candidate.label, size, first.unit, measured)
 
     def _change(self, candidate: Candidate, values: Mapping[str, float], numerics: int = 0) -> np.ndarray | None:
-        """What an effect changes (n,), whitened; 0 in further runs; None where it cannot be simulated."""
+        """What an effect changes (n,), whitened; None where it cannot be simulated."""
         nominal = {p.key: p.nominal for p in self._problem.parameters((candidate,))}
         try:
-            none = np.zeros(self._problem.size)
-            return -self._problem.residual(nominal | values, (candidate,), self._runs, none, numerics)
+            return -self._problem.residual(nominal | values, (candidate,), numerics=numerics)
         except (InputError, SimulationError):
             return None
 
@@ -158,7 +154,7 @@ class _Rehearsal:
         """Of the features that each change leaves, by channel: (changes, channels)."""
         found = []
         for change in changes:
-            of_runs = [features.misfit_by_channel(change, run) for run in self._runs]
+            of_runs = [features.misfit_by_channel(change, run) for run in self._problem.runs]
             found.append([sum(one.get(channel, 0.0) for one in of_runs) for channel in self._channels])
         return np.reshape(found, (-1, len(self._channels)))
 

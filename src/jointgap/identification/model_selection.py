@@ -7,7 +7,7 @@ import numpy as np
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline, multistart_fit, other_numerics, random_nuisances, with_intervals
-from jointgap.identification.decide_by_features import decided_by_features, with_feature_gains
+from jointgap.identification.decide_by_features import decided_by_features
 from jointgap.identification.decide_verdict import Decision, decide, reduced_chi2
 from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
@@ -318,7 +318,7 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         fits = [*(ranked.fit for ranked in decision.ranking), *members]
         decision = refit_and_decide(baseline, signatures, fits, limits)
 
-    decision = with_feature_gains(baseline.problem, decided_by_features(decision, by_features))
+    decision = decided_by_features(decision, by_features)
 
     def stated(fit: Fit) -> Fit:
         if fit.status == MATCHED:  # its draws say it

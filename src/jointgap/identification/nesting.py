@@ -1,4 +1,5 @@
-"""Hypotheses that hold one another: a larger one can do all that a smaller one does, so that its fit never ends above.
+"""Hypotheses that hold one another: a larger one can do all that a smaller one does, so that its fit never ends above,
+unless it has an effect that no slope leads to.
 
 With every further effect absent a hypothesis is the smaller one. Where residuals have several valleys, fits of the two
 may end in different ones, and the difference of their chi2 then says nothing of the effect. So a larger hypothesis is
@@ -14,6 +15,7 @@ from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.gauss_newton import bounded_step
 from jointgap.identification.problem import Hypothesis, Problem
+from jointgap.identification.screening import is_searched
 
 
 def labels_of(hypothesis: Hypothesis) -> frozenset[str]:
@@ -66,12 +68,13 @@ def not_above_its_parts(
     fit : Fit
     parts : sequence of Fit
         Of the model as it stands and of other hypotheses. Passed over are those that are no part of this one, and those
-        that lack an effect with a `search_range`: no slope leads from its absence to where it explains something.
+        that lack an effect that is searched (`jointgap.identification.screening.is_searched`): no slope leads from its
+        absence to where it explains something.
     sufficient_chi2 : float
         As of `jointgap.identification.fit.fit_hypothesis`.
     """
     own = labels_of(fit.hypothesis)
-    searched = {candidate.label for candidate in fit.hypothesis if candidate.search_range}
+    searched = {candidate.label for candidate in fit.hypothesis if is_searched(problem, candidate)}
     lower = [part for part in parts if searched <= labels_of(part.hypothesis) < own and part.chi2 < fit.chi2]
     if fit.status == FAILED or not lower:
         return fit
@@ -82,7 +85,7 @@ def not_above_its_parts(
     return again if again.chi2 < fit.chi2 else fit
 
 
-def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit) -> Fit:
+def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit, sufficient_chi2: float = np.inf) -> Fit:
     """The `fit` or, if it is lower, one of the same hypothesis that starts from the nuisances of the fit `to`.
 
     Parameters
@@ -90,6 +93,8 @@ def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit) -
     problem : Problem
     differences : FiniteDifferences
     fit, to : Fit
+    sufficient_chi2 : float
+        As of `jointgap.identification.fit.fit_hypothesis`.
     """
     nominal = {p.name: p.nominal for p in problem.nuisances}
     nuisances = {key: value for key, value in to.mapping.items() if "." not in key}
@@ -97,7 +102,7 @@ def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit) -
         for name, amplitude in candidate.replaces.items():
             nuisances[name] = nominal[name] + to.mapping[f"{candidate.label}.{amplitude}"]
     start = fit.mapping | {key: value for key, value in nuisances.items() if key in fit.mapping}
-    again = fit_hypothesis(problem, fit.hypothesis, start, differences=differences)
+    again = fit_hypothesis(problem, fit.hypothesis, start, differences=differences, sufficient_chi2=sufficient_chi2)
     return again if again.chi2 < fit.chi2 else fit
 
 

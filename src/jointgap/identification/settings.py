@@ -229,12 +229,15 @@ class CycleFeatureSettings:
         ring in another phase (experience).
     degrees_of_freedom : float
         [1] Of the Student likelihood: a bin that is far off does not decide.
+    least_deviations : float
+        [1, standard deviations of the chi2 of noise] Energy beyond noise from which on it says whether it rings.
     """
 
     bins: int = 36
     energy_floor: float = 0.3
     model_variance: float = 0.02
     degrees_of_freedom: float = 4.0
+    least_deviations: float = 3.0
 
 
 @dataclass(frozen=True)
@@ -254,6 +257,8 @@ class RoughSearchSettings:
     populations : int
         How often the search begins anew, as long as the features are not met: in five dimensions a population may end
         in a valley that is none of the truth.
+    populations_alone : int
+        The same where nothing rings, or something else explains the data.
     matched_misfit : float
         [1, for each feature] A misfit below which the features are met: of the truth 0.5 to 0.65.
     elite : int
@@ -294,6 +299,7 @@ class RoughSearchSettings:
     rounds: int = 8
     rounds_for_all: int = 2
     populations: int = 2
+    populations_alone: int = 1
     matched_misfit: float = 0.75
     points: int = 32
     elite: int = 12
@@ -338,8 +344,8 @@ class CoarseSearchSettings:
     max_singles : int
         Candidates searched, beside those of which small amplitudes say little (experience).
     survivors : tuple of int
-        How many hypotheses go on from each smoothing width to the next finer one. Where nothing can be smoothed, the
-        first number is how many pairs are fitted (experience).
+        How many hypotheses go on from each smoothing width to the next finer one. The first number is how many pairs
+        are fitted where nothing is smoothed (experience).
     refitted : int
         Of the best, how many are fitted once more with all undetermined coordinates scanned, where none is sufficient.
     leading_singles, partners_per_single : int
@@ -380,6 +386,9 @@ class ModelSelectionSettings:
     partners : int
         Partners of a sufficient effect that are fitted, rivals that are fitted again from the best one's nuisances,
         and swaps of each effect of a pair.
+    followed_share : float
+        [1, of the misfit of samples] A single effect that explains so much of it without being sufficient can be
+        followed on samples: pairs with it are fitted there before anything is smoothed.
     smooth_numerical_noise : float
         [chi2] With less numerical noise chi2 has no valleys between which fits could differ.
     min_accounted_share : float
@@ -395,6 +404,7 @@ class ModelSelectionSettings:
     min_gain_share: float = 0.5
     min_singles: int = 2
     partners: int = 3
+    followed_share: float = 0.5
     smooth_numerical_noise: float = 0.01
     min_accounted_share: float = 0.5
     baseline_starts: int = 4

@@ -224,6 +224,7 @@ def decide(state: "CampaignState", parts: int = 1) -> None:
         Into how many the fits are divided.
     """
     from jointgap.campaign.tables_of_identification import family_frame, outcome_of
+    from jointgap.identification.decide_by_features import with_feature_gains
     from jointgap.identification.law_family import with_families
     from jointgap.identification.model_selection import select_hypothesis
 
@@ -232,6 +233,7 @@ def decide(state: "CampaignState", parts: int = 1) -> None:
     total = {label: seconds.get(label, 0.0) + seconds_of_pairs.get(label, 0.0) for label in labels}
     decision = select_hypothesis(state.baseline, screening.signatures, [*singles, *pairs], screening.limits)
     decision, families = with_families(state.baseline, decision, screening.limits)
+    decision = with_feature_gains(state.baseline.problem, decision)
     state.folder.write(LAW_FAMILIES, family_frame(families))
     state.rest_on(decision.base)
     state.write_fits([decision.base], "decide/base")

@@ -13,12 +13,14 @@ import pandas as pd
 from jointgap import tables
 from jointgap.campaign.tables_of_identification import JOINED
 from jointgap.campaign.verdict import read
+from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.tables import CONTRADICTIONS
 from jointgap.tables.results_folder import ResultsFolder
 from jointgap.trials.score import effect_label
 from jointgap.trials.sparse_regression import sparse_names
 
-_GAIN_OF_AN_EFFECT = 10.0  # in log likelihood of the features of the cycle; that asked of held-out data too
+# Log likelihood of the features of the cycle, as much as is asked of held-out data.
+_GAIN_OF_AN_EFFECT = DEFAULT_SETTINGS.confirmation.min_fall_of_features
 
 
 def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
@@ -34,8 +36,8 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        id, seconds, doubts (what `measure` found to contradict), and verdict, greedy, sparse, statistics, samples and
-        fits (of `least_chi2`), or error.
+        id, seconds, doubts (what `measure` found to contradict), and verdict, greedy, sparse, statistics and fits (of
+        `least_chi2`), or error.
     """
     from jointgap.campaign import analyse
 
@@ -57,7 +59,6 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
             record |= {"greedy": greedy_names(fits), "fits": least_chi2(fits)}
             ranking = ResultsFolder(own_results).read("ranking", "verdict")
             record |= {"statistics": statistics_names(record["verdict"], ranking)}
-            record |= {"samples": samples_names(record["verdict"])}
             try:
                 residuals = tables.read(tables.RESIDUALS, own_results / "confirm" / "residuals.parquet")
                 record["sparse"] = sparse_names(copy / "campaign.yaml", residuals)
@@ -144,17 +145,6 @@ def statistics_names(verdict: Mapping[str, Any], ranking: pd.DataFrame) -> list[
     }
     best = max(found, key=found.__getitem__, default=None)
     return sorted(best.split(JOINED)) if best and found[best] > 0.0 else []
-
-
-def samples_names(verdict: Mapping[str, Any]) -> list[str]:
-    """Labels that a verdict names by samples: none where statistics decided it.
-
-    Parameters
-    ----------
-    verdict : mapping
-        Content of ``verdict.json``.
-    """
-    return _labels(verdict) if verdict["basis"] == "samples" else []
 
 
 def _labels(verdict: Mapping[str, Any]) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jointgap.campaign.verdict_sentences import is_told_by_features
 from jointgap.effects import EFFECTS
 from jointgap.errors import InputError
 from jointgap.formula import compile_formula
@@ -52,8 +53,8 @@ BASELINES = {
     "samples": "samples alone",
 }
 """Methods beside the naming, by the key of the analysis' record that holds the names they give: the least BIC, one
-effect at a time, without a gate; sparse regression of the residual; the best features of the cycle, without a gate; and
-the naming without what it decides by features."""
+effect at a time, without a gate; sparse regression of the residual; of what was fitted the best features of the cycle,
+without a gate; and the naming without what it decides by features (from its verdict)."""
 
 _TEXT = {
     "id": "the campaign's name",
@@ -207,6 +208,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     row["outcome"] = (
         _wiring_outcome(damaged, verdict, row["told"]) if "damage" in truth else _outcome(truth, verdict, hidden)
     )
+    row |= _samples_alone(row, verdict, hidden)
     if row["outcome"] != "right":
         names = named_labels((*verdict["effects"], *verdict["certain"]), hidden)
         row["cause"] = cause(truth, analysis, hidden, names)
@@ -268,6 +270,14 @@ def _baseline_outcome(truth: Mapping, hidden: frozenset[str], named: Sequence[st
     if not named:
         return "missed" if hidden else "right"
     return "wrong" if _is_off_list(truth) else _outcome_of_names(hidden, frozenset(named))
+
+
+def _samples_alone(row: Mapping, verdict: Mapping, hidden: frozenset[str]) -> dict[str, str]:
+    """The outcome of the naming, and what it named, as it is without what features of the cycle decided."""
+    equivalent = [effect for effects in verdict["equivalent"] for effect in effects]
+    if is_told_by_features(verdict, [*verdict["effects"], *equivalent]):
+        return {"samples": "missed" if hidden else "right", "samples_named": "nothing"}
+    return {"samples": row["outcome"], "samples_named": row["named"]}
 
 
 def _is_off_list(truth: Mapping) -> bool:

@@ -1,0 +1,94 @@
+"""In which order hypotheses are fitted where no single effect is sufficient at first."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.identification import hypothesis_fits
+from jointgap.identification.baseline import other_numerics, recalibrate
+from jointgap.identification.fit import CONVERGED, FAILED, STOPPED, fit_hypothesis
+from jointgap.identification.hypothesis_fits import fit_pairs
+from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.thresholds import thresholds
+from tests.identification.toy import candidate_of, stated_noise, toy
+
+
+@pytest.fixture(scope="module")
+def analysed():
+    """A hidden viscous friction, and the analysis up to the fits of single effects."""
+    model = toy({"viscous": {"damping_N_s_m": 0.8}}, seed=3)
+    base = recalibrate(model, stated_noise(model))
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    return base, signatures, thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+
+
+def fit_of(base, *labels, chi2: float, status: str = STOPPED):
+    """A fit of effects that leaves `chi2` for each sample."""
+    hypothesis = tuple(map(candidate_of, labels))
+    parameters = base.problem.parameters(hypothesis)
+    size, values = base.problem.size, np.array([p.nominal for p in parameters])
+    return replace(
+        base.base,
+        hypothesis=hypothesis,
+        parameters=parameters,
+        values=values,
+        residual=np.full(size, np.sqrt(chi2)),
+        jacobian=np.ones((size, values.size)),
+        status=status,
+    )
+
+
+def test_pairs_of_a_single_effect_that_is_found_late_are_fitted_though_other_pairs_were(analysed, monkeypatch):
+    base, signatures, limits = analysed
+    viscous = fit_hypothesis(base.problem, (candidate_of("viscous"),), differences=base.differences, refresh=True)
+    pairs, asked = [fit_of(base, "spring", "coulomb", chi2=5.0)], []
+    monkeypatch.setattr(hypothesis_fits, "search_pairs", lambda *args: pairs)
+    monkeypatch.setattr(hypothesis_fits, "_search_far", lambda *args: ([viscous], []))
+    monkeypatch.setattr(hypothesis_fits, "_pairs_of_best", lambda *args: asked.append(args[-1]) or [])
+    found, _ = fit_pairs(base, signatures, limits, [fit_of(base, "spring", chi2=6.0, status=CONVERGED)])
+    assert any(fit.label == "viscous" for fit in asked[0])
+    assert {"viscous", "spring + coulomb"} <= {fit.label for fit in found}
+
+
+def moved_to(monkeypatch, base, **levels):
+    """Fits that start from another's nuisances end at these levels of chi2 a sample; returned is what was tried."""
+    tried = []
+
+    def moved(problem, differences, fit, to, sufficient_chi2=np.inf):
+        tried.append((fit.label, to.label, sufficient_chi2 < np.inf))
+        return (
+            fit_of(base, *(one.name for one in fit.hypothesis), chi2=levels[fit.label]) if fit.label in levels else fit
+        )
+
+    monkeypatch.setattr(hypothesis_fits, "moved", moved)
+    return tried
+
+
+def test_fits_that_ended_early_start_again_from_each_new_best_one_until_one_is_sufficient(analysed, monkeypatch):
+    base, _, limits = analysed
+    tried = moved_to(monkeypatch, base, spring=4.0, coulomb=1.0)
+    alone = [
+        fit_of(base, "viscous", chi2=10.0, status=CONVERGED),
+        fit_of(base, "coulomb", chi2=20.0),
+        fit_of(base, "spring", chi2=30.0),
+        fit_of(base, "quadratic", chi2=40.0),
+        fit_of(base, "added_mass", chi2=50.0, status=FAILED),
+    ]
+    found = hypothesis_fits._from_nuisances_of_best(base, alone, limits)
+    assert {fit.label for fit in found} == {"coulomb", "spring"}
+    # the rivals of a sufficient one get another start too, but give up early
+    assert tried == [("coulomb", "viscous", False), ("spring", "viscous", True), ("quadratic", "viscous", True)]
+
+
+def test_effects_that_are_never_small_start_again_last_and_not_at_all_once_one_is_sufficient(analysed, monkeypatch):
+    base, _, limits = analysed
+    film = replace(candidate_of("spring"), name="film", initial_guesses=({"stiffness_N_m": 2.0},))
+    never_small = replace(fit_of(base, "spring", chi2=11.0), hypothesis=(film,))
+    alone = [fit_of(base, "viscous", chi2=10.0, status=CONVERGED), never_small, fit_of(base, "coulomb", chi2=20.0)]
+    tried = moved_to(monkeypatch, base, coulomb=5.0)
+    hypothesis_fits._from_nuisances_of_best(base, alone, limits)
+    assert [label for label, *_ in tried] == ["coulomb", never_small.label]
+    tried = moved_to(monkeypatch, base, coulomb=1.0)
+    hypothesis_fits._from_nuisances_of_best(base, alone, limits)
+    assert [label for label, *_ in tried] == ["coulomb"]
