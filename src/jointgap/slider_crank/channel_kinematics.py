@@ -115,8 +115,7 @@ def channels_at(
     read : int, optional
         How many of the angles, from the first, `change` gets; all by default.
     fast : bool
-        For a search: a motion that takes more steps than a plain one is given up, and the last revolution stands for
-        the record of one that does not settle.
+        For a search: a motion that takes more steps than a plain one is given up.
 
     Raises
     ------
@@ -148,8 +147,6 @@ def channels_at(
         if has_settled(earlier, before, now, change, settings.settled_length):
             return motion | whole_record
         earlier, before = before, now
-    if fast:
-        return motion | whole_record
     later = (last + 1 - math.floor(back)) * tau  # so much later it has settled at least this far
     return _sampled(p, angles + later, integrate) | whole_record
 
