@@ -11,7 +11,8 @@ import yaml
 
 from jointgap.config import read_yaml
 from jointgap.config.channels import CHANNELS
-from jointgap.config.load import campaign_json_schema, load_campaign, merge
+from jointgap.config.layers import merge
+from jointgap.config.load import campaign_json_schema, load_campaign
 from jointgap.errors import InputError
 from tests.config.mechanisms import PAPER, paper
 

@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from jointgap.config import json_schema, load_mechanism, options_for, parse_options, read_yaml, resolve
-from jointgap.config.load import merge
+from jointgap.config.layers import Layer, merge, merged, sources
+from jointgap.config.load import sources_of
 from jointgap.config.scenario import SECTIONS
 from jointgap.errors import InputError
 
@@ -18,6 +19,9 @@ SHIPPED = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8
 
 
 def resolved(over):
+    """The scenario `paper` with other keys; those of its mechanism are laid over the shipped one."""
+    if isinstance(over.get("mechanism"), dict):
+        over = over | {"mechanism": {"base": SHIPPED["mechanism"]} | over["mechanism"]}
     return resolve(merge(SHIPPED, {"run": ["paper"], "scenarios": {"paper": over}}), (ROOT,))["paper"]
 
 
@@ -63,6 +67,77 @@ def test_a_scenario_changes_only_the_keys_it_names():
         == plain.mechanism.joint("crank_pin").contact.restitution
     )
     assert changed.simulate == plain.simulate
+
+
+OTHER = """
+crank: {length: 50 mm, mass: 1 kg, inertia: 1e-3 kg*m^2, mass_centre: 20 mm}
+rod: {length: 200 mm, mass: 1 kg, inertia: 1e-3 kg*m^2, mass_centre: 60 mm}
+slider: {mass: 2 kg}
+joints: {crank_pin: ideal, piston_pin: ideal}
+"""
+HOLDING_IT = {"boxes": {"own": {"crank_length": ["49 mm", "51 mm"], "rod_length": ["198 mm", "202 mm"]}}}
+
+
+def test_a_scenarios_mechanism_file_is_the_whole_mechanism(tmp_path):
+    """Nothing of the mechanism beside the scenarios is left in it: offset, looseness, contacts, effects."""
+    (tmp_path / "other.yaml").write_text(OTHER, encoding="utf-8")
+    base = {"base": SHIPPED["mechanism"], "slider": {"offset": "20 mm"}, "effects": [{"name": "gravity"}]}
+    config = SHIPPED | {"mechanism": base, "run": ["own"]}
+    for mechanism in ("other.yaml", yaml.safe_load(OTHER), {"base": "other.yaml"}):
+        scenarios = {"own": {"mechanism": mechanism, "optimise": HOLDING_IT}}
+        own = resolve(config | {"scenarios": scenarios}, (ROOT, tmp_path))["own"].mechanism
+        assert own == load_mechanism(tmp_path / "other.yaml")
+        assert (own.loose, own.contacts, own.effects, own.slider.offset) == ((), {}, (), 0.0)
+
+
+def test_a_mechanism_file_may_be_laid_over_the_one_beside_it(tmp_path):
+    (tmp_path / "lower").mkdir()
+    (tmp_path / "lower/other.yaml").write_text(OTHER, encoding="utf-8")
+    (tmp_path / "lower/heavy.yaml").write_text("base: other.yaml\nslider: {mass: 5 kg}\n", encoding="utf-8")
+    (tmp_path / "both.yaml").write_text("base: lower/heavy.yaml\nrod: {mass: 3 kg}\n", encoding="utf-8")
+    lowest, both = load_mechanism(tmp_path / "lower/other.yaml"), load_mechanism(tmp_path / "both.yaml")
+    assert (both.slider.mass, both.rod.mass) == (5.0, 3.0)
+    assert (both.crank, both.rod.length, both.joints) == (lowest.crank, lowest.rod.length, lowest.joints)
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "words"),
+    [
+        ({"slider": {"mass": 1}}, "key 'mechanism.crank' is missing; add it, or the key base, the path of"),
+        ({"base": "nowhere.yaml"}, r"scenario own: mechanism\.base: no file 'nowhere\.yaml'"),
+        ({"base": {"slider": {}}}, r"mechanism\.base = .*must be the path of a mechanism file"),
+        ({"base": None}, r"mechanism\.base = None: must be the path of a mechanism file"),
+        ("one.yaml", r"two\.yaml: base: 'one\.yaml' is laid over itself"),
+    ],
+)
+def test_a_base_that_is_none_is_refused(tmp_path, mechanism, words):
+    (tmp_path / "one.yaml").write_text("base: two.yaml", encoding="utf-8")
+    (tmp_path / "two.yaml").write_text("base: one.yaml", encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        resolve(SHIPPED | {"run": ["own"], "scenarios": {"own": {"mechanism": mechanism}}}, (ROOT, tmp_path))
+
+
+def test_each_value_is_told_with_the_file_that_it_is_written_in(tmp_path):
+    (tmp_path / "other.yaml").write_text(OTHER, encoding="utf-8")
+    own = {"mechanism": {"base": "other.yaml", "slider": {"offset": "1 mm"}}, "simulate": {"speed": "9 rpm"}}
+    lower = Layer("lower.yaml", SHIPPED | {"figures": {"magnification": 3}})
+    files = [lower, Layer("mine.yaml", {"run": ["own"], "scenarios": {"own": own | {"optimise": HOLDING_IT}}})]
+    scenario = resolve(merged(files), (ROOT, tmp_path))["own"]
+    told = {key: (source, value) for key, source, value in sources_of(scenario, "own", files, (ROOT, tmp_path))}
+    other = str(tmp_path / "other.yaml")
+    assert told["mechanism.slider.mass"] == (other, '"2 kg"')
+    assert told["mechanism.slider.offset"] == ("mine.yaml, scenario own", '"1 mm"')
+    assert told["simulate.speed"] == ("mine.yaml, scenario own", '"9 rpm"')
+    assert told["simulate.revolutions"] == ("lower.yaml", "4")
+    assert told["figures.magnification"] == ("lower.yaml", "3")
+    assert told["mechanism.gravity_direction"] == ("default", str(-math.pi / 2))
+    assert told["mechanism.joints.crank_pin"] == (other, '"ideal"')
+
+
+def test_what_is_laid_over_a_mapping_by_a_plain_value_leaves_nothing_of_it():
+    layers = [Layer("low", {"a": {"b": 1, "c": {"d": 2}}}), Layer("high", {"a": {"c": 3}})]
+    assert sources(layers) == {("a", "b"): (1, "low"), ("a", "c"): (3, "high")}
+    assert merged(layers) == {"a": {"b": 1, "c": 3}}
 
 
 def test_other_lengths_keep_the_mass_centres_share():

@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from jointgap.config.load import load_campaign, merge
+from jointgap.config.layers import merge
+from jointgap.config.load import load_campaign
 from jointgap.mechanism.linkage import linkage_motion
 from jointgap.mechanism.motion import Motion
 from jointgap.recordings import read_measurements

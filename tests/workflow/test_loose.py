@@ -21,7 +21,9 @@ def planned(tmp_path, *names):
     configuration = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     configuration["run"] = list(names)
     configuration["campaigns"] = []
-    configuration["scenarios"] = {name: {"mechanism": {"joints": JOINTS[name][0]}} for name in names}
+    configuration["scenarios"] = {
+        name: {"mechanism": {"base": configuration["mechanism"], "joints": JOINTS[name][0]}} for name in names
+    }
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(configuration))
     command = (
         "snakemake",

@@ -48,27 +48,42 @@ def describe(file: Path) -> None:
 
 
 @cli.command()
-@click.argument("file", type=FILE)
+@click.argument("files", type=FILE, nargs=-1, required=True)
 @click.option("--scenario", help="Name of the scenario; the first one of `run` when absent.")
-def config(file: Path, scenario: str | None) -> None:
-    """Check the configuration FILE and print one scenario of it, complete and in SI, as JSON for --options.
+@click.option("--sources", is_flag=True, help="Print a table instead: each key, its value as written, and its file.")
+def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None:
+    """Check the configuration FILES, each laid over those before it, and print one scenario, complete and in SI, as
+    JSON for --options.
 
     \f
     Parameters
     ----------
-    file : Path
-        The configuration.
+    files : tuple of Path
+        The configuration; with several, each is laid over those before it, as ``make run ARGS="--configfile ..."``
+        does.
     scenario : str, optional
         Name; the first one of `run` when absent.
+    sources : bool
+        Whether to print where each value is written.
     """
-    from jointgap.config import read_yaml, resolve
+    from jointgap.config import load
+    from jointgap.config.layers import Layer, merged
     from jointgap.errors import InputError, did_you_mean
 
-    scenarios = resolve(read_yaml(file), (Path(), file.parent, file.parent.parent), str(file))
+    layers = [Layer(str(file), load.read_yaml(file)) for file in files]
+    folders = (Path(), *(folder for file in reversed(files) for folder in (file.parent, file.parent.parent)))
+    source = " with ".join(map(str, files))
+    scenarios = load.resolve(merged(layers), folders, source)
     name = scenario or next(iter(scenarios))
     if name not in scenarios:
-        raise InputError(f"{file}: no scenario '{name}' in run; {did_you_mean(name, scenarios)}")
-    click.echo(scenarios[name].model_dump_json(indent=2))
+        raise InputError(f"{source}: no scenario '{name}' in run; {did_you_mean(name, scenarios)}")
+    if not sources:
+        click.echo(scenarios[name].model_dump_json(indent=2))
+        return
+    rows = load.sources_of(scenarios[name], name, layers, folders)
+    widths = [max(len(row[place]) for row in rows) for place in (0, 1)]
+    for key, source, value in rows:
+        click.echo(f"{key:<{widths[0]}}  {source:<{widths[1]}}  {value}")
 
 
 @cli.command()

@@ -11,6 +11,7 @@ from jointgap.errors import did_you_mean
 _UNION_ERRORS = {"union_tag_invalid", "union_tag_not_found"}
 _LONGEST = 200  # characters of a value that are shown
 _KINDS = {"name": "effect", "kind": "kind"}  # keys that say of which kind a section is, and what they are called
+_LAID_OVER = ", or the key base, the path of a mechanism file over which these keys are laid"
 _ALSO = {"mechanism": "the path of a mechanism file, or ", "contact": "the name of an entry of contacts, or "}
 
 # pydantic's types of errors whose own words speak of Python
@@ -58,7 +59,8 @@ def _complaint(item: dict, model: type[BaseModel]) -> str:
         hint = did_you_mean(str(location[-1]), _model_at(model, location[:-1]).model_fields)
         return f"unknown key '{key}'; {hint}"
     if item["type"] == "missing":
-        return f"key '{key}' is missing; add it"
+        also = _LAID_OVER if "mechanism" in location[-2:-1] else ""
+        return f"key '{key}' is missing; add it{also}"
     if item["type"] in _UNION_ERRORS:
         return _wrong_kind(key, item)
     message, value = _message(item, model), item["input"]

@@ -1,8 +1,7 @@
 """Reading configurations and campaign files, and their JSON schemas; errors name the key, the value and the fix."""
 
 import json
-import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS
 from jointgap.config.config_errors import complaints
+from jointgap.config.layers import BASE, Layer, existing_file, leaves, mechanism_layers, merged, sources
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.nuisance_bounds import NUISANCES
 from jointgap.config.scenario import SECTIONS, Scenario
@@ -41,15 +41,6 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
     return content
 
 
-def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """`base` with `over` laid on it: mappings merge key by key, everything else is replaced."""
-    merged = dict(base)
-    for key, value in over.items():
-        both = isinstance(merged.get(key), Mapping) and isinstance(value, Mapping)
-        merged[key] = merge(merged[key], value) if both else value
-    return merged
-
-
 def validate(model: type[BaseModel], data: Any, source: str) -> Any:
     """`data` as a `model`, or one InputError that names every wrong key.
 
@@ -70,28 +61,19 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
 
 def load_mechanism(path: Path | str) -> Mechanism:
     """The mechanism in a file (see config/README.md for its keys)."""
-    return validate(Mechanism, read_yaml(path), str(path))
+    return validate(Mechanism, _mechanism(str(path), (Path(),), "mechanism"), str(path))
 
 
-def _existing_file(path: str, folders: tuple[Path, ...], key: str) -> Path:
-    """The file at `path`, looked for in `folders`."""
-    for folder in folders:
-        if os.path.isfile(folder / path):  # a Path's own is_file fails on a name that is too long
-            return folder / path
-    places = ", ".join(str(folder) for folder in folders)
-    raise InputError(f"{key}: no file '{path}' (looked in {places}); give a path relative to one of these")
-
-
-def _mechanism_data(mechanism: Any, folders: tuple[Path, ...], source: str = "") -> Any:
-    """The content of a mechanism given by its path, looked for in `folders`; anything else as it is."""
-    return (
-        read_yaml(_existing_file(mechanism, folders, f"{source}mechanism")) if isinstance(mechanism, str) else mechanism
-    )
+def _mechanism(mechanism: Any, folders: tuple[Path, ...], key: str) -> Any:
+    """The whole content of a mechanism: of its file, and of what it is laid over."""
+    return merged(mechanism_layers(mechanism, folders, "", read_yaml, key))["mechanism"]
 
 
 def _with_mechanism(data: dict[str, Any], folders: tuple[Path, ...], source: str = "") -> dict[str, Any]:
-    """`data` with the content of the mechanism that it gives by a path, looked for in `folders`."""
-    return data | {"mechanism": _mechanism_data(data["mechanism"], folders, source)} if "mechanism" in data else data
+    """`data` with the whole content of its mechanism, whose files are looked for in `folders`."""
+    if "mechanism" not in data:
+        return data
+    return data | {"mechanism": _mechanism(data["mechanism"], folders, f"{source}mechanism")}
 
 
 def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...]) -> dict[str, Any]:
@@ -101,7 +83,7 @@ def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...]) -> dict[st
     file = drive.get("file") if isinstance(drive, Mapping) else None
     if not isinstance(file, str):
         return data
-    path = str(_existing_file(file, folders, "simulate.drive.file"))
+    path = str(existing_file(file, folders, "simulate.drive.file"))
     return data | {"simulate": dict(simulate) | {"drive": dict(drive) | {"file": path}}}
 
 
@@ -133,6 +115,17 @@ def resolve(
     InputError
         Unknown scenario or key, wrong type, impossible value.
     """
+    layers = scenario_layers(config, folders, source)
+    return {
+        name: validate(Scenario, _with_drive_file(merged(each), folders), f"{source}, scenario {name}")
+        for name, each in layers.items()
+    }
+
+
+def scenario_layers(
+    config: Mapping[str, Any], folders: tuple[Path, ...] = (Path(),), source: str = "configuration"
+) -> dict[str, list[Layer]]:
+    """What the scenarios of a configuration are made of, by name; parameters as those of `resolve`."""
     allowed = {*_NOT_OF_SCENARIOS, *Scenario.model_fields}
     for key in config:
         if key not in allowed:
@@ -146,7 +139,7 @@ def resolve(
     if not isinstance(names, list | tuple) or not names:
         raise InputError(f"{source}: run = {names!r} must be a list of scenario names")
     base = {key: value for key, value in config.items() if key not in _NOT_OF_SCENARIOS}
-    resolved = {}
+    layers = {}
     for name in names:
         if not isinstance(name, str | int) or name not in scenarios:
             raise InputError(f"{source}: run names '{name}'; {did_you_mean(str(name), map(str, scenarios))}")
@@ -156,14 +149,50 @@ def resolve(
             raise InputError(f"{where}: = {over!r} must be a mapping of overrides")
         if not str(name).replace("_", "").replace("-", "").isalnum():
             raise InputError(f"{where}: use letters, digits, '_' and '-' only, for the name becomes a folder")
-        if "mechanism" not in base and "mechanism" not in over:
+        given = [Layer(source, base), Layer(where, over)]
+        whole = next((layer for layer in reversed(given) if "mechanism" in layer.data), None)
+        if whole is None:
             raise InputError(f"{where}: key 'mechanism' is missing; give the path of a mechanism file")
-        data = merge(
-            base | {"mechanism": _mechanism_data(base.get("mechanism", {}), folders)},
-            over | ({"mechanism": _mechanism_data(over["mechanism"], folders)} if "mechanism" in over else {}),
-        )
-        resolved[str(name)] = validate(Scenario, _with_drive_file(data, folders), where)
-    return resolved
+        layers[str(name)] = [
+            *mechanism_layers(whole.data["mechanism"], folders, whole.source, read_yaml, f"{where}: mechanism"),
+            *(Layer(each.source, {k: v for k, v in each.data.items() if k != "mechanism"}) for each in given),
+        ]
+    return layers
+
+
+def sources_of(
+    scenario: Scenario, name: str, files: Sequence[Layer], folders: tuple[Path, ...] = (Path(),)
+) -> list[tuple[str, str, str]]:
+    """Where the values of a scenario are written: of each key its path, its source and its value as text.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        As resolved from all `files`.
+    name : str
+        Of the scenario.
+    files : sequence of Layer
+        The configuration files, each laid over those before it.
+    folders : tuple of Path
+        As of `resolve`.
+
+    Returns
+    -------
+    list of tuple of str
+        Values are as written; those that are not written are defaults, in SI.
+    """
+    written = sources(files)
+    own = f", scenario {name}"
+    places = {"": (), own: ("scenarios", name)}  # of what is in no file of a mechanism
+    found = {}
+    for path, (value, source) in sources(scenario_layers(merged(files), folders, "")[name]).items():
+        found[path] = (value, written[*places[source], *path][1] + source if source in places else source)
+    for path, value in leaves(scenario.model_dump(mode="json")):
+        if not any(path[: len(known)] == known for known in found):
+            found[path] = (value, "default")
+    return sorted(
+        (".".join(path), source, json.dumps(value, ensure_ascii=False)) for path, (value, source) in found.items()
+    )
 
 
 def load_campaign(path: Path | str) -> Campaign:
@@ -193,8 +222,7 @@ def parse_options(options: str) -> Scenario:
     # a JSON file is read as such: YAML takes 1e-9 for a text
     data = _read_json(options) if options.endswith(".json") else read_yaml(options)
     folders = (Path(), Path(options).parent)
-    data = data | {"mechanism": _mechanism_data(data.get("mechanism", {}), folders)}
-    return validate(Scenario, _with_drive_file(data, folders), options)
+    return validate(Scenario, _with_drive_file(_with_mechanism(data, folders), folders), options)
 
 
 def _read_json(path: str) -> dict[str, Any]:
@@ -225,9 +253,7 @@ def json_schema() -> dict[str, Any]:
     """The JSON schema of a configuration: base sections, ``scenarios`` and ``run``."""
     schema = Scenario.model_json_schema()
     sections = schema.pop("properties")
-    sections["mechanism"] = {
-        "anyOf": [{"type": "string", "description": "path of a mechanism file"}, sections["mechanism"]]
-    }
+    sections["mechanism"] = _mechanism_schema(sections["mechanism"])
     contact = schema["$defs"]["Joint"]["properties"]["contact"]
     schema["$defs"]["Joint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, contact]}
     boxes = schema["$defs"]["Optimise"]["properties"]["boxes"]
@@ -266,13 +292,19 @@ def json_schema() -> dict[str, Any]:
     }
 
 
+def _mechanism_schema(content: dict[str, Any]) -> dict[str, Any]:
+    """Of a mechanism with its whole `content`, or its path, or what it is laid over."""
+    path = {"type": "string", "description": "path of a mechanism file"}
+    base = {"type": "string", "description": "path of the mechanism file over which the other keys are laid"}
+    over = {"type": "object", "required": [BASE], "properties": {BASE: base}}
+    return {"anyOf": [path, over, content]}
+
+
 def campaign_json_schema() -> dict[str, Any]:
     """The JSON schema of a campaign file."""
     schema = Campaign.model_json_schema()
     sections, parts = schema["properties"], schema["$defs"]
-    sections["mechanism"] = {
-        "anyOf": [{"type": "string", "description": "path of a mechanism file"}, sections["mechanism"]]
-    }
+    sections["mechanism"] = _mechanism_schema(sections["mechanism"])
     parts["Joint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, parts["Joint"]["properties"]["contact"]]}
     parts["MotorDrive"]["required"].remove("kind")  # there is no other under `motor`
     sections["channels"] |= {"propertyNames": {"enum": list(CHANNELS)}, "minProperties": 1}
