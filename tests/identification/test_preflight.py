@@ -61,6 +61,13 @@ def test_an_effect_is_not_merged_with_one_that_holds_it_and_more():
     assert found.merged == []
 
 
+def test_effects_that_only_the_bounds_of_a_nuisance_let_be_seen_are_merged_if_they_are_the_same():
+    heavier = replace(candidate_of("added_mass"), replaces={})  # torque is all inertia: both are what a mass does
+    gain = replace(candidate_of("sensor_gain:acceleration"), site="torque")
+    found = preflight(replace(planned(channels=("torque",)), candidates=(heavier, gain, candidate_of("viscous"))))
+    assert found.merged == [[heavier.label, gain.label]]
+
+
 def test_the_matrix_of_cosines_is_symmetric_with_ones_on_its_diagonal():
     found = preflight(planned())
     assert list(found.cosines.index) == list(found.cosines.columns) == found.effects["label"].tolist()

@@ -45,6 +45,7 @@ class Detectability:
         self.size = sum(counts)
         self.labels = list(dict.fromkeys(signature.candidate.label for signature in signatures.entries))
         self._subspaces: dict[frozenset, SignatureSubspaces] = {}
+        self._typical: dict[tuple[int, int], float] = {}
         blocks = [signatures.jacobian, *(signature.columns for signature in signatures.entries)]
         weight = np.repeat(np.sqrt(np.divide(counts, lengths)), lengths)[:, None]
         share = np.repeat((len(lengths) * np.array(lengths)) ** -0.5, lengths)[:, None]
@@ -91,7 +92,7 @@ class Detectability:
 
     def typical_size(self, label: str) -> float:
         """First amplitude [SI] that leaves the typical gap after recalibration, as `detectable_size`."""
-        return self._usual(label, [self._smallest(s, 0, self._gap, self._excess) for s in self.signatures.of(label)])
+        return self._usual(label, [self._typical_amount(s, 0) for s in self.signatures.of(label)])
 
     def _usual(self, label: str, sizes: list[float]) -> float:
         """Of the amplitudes that the signatures of an effect give: the median, or the least where each holds for
@@ -117,9 +118,8 @@ class Detectability:
         group = {label: {label} for label in labels}
         for i, label in enumerate(labels):
             for other in labels[i + 1 :]:
-                near = (1.0 - self.cosine(label, other) ** 2) * self.size * (
-                    self._excess
-                ) < self.settings.detectability.cosine_slack * self.settings.decision.min_delta_bic
+                limit = self.settings.decision.min_delta_bic
+                near = max(self._least_left(label, other), self._least_left(other, label)) < limit
                 if near and self._mistaken(label, other) and self._mistaken(other, label):
                     joined = group[label] | group[other]
                     for member in joined:
@@ -129,6 +129,20 @@ class Detectability:
             if len(group[label]) > 1 and sorted(group[label], key=labels.index) not in classes:
                 classes.append(sorted(group[label], key=labels.index))
         return classes
+
+    def _least_left(self, label: str, other: str) -> float:
+        """chi2 that `other` leaves at least of what `label` typically does, as it would be if nuisances had no bounds.
+
+        Nothing where the nuisances could take it all up, and only their bounds let the effect be seen.
+        """
+        both = self._beyond_nuisances(label, other)
+        least = np.inf
+        for signature in self.signatures.of(label):
+            amount = self._typical_amount(signature, 0)
+            if np.isfinite(amount):
+                beyond = both.projected(self._chi2[1][id(signature)][:, :1])
+                least = min(least, amount**2 * float(np.sum(beyond**2)))
+        return (1.0 - self.cosine(label, other) ** 2) * least if np.isfinite(least) else least
 
     def _noncentrality(self, signature: Signature) -> float:
         """Of the gain in chi2, so that it exceeds with the power of the settings what the search among all candidates
@@ -186,6 +200,13 @@ class Detectability:
             return float(least)
         return float(np.exp(optimize.brentq(excess, np.log(least), np.log(most), xtol=1e-3)))
 
+    def _typical_amount(self, signature: Signature, size: int) -> float:
+        """Amount [SI] that leaves the typical gap after recalibration; infinite where bounds forbid it."""
+        key = id(signature), size
+        if key not in self._typical:
+            self._typical[key] = self._smallest(signature, size, self._gap, self._excess)
+        return self._typical[key]
+
     def _beyond_nuisances(self, *labels: str) -> SignatureSubspaces:
         chosen = [self.signatures.of(label)[0] for label in labels]
         replaced = frozenset(name for signature in chosen for name in signature.candidate.replaces)
@@ -209,7 +230,7 @@ class Detectability:
         """
         own = self.signatures.of(label)
         for size, p in enumerate(own[0].amplitudes):
-            amounts = [(signature, self._smallest(signature, size, self._gap, self._excess)) for signature in own]
+            amounts = [(signature, self._typical_amount(signature, size)) for signature in own]
             signs = (1.0, -1.0) if p.low < 0.0 else (1.0,)
             mistaken = [
                 self._fitted(signature, size, sign * amount, other) < self.settings.decision.min_delta_bic
