@@ -5,7 +5,7 @@ reads as text (``6e9``).
 """
 
 import math
-from functools import cache
+from functools import cache, lru_cache
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
@@ -63,6 +63,7 @@ def refuse_comma(text: str) -> None:
         raise ValueError(f"has a comma; write {text.replace(',', '.')}, and thousands without any mark")
 
 
+@lru_cache(4096)  # defaults with units are read at each of a fit's thousands of simulations
 def _convert(text: str, unit: str) -> float:
     import pint
 

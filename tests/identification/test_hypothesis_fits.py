@@ -92,3 +92,19 @@ def test_effects_that_are_never_small_start_again_last_and_not_at_all_once_one_i
     tried = moved_to(monkeypatch, base, coulomb=1.0)
     hypothesis_fits._from_nuisances_of_best(base, alone, limits)
     assert [label for label, *_ in tried] == ["coulomb"]
+
+
+def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new(analysed, monkeypatch):
+    base, signatures, limits = analysed
+    alone = [fit_of(base, "spring", chi2=6.0), fit_of(base, "coulomb", chi2=8.0)]
+
+    def simulations() -> int:
+        before = base.problem.simulations
+        fit_pairs(base, signatures, limits, alone)
+        return base.problem.simulations - before
+
+    assert simulations() > 200
+    monkeypatch.setattr(hypothesis_fits, "_max_simulations", lambda problem: -1)
+    assert simulations() < 50  # steps of differences are found anew, no more
+    monkeypatch.setattr(hypothesis_fits, "_max_simulations", lambda problem: 50)
+    assert simulations() < 150  # a fit that has begun ends

@@ -10,6 +10,7 @@ import yaml
 
 from jointgap.config import EFFECTS, Mechanism
 from jointgap.config.load import load_campaign, validate
+from jointgap.errors import InputError
 from jointgap.joints import PINS
 from jointgap.recordings import read_measurements
 from jointgap.slider_crank.modified_mechanism import with_nuisances
@@ -24,7 +25,7 @@ from jointgap.trials.trial_plan import (
     TARGET_GAPS,
     TrialPlan,
     TrialSet,
-    batch_count,
+    batches_of,
     plan_trials,
 )
 from jointgap.trials.virtual_rig import draw_rig, with_drawn_contact, with_drawn_damping, with_drawn_starts
@@ -84,7 +85,14 @@ def test_a_set_holds_what_it_says_and_its_names_tell_nothing():
     loose = [plan for plan in found if plan.base != "ideal" and plan.kind != "exudyn"]
     assert len(loose) >= 0.5 * (len(found) - 4)
     assert sum(plan.base == "chaotic" for plan in found) >= 5
-    assert batch_count(SET) == 15
+    assert batches_of(SET) == range(15)
+    assert batches_of(SET, 2) == range(2)
+
+
+@pytest.mark.parametrize("first", [0, 16, 2.0, "2", True])
+def test_a_part_of_a_set_that_is_not_there_is_told(first):
+    with pytest.raises(InputError, match="whole number from 1 to 15"):
+        batches_of(SET, first)
 
 
 def test_every_effect_of_the_list_is_hidden_about_as_often():

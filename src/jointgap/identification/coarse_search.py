@@ -19,10 +19,10 @@ from jointgap.identification.smoother import Smoother, coarse_to_fine_fit, coord
 from jointgap.identification.thresholds import Thresholds
 
 
-def search_singles(baseline: Baseline, limits: Thresholds) -> list[Fit]:
+def search_singles(baseline: Baseline, limits: Thresholds, until: float = np.inf) -> list[Fit]:
     """Fits of single effects from the nominal nuisances of the `baseline`, best first, the failed ones last.
 
-    `limits` say what is sufficient.
+    `limits` say what is sufficient; once the problem has been simulated more often than `until` nothing new begins.
     """
     smoothers = smoothers_of(baseline.problem)
     if not smoothers:
@@ -32,11 +32,15 @@ def search_singles(baseline: Baseline, limits: Thresholds) -> list[Fit]:
         return []
     signatures = simulate_signatures(baseline.problem, start, baseline.differences)
     singles = _shortlist(signatures, smoothers[0], baseline.problem.settings.coarse_search.max_singles)
-    return successive_elimination(baseline, [(single, signatures) for single in singles], smoothers, limits)
+    return successive_elimination(baseline, [(single, signatures) for single in singles], smoothers, limits, until)
 
 
 def search_pairs(
-    baseline: Baseline, fits: Sequence[Fit], limits: Thresholds, smoothers: Sequence[Smoother]
+    baseline: Baseline,
+    fits: Sequence[Fit],
+    limits: Thresholds,
+    smoothers: Sequence[Smoother],
+    until: float = np.inf,
 ) -> list[Fit]:
     """Fits of pairs of effects where no single one is sufficient, best first, the failed ones last.
 
@@ -52,6 +56,8 @@ def search_pairs(
     limits : Thresholds
     smoothers : sequence of Smoother
         Coarsest first; none where the fits can be followed on samples.
+    until : float
+        Once the problem has been simulated more often, nothing new begins.
     """
     settings = baseline.problem.settings.coarse_search
     visible = (smoother for smoother in smoothers if _is_visible(baseline.base, smoother, baseline))
@@ -65,6 +71,8 @@ def search_pairs(
     chosen: dict[frozenset[str], tuple[LinearizedFit, Signatures]] = {}
     remaining: Sequence[Smoother] = ()
     for rank, fit in enumerate(leading[: settings.leading_singles]):
+        if baseline.problem.simulations > until:
+            break
         single, rest = _first_visible(baseline, fit.hypothesis, fit.mapping, smoothers)
         if single.status == FAILED:
             continue
@@ -78,7 +86,7 @@ def search_pairs(
     pairs = list(chosen.values())
     if not smoothers:  # then none is eliminated on the way, and each is fitted to its end
         pairs = sorted(pairs, key=lambda pair: pair[0].chi2)[: settings.survivors[0]]
-    return successive_elimination(baseline, pairs, remaining, limits)
+    return successive_elimination(baseline, pairs, remaining, limits, until)
 
 
 def _shortlist(
@@ -103,6 +111,7 @@ def successive_elimination(
     chosen: Sequence[tuple[LinearizedFit, Signatures]],
     smoothers: Sequence[Smoother],
     limits: Thresholds,
+    until: float = np.inf,
 ) -> list[Fit]:
     """Fits of hypotheses by way of all smoothers to the samples, best first, the failed ones last.
 
@@ -116,12 +125,16 @@ def successive_elimination(
     smoothers : sequence of Smoother
         Coarsest first; none to begin with the samples.
     limits : Thresholds
+    until : float
+        Once the problem has been simulated more often no fit begins: the best of each smoother go on first.
     """
     problem, differences = baseline.problem, baseline.differences
     settings = problem.settings.coarse_search
     first = smoothers[0] if smoothers else None
     fits, failed, least = [], [], np.inf
     for screened, signatures in chosen:
+        if problem.simulations > until:
+            break
         fit = fit_screened(problem, differences, signatures, screened, sufficient_chi2=least, smoother=first)
         if fit.status == FAILED:
             failed.append(fit)
@@ -138,13 +151,15 @@ def successive_elimination(
         survivors = [fits[i] for chi2, i in ranked[:count] if chi2 < settings.eliminated_factor * ranked[0][0]]
         fits, least = [], np.inf
         for fit in survivors:
+            if fits and problem.simulations > until:
+                break
             fits.append(_refine(baseline, fit, smoother, finer, least))
             least = min(least, _chi2(fits[-1], finer))
         failed += [fit for fit in fits if fit.status == FAILED]
         fits = [fit for fit in fits if fit.status != FAILED]
     fits.sort(key=lambda fit: fit.chi2)
     if fits and first and reduced_chi2(fits[0]) > limits.omnibus:
-        for fit in fits[: settings.refitted]:
+        for fit in fits[: settings.refitted] if problem.simulations <= until else ():
             coarse = coarse_to_fine_fit(problem, fit.hypothesis, fit.mapping, differences, smoothers)
             if coarse.status != FAILED:
                 fits.append(fit_hypothesis(problem, fit.hypothesis, coarse.mapping, differences=differences))

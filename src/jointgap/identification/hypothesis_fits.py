@@ -105,25 +105,26 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
     sufficient.
     """
     begin = time.monotonic()
+    until = baseline.problem.simulations + _max_simulations(baseline.problem)
     # steps as nobody else left them: the result must not depend on what else ran in this process
     start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
-    fits = _from_nuisances_of_best(baseline, alone, limits)
+    fits = _from_nuisances_of_best(baseline, alone, limits, until)
     singles, leaders = [*alone, *fits], []
     if _insufficient(baseline, singles, limits):
-        pairs = search_pairs(baseline, singles, limits, ()) if _follows_samples(baseline, singles) else []
+        pairs = search_pairs(baseline, singles, limits, (), until) if _follows_samples(baseline, singles) else []
         if sufficient := [fit for fit in pairs if _is_sufficient(fit, limits)]:
             best = min(sufficient, key=lambda fit: fit.chi2)
-            found = [*_moved(baseline, singles, best, limits), *_search_alone(baseline, limits)]
+            found = [*_moved(baseline, singles, best, limits, until), *_search_alone(baseline, limits, until)]
         else:
-            found, leaders = _search_far(baseline, limits, singles, pairs)
+            found, leaders = _search_far(baseline, limits, singles, pairs, until)
         fits += [*pairs, *found]
         singles += [fit for fit in found if len(fit.hypothesis) == 1]
     done = {labels_of(fit.hypothesis) for fit in fits}
     chosen = [each for each in _pairs_of_best(baseline, signatures, limits, singles) if _labels(each) not in done]
     fits += _fit_each(baseline, signatures, chosen, limits, singles)[0]
     if chosen and not any(is_searched(baseline.problem, one) for fit in fits for one in fit.hypothesis):
-        fits += _search_alone(baseline, limits)
+        fits += _search_alone(baseline, limits, until)
     best: dict[str, Fit] = {}
     for fit in fits:
         best[fit.label] = min(best.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
@@ -138,7 +139,7 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
 
 
 def _search_far(
-    baseline: Baseline, limits: Thresholds, alone: Sequence[Fit], pairs: Sequence[Fit]
+    baseline: Baseline, limits: Thresholds, alone: Sequence[Fit], pairs: Sequence[Fit], until: float
 ) -> tuple[list[Fit], list[Fit]]:
     """Fits of effects that no fit of samples leads to: on which motion depends roughly, if what is left is rough; by
     smoothed residuals, single effects and pairs. And those that lead by features of the cycle, which end the search;
@@ -146,7 +147,7 @@ def _search_far(
     """
     candidates = _searched_candidates(baseline.problem)
     is_rough = bool(candidates) and leaves_rough_motion(baseline.problem, _origins(baseline, alone)[-1])
-    fits = _search_rough(baseline, alone, limits) if is_rough else []
+    fits = _search_rough(baseline, alone, limits, until) if is_rough else []
     matched, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
     if any(_explains(baseline, fit) for fit in fits):
         return fits, []
@@ -155,19 +156,32 @@ def _search_far(
         led = {fit.label for fit in leaders}
         return [fit for fit in fits if fit.label not in led], leaders
     singles = [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
-    if _insufficient(baseline, singles, limits):
-        found = search_singles(baseline, limits)
+
+    def goes_on() -> bool:
+        return baseline.problem.simulations <= until and _insufficient(baseline, singles, limits)
+
+    if goes_on():
+        found = search_singles(baseline, limits, until)
         fits, singles = [*fits, *found], [*singles, *found]
-    if not is_rough and _insufficient(baseline, singles, limits):
-        found = _search_alone(baseline, limits)
+    if not is_rough and goes_on():
+        found = _search_alone(baseline, limits, until)
         fits, singles = [*fits, *found], [*singles, *found]
     smoothers = smoothers_of(baseline.problem)
-    if smoothers and _insufficient(baseline, singles, limits):
-        fits += search_pairs(baseline, singles, limits, smoothers)
+    if smoothers and goes_on():
+        fits += search_pairs(baseline, singles, limits, smoothers, until)
     return fits, []
 
 
-def _from_nuisances_of_best(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> list[Fit]:
+def _max_simulations(problem: Problem) -> int:
+    """How many runs a search may simulate until nothing new begins."""
+    settings = problem.settings.selection
+    of_statistics = any(part.series.statistic for part in problem.parts)
+    return settings.max_simulations_of_statistics if of_statistics else settings.max_simulations
+
+
+def _from_nuisances_of_best(
+    baseline: Baseline, alone: Sequence[Fit], limits: Thresholds, until: float = np.inf
+) -> list[Fit]:
     """Fits of the single effects that ended early, from the nuisances of the best one: it may be in a deeper valley,
     which they share. As long as another one becomes the best, until one is sufficient.
     """
@@ -175,14 +189,14 @@ def _from_nuisances_of_best(baseline: Baseline, alone: Sequence[Fit], limits: Th
     found: dict[str, Fit] = {fit.label: fit for fit in alone if fit.status != FAILED}
     again: dict[str, Fit] = {}
     least = np.inf
-    while found:
+    while found and problem.simulations <= until:
         best = min(found.values(), key=lambda fit: fit.chi2)
         if _is_sufficient(best, limits) or best.chi2 > least - problem.settings.decision.min_delta_bic:
             break
         least = best.chi2
         for never_small in (False, True):  # these last: the motion with a film takes long to simulate
             some = [fit for fit in found.values() if fit is not best and _is_never_small(fit) == never_small]
-            better = {fit.label: fit for fit in _moved(baseline, some, best, limits)}
+            better = {fit.label: fit for fit in _moved(baseline, some, best, limits, until)}
             found |= better
             again |= better
             if any(fit.chi2 < least - problem.settings.decision.min_delta_bic for fit in better.values()):
@@ -190,13 +204,15 @@ def _from_nuisances_of_best(baseline: Baseline, alone: Sequence[Fit], limits: Th
     return list(again.values())
 
 
-def _moved(baseline: Baseline, fits: Sequence[Fit], best: Fit, limits: Thresholds) -> list[Fit]:
+def _moved(baseline: Baseline, fits: Sequence[Fit], best: Fit, limits: Thresholds, until: float = np.inf) -> list[Fit]:
     """Those of the `fits` that ended early and are lower from the nuisances of the `best`, lowest first.
 
     Those far above a sufficient one end early once more.
     """
     sufficient, better = best.chi2 if _is_sufficient(best, limits) else np.inf, []
     for fit in sorted((fit for fit in fits if fit.status == STOPPED), key=lambda fit: fit.chi2):
+        if baseline.problem.simulations > until:
+            break
         again = moved(baseline.problem, baseline.differences, fit, best, sufficient)
         if again is not fit:
             better.append(again)
@@ -228,27 +244,27 @@ def _is_sufficient(fit: Fit, limits: Thresholds) -> bool:
     return fit.status != FAILED and reduced_chi2(fit) <= limits.omnibus
 
 
-def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> list[Fit]:
+def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds, until: float) -> list[Fit]:
     """Fits of effects on which motion depends roughly: alone, and beside the best of those that are fitted `alone`."""
     fits: list[Fit] = []
     populations = baseline.problem.settings.rough_search.populations
     for origin in _origins(baseline, alone):
         taken = {candidate.label for candidate in origin.hypothesis}
         others = [candidate for candidate in _searched_candidates(baseline.problem) if candidate.label not in taken]
-        fits += search_rough(baseline, origin, others, limits.omnibus, populations)
+        fits += search_rough(baseline, origin, others, limits.omnibus, populations, until)
         if any(_explains(baseline, fit) or fit.status == MATCHED for fit in fits):
             break
     return fits
 
 
-def _search_alone(baseline: Baseline, limits: Thresholds) -> list[Fit]:
+def _search_alone(baseline: Baseline, limits: Thresholds, until: float = np.inf) -> list[Fit]:
     """The best fit to samples of each effect on which motion depends roughly, alone: where nothing rings, or something
     else explains the data, one population is enough.
     """
     found: dict[str, Fit] = {}
     populations = baseline.problem.settings.rough_search.populations_alone
     candidates = _searched_candidates(baseline.problem)
-    for fit in search_rough(baseline, baseline.base, candidates, limits.omnibus, populations):
+    for fit in search_rough(baseline, baseline.base, candidates, limits.omnibus, populations, until):
         if fit.status != MATCHED:
             found[fit.label] = min(found.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
     return list(found.values())

@@ -8,7 +8,7 @@ import numpy as np
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline, multistart_fit, other_numerics, random_nuisances, with_intervals
 from jointgap.identification.decide_by_features import decided_by_features
-from jointgap.identification.decide_verdict import Decision, decide, reduced_chi2
+from jointgap.identification.decide_verdict import PARAMETERS_ONLY, Decision, decide, reduced_chi2
 from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.nesting import chi2_without_effects, labels_of, moved, not_above_its_parts
@@ -328,7 +328,9 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
     chosen = decision.chosen
     if chosen is decision.base:
-        chosen = base = with_intervals(baseline.problem, base, baseline.differences)
+        if decision.verdict == PARAMETERS_ONLY:  # else something is missing, and its parameters are not to be believed
+            base = with_intervals(baseline.problem, base, baseline.differences)
+        chosen = base
     elif chosen.hypothesis:
         chosen = stated(chosen)
     equivalent = [stated(fit) for fit in decision.equivalent]

@@ -246,7 +246,12 @@ def leaves_rough_motion(problem: Problem, fit: Fit) -> bool:
 
 
 def search_rough(
-    baseline: Baseline, origin: Fit, candidates: Sequence[Candidate], sufficient: float, populations: int
+    baseline: Baseline,
+    origin: Fit,
+    candidates: Sequence[Candidate],
+    sufficient: float,
+    populations: int,
+    until: float = np.inf,
 ) -> list[Fit]:
     """Fits of candidates on which motion depends roughly, each beside the effects of a fit that is there.
 
@@ -261,6 +266,8 @@ def search_rough(
         [1] Reduced chi2 of a fit that ends the search.
     populations : int
         How often it begins anew at most, as long as the features are not met.
+    until : float
+        Once the problem has been simulated more often no further points are drawn.
 
     Returns
     -------
@@ -272,21 +279,23 @@ def search_rough(
     settings, features = problem.settings.rough_search, CycleFeatures(problem, origin.residual)
     absent = sum(features.misfit(np.zeros(problem.size), run) for run in problem.runs)
     contestants = [_Contestant(baseline, origin, candidate, number) for number, candidate in enumerate(candidates)]
+    explaining = (1.0 - settings.least_explained_share) * absent
     fitted: dict[int, float] = {}  # chi2 of the point from which a contestant was fitted
     for round_ in range(populations * settings.rounds):
         population, since = divmod(round_, settings.rounds)
+        if problem.simulations > until:
+            break
         if not since:
             if min((one.least for one in contestants), default=0.0) < settings.matched_misfit * features.size:
                 break
             for one in contestants:
                 one.begin(features)
+            contestants = [one for one in contestants if one.least <= explaining]
         for one in contestants:
             one.go_on(features)
         if population or since + 1 >= settings.rounds_for_all:
             least = min((one.least for one in contestants), default=np.inf)
-            limit = min(
-                least + settings.eliminated_share * (absent - least), (1.0 - settings.least_explained_share) * absent
-            )
+            limit = min(least + settings.eliminated_share * (absent - least), explaining)
             contestants = [one for one in contestants if one.least <= limit]
         for one in sorted(contestants, key=lambda one: one.deepest.chi2)[:1]:
             point = one.deepest

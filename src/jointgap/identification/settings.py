@@ -253,7 +253,7 @@ class RoughSearchSettings:
     rounds, points : int
         How often points are drawn anew, and how many each time (experience).
     rounds_for_all : int
-        So many before the first candidate is dropped.
+        So many before the first candidate is dropped for being behind the best one.
     populations : int
         How often the search begins anew, as long as the features are not met: in five dimensions a population may end
         in a valley that is none of the truth.
@@ -272,7 +272,8 @@ class RoughSearchSettings:
         [1, of what the features of the best candidate explain] One that explains so much less is dropped
         (experience).
     least_explained_share : float
-        [1, of the misfit of features] One that explains less is dropped too.
+        [1, of the misfit of features] One that explains less is dropped too, after the first points already: the best
+        of these explains 0.4 and more where the joint is the true one, and 0.1 or less where nothing rings.
     reached_share : float
         [1, of the misfit of samples] A point that explains so much of them lies in a valley: it is fitted at once.
     deeper : float
@@ -389,6 +390,9 @@ class ModelSelectionSettings:
     followed_share : float
         [1, of the misfit of samples] A single effect that explains so much of it without being sufficient can be
         followed on samples: pairs with it are fitted there before anything is smoothed.
+    max_simulations, max_simulations_of_statistics : int
+        Runs that the search for what no fit about the base explains may simulate until nothing new begins: two
+        minutes where joints are loose. One of a motion that never repeats takes as long as four others (experience).
     smooth_numerical_noise : float
         [chi2] With less numerical noise chi2 has no valleys between which fits could differ.
     min_accounted_share : float
@@ -405,6 +409,8 @@ class ModelSelectionSettings:
     min_singles: int = 2
     partners: int = 3
     followed_share: float = 0.5
+    max_simulations: int = 5000
+    max_simulations_of_statistics: int = 1500
     smooth_numerical_noise: float = 0.01
     min_accounted_share: float = 0.5
     baseline_starts: int = 4
@@ -501,9 +507,6 @@ class DetectabilitySettings:
     max_steps : float
         [steps of the parameter] How large an unbounded amplitude may become: one that has to be larger is as good as
         invisible.
-    cosine_slack : float
-        [1] By what factor the misfit that a cosine foretells may exceed the limit before bounds are looked at, which
-        take some of it.
     assumed_noise_share : float
         [1, of what a channel varies by] Noise where none is stated: a plain industrial sensor.
     assumed_angle_noise_deg : float
@@ -516,7 +519,6 @@ class DetectabilitySettings:
     typical_gap: float = 1.5
     power: float = 0.9
     max_steps: float = 1000.0
-    cosine_slack: float = 4.0
     assumed_noise_share: float = 0.02
     assumed_angle_noise_deg: float = 0.2
     hardly_varies: float = 1e-3

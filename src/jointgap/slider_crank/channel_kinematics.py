@@ -110,10 +110,10 @@ def channels_at(
         Clearance vectors at the start [m]; zero by default.
     settings : SimulationSettings
     change : function, optional
-        How far what is read of one motion is from what is read of another, from all channels (read,) of both [1].
-        With it one settled revolution may stand for the record; without it the whole record is simulated.
+        How far what is read of one motion is from what is read of another, from all channels of both, at some of the
+        samples [1]. With it one settled revolution may stand for the record; without it the whole record is simulated.
     read : int, optional
-        How many of the angles, from the first, `change` gets; all by default.
+        From how many of the angles, from the first, these samples are taken; from all by default.
     fast : bool
         For a search: a motion that takes more steps than a plain one is given up.
 
@@ -139,16 +139,23 @@ def channels_at(
     within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
     whole_record = {"crank_angle": angles, "time": _times(p, angles)}
     first, last = (max(dropped, round(back)) for dropped in settings.settled_after)
-    earlier = _sampled(p, within[:read] + (first - 2) * tau, integrate)
-    before = _sampled(p, within[:read] + (first - 1) * tau, integrate)
+    compared = _spread(within[:read], settings.compared_samples)
+    earlier = _sampled(p, within[compared] + (first - 2) * tau, integrate)
+    before = _sampled(p, within[compared] + (first - 1) * tau, integrate)
     for dropped in range(first, last + 1):
         motion = _sampled(p, within + dropped * tau, integrate)
-        now = {name: values[:read] for name, values in motion.items()}
+        now = {name: values[compared] for name, values in motion.items()}
         if has_settled(earlier, before, now, change, settings.settled_length):
             return motion | whole_record
         earlier, before = before, now
     later = (last + 1 - math.floor(back)) * tau  # so much later it has settled at least this far
     return _sampled(p, angles + later, integrate) | whole_record
+
+
+def _spread(angles: np.ndarray, count: int) -> np.ndarray:
+    """Places of about `count` of the `angles`, or of all if they are fewer: every so many in order."""
+    order = np.argsort(angles, kind="stable")
+    return order[:: math.ceil(order.size / count)]
 
 
 def _sampled(

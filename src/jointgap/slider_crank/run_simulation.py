@@ -162,7 +162,7 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -
         grid = _filter_times(plan, driven, corners)
         angles = np.append(angles, driven.at(grid))
     count = driven.angles.size
-    change = _change_over_noise(campaign, plan, fast) if drives.began_anywhere(plan.run) else None
+    change = _change_over_noise(campaign, plan, count, fast) if drives.began_anywhere(plan.run) else None
     true = channels_at(driven.numbers, angles, tolerance, perturbation, plan.settings.simulation, change, count, fast)
     elapsed = true["time"][:count] - driven.begin
     readings = {}
@@ -188,8 +188,11 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -
     return readings
 
 
-def _change_over_noise(campaign: Campaign, plan: RunPlan, fast: bool) -> Callable[[Columns, Columns], float]:
-    """Length of the change of what is read, over its noise; if `fast`, over what a search need not see of each sample.
+def _change_over_noise(
+    campaign: Campaign, plan: RunPlan, count: int, fast: bool
+) -> Callable[[Columns, Columns], float]:
+    """Length of the change of what is read at `count` samples, over its noise, by those that are compared; if `fast`,
+    over what a search need not see of each sample.
 
     Where the noise is not stated, it is taken for a share of what the channel varies by. Filters and faults are left
     out: they make it no larger.
@@ -198,12 +201,13 @@ def _change_over_noise(campaign: Campaign, plan: RunPlan, fast: bool) -> Callabl
     channels = [name for name in plan.channels if name != "crank_angle"]
 
     def change(one: Columns, other: Columns) -> float:
-        square, count = 0.0, 0
+        squares = 0.0
         for name in channels:
             sd = stated.get(name) or share * float(np.std(other[name])) or 1e-300
-            square += float(np.sum(((one[name] - other[name]) / sd) ** 2))
-            count += other[name].size
-        return math.sqrt(square / count) / plan.settings.simulation.fast_settled if fast else math.sqrt(square)
+            squares += float(np.mean(((one[name] - other[name]) / sd) ** 2))
+        if fast:
+            return math.sqrt(squares / len(channels)) / plan.settings.simulation.fast_settled
+        return math.sqrt(count * squares)
 
     return change
 

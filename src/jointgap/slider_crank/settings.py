@@ -46,6 +46,9 @@ class SimulationSettings:
         Least and most revolutions dropped before the one that is kept, the least at least two; never fewer than are
         simulated before the first sample. After three or four most motions of loose pins have settled; with a loose
         crank pivot some take ten. What has not settled after the most is simulated as long as the record, from there.
+    compared_samples : int
+        Samples of a revolution by which it is compared with the one before, spread over the crank angle: each costs
+        about as much as a step, and a root mean square over 120 is known to 6 %.
     fast_settled : float
         [1, of the noise] As `settled_length`, in a search, for the root of the mean square of the changes: less
         hardly changes the energy of a residual beside that of the noise.
@@ -71,6 +74,7 @@ class SimulationSettings:
     settling_time_constants: float = 7.0
     settled_length: float = 1.0
     settled_after: tuple[int, int] = (3, 12)
+    compared_samples: int = 120
     fast_settled: float = 0.3
     other_start_revolutions: float = 1.382
     transient_revolutions: float = 1.5

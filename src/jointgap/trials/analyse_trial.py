@@ -24,7 +24,7 @@ _GAIN_OF_AN_EFFECT = DEFAULT_SETTINGS.confirmation.min_fall_of_features
 
 
 def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
-    """The verdict on a campaign, what the baseline methods name, and the time it took.
+    """The verdict on a campaign, what the baseline methods name, and the processor time it took.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
     """
     from jointgap.campaign import analyse
 
-    begin = time.monotonic()
+    begin = time.process_time()
     record: dict[str, Any] = {"id": campaign.name}
     with tempfile.TemporaryDirectory() as isolated:
         copy, own_results = Path(isolated) / "campaign", Path(isolated) / "results"
@@ -52,7 +52,7 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
         except Exception as error:  # whatever stops one trial counts against the naming, and the others go on
             record["error"] = f"{type(error).__name__}: {error}"
             record["traceback"] = traceback.format_exc()
-        record["seconds"] = round(time.monotonic() - begin, 3)
+        record["seconds"] = round(time.process_time() - begin, 3)
         record["doubts"] = doubts(own_results)
         if "verdict" in record:
             fits = _all_fits(own_results)

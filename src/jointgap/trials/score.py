@@ -81,7 +81,7 @@ _NUMBERS = {
         "1",
         "gap that the truth leaves, simulated by usual numerics; not known of chaotic motion and from Exudyn",
     ),
-    "seconds": ("s", "time that the analysis took"),
+    "seconds": ("s", "processor time that the analysis took"),
     "error": ("1", "relative error of the effect's size, where it is named right"),
     **{f"covered_{level}": ("1", f"share of sizes within their {level} % interval") for level in LEVELS},
     "nuisances": ("1", "nuisances for which the verdict states an interval, where it is right and not ambiguous"),

@@ -155,9 +155,26 @@ def plan_batch(chosen: TrialSet, batch: int) -> list[TrialPlan]:
     return plan_trials(chosen)[batch * chosen.batch : (batch + 1) * chosen.batch]
 
 
-def batch_count(chosen: TrialSet) -> int:
-    """How many batches a set has."""
-    return -(-len(plan_trials(chosen)) // chosen.batch)
+def batches_of(chosen: TrialSet, first: int | None = None) -> range:
+    """The batches of a set, or the first ones alone: trials are shuffled, so these are a random part of it.
+
+    Parameters
+    ----------
+    chosen : TrialSet
+    first : int, optional
+        How many; all by default.
+
+    Raises
+    ------
+    InputError
+        Not a whole number from 1 to how many there are.
+    """
+    count = -(-len(plan_trials(chosen)) // chosen.batch)
+    if first is None:
+        return range(count)
+    if isinstance(first, bool) or not isinstance(first, int) or not 1 <= first <= count:
+        raise InputError(f"batches: is {first!r}; give a whole number from 1 to {count}, how many the set has")
+    return range(first)
 
 
 def _draw_clearances(rng: np.random.Generator, count: int) -> list[tuple]:
