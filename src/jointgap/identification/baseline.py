@@ -82,8 +82,8 @@ def multistart_fit(
     """The best of fits from several values of the nuisances; the first that leaves noise alone ends the search.
 
     Where joints are loose, fits may be caught in a valley that is not the deepest. So all but the first go from
-    coarsely smoothed residuals to the samples, and one that ends in the same minimum as the best before it ends the
-    search too. Where residuals cannot be smoothed all drawn values are tried.
+    coarsely smoothed residuals to the samples, where these can be smoothed. One that ends in the same minimum as the
+    best before it ends the search too.
 
     Parameters
     ----------
@@ -106,11 +106,19 @@ def multistart_fit(
         if best.status == FAILED or best.chi2 < dof + settings.noise_sigmas * np.sqrt(2.0 * dof):
             break
         fit = fit_via_smoothers(problem, hypothesis, values, differences, smoothers)
-        same = bool(smoothers) and abs(fit.chi2 - best.chi2) < settings.same_minimum * best.chi2
+        same = is_same_minimum(fit, best, differences)
         best = min(best, fit, key=lambda fit: fit.chi2)
         if same:
             break
     return best
+
+
+def is_same_minimum(fit: Fit, other: Fit, differences: FiniteDifferences) -> bool:
+    """Whether two fits to one problem ended in the same minimum, as far as chi2 says and its numerical noise lets it:
+    the `differences` know that.
+    """
+    least = differences.problem.settings.baseline.same_minimum * other.chi2
+    return abs(fit.chi2 - other.chi2) < max(least, differences.numerical_noise_chi2)
 
 
 def random_nuisances(problem: Problem, hypothesis: Hypothesis, count: int) -> list[dict[str, float]]:
