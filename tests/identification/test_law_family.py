@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointgap.identification import law_family
+from jointgap.identification import hypothesis_fits, law_family
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.fit import fit_hypothesis
@@ -49,6 +49,18 @@ def asked(model: Toy, other=lambda decision: decision) -> tuple[Decision, tuple[
     fits, _ = fit_singles(base, signatures, limits)
     fits = [*fits, *fit_pairs(base, signatures, limits, fits)[0]]
     return with_families(base, other(select_hypothesis(base, signatures, fits, limits)), limits)
+
+
+def test_nothing_farther_off_is_searched_where_another_shape_of_a_law_explains_the_data(monkeypatch):
+    def no_search(*args):
+        raise AssertionError("searched")
+
+    monkeypatch.setattr(hypothesis_fits, "_search_far", no_search)
+    decision, (interval,) = asked(toy(hidden=drag(4.0, 5.0), seed=3))
+    assert decision.chosen.label == "power_drag"
+    assert interval.low <= 5.0 <= interval.high
+    with pytest.raises(AssertionError, match="searched"):
+        asked(toy(hidden=lambda x, v, angle, time: 2.0 * np.sign(np.sin(3.0 * angle)), seed=3))
 
 
 @pytest.mark.parametrize("exponent", [0.6, 2.0, 3.3, 5.0])

@@ -12,6 +12,7 @@ from jointgap.identification.decide_by_features import leaders_by_features
 from jointgap.identification.decide_verdict import reduced_chi2
 from jointgap.identification.fit import FAILED, MATCHED, STOPPED, Fit
 from jointgap.identification.initial_fit import fit_screened
+from jointgap.identification.law_family import is_law_of_family
 from jointgap.identification.model_selection import (
     best_sufficient,
     shortlist_pairs,
@@ -116,6 +117,8 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
         if sufficient := [fit for fit in pairs if _is_sufficient(fit, limits)]:
             best = min(sufficient, key=lambda fit: fit.chi2)
             found = [*_moved(baseline, singles, best, limits, until), *_search_alone(baseline, limits, until)]
+        elif is_law_of_family(baseline, singles, limits):
+            found = []  # a law with another shape than those of the list: it is named later
         else:
             found, leaders = _search_far(baseline, limits, singles, pairs, until)
         fits += [*pairs, *found]

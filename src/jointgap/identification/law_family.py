@@ -20,6 +20,7 @@ from jointgap.identification.decide_verdict import (
     Decision,
     Ranked,
     rank,
+    reduced_chi2,
 )
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import CONVERGED, FAILED, MATCHED, Fit, fit_hypothesis
@@ -233,6 +234,32 @@ def with_families(
     if (equal and intervals) or (not equal and found is not decision.chosen):
         decision = _named(baseline, decision, found, limits)
     return decision, tuple(intervals)
+
+
+def is_law_of_family(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> bool:
+    """Whether the law of a family leaves noise alone where no effect of the list does, each with another shape.
+
+    Asked of the best single effect, and of the best one of each family that explains the settings' `least_share`.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    alone : sequence of Fit
+        Of single effects.
+    limits : Thresholds
+    """
+    problem, base = baseline.problem, baseline.base
+    ranked = sorted((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.chi2)
+    least = problem.settings.family.least_share * (base.chi2 - problem.size)
+    tried: set[str] = set()
+    for fit in (fit for fit in ranked if fit is ranked[0] or base.chi2 - fit.chi2 >= least):
+        for member, family in _of_families(fit):
+            if family.law.label not in tried:
+                tried.add(family.law.label)
+                law = fit_shape(problem, fit, member, family, baseline.differences)
+                if law.status != FAILED and reduced_chi2(law) <= limits.omnibus:
+                    return True
+    return False
 
 
 def _unproven(decision: Decision, least_share: float) -> list[tuple[Fit, Candidate, LawFamily]]:
