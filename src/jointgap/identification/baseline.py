@@ -114,8 +114,14 @@ def multistart_fit(
 
 
 def is_same_minimum(fit: Fit, other: Fit, differences: FiniteDifferences) -> bool:
-    """Whether two fits to one problem ended in the same minimum, as far as chi2 says and its numerical noise lets it:
-    the `differences` know that.
+    """Whether two fits ended in the same minimum, as far as chi2 says and its numerical noise lets it.
+
+    Parameters
+    ----------
+    fit, other : Fit
+        To one problem.
+    differences : FiniteDifferences
+        Of that, which know the numerical noise.
     """
     least = differences.problem.settings.baseline.same_minimum * other.chi2
     return abs(fit.chi2 - other.chi2) < max(least, differences.numerical_noise_chi2)
