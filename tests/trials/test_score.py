@@ -289,6 +289,17 @@ def test_the_interval_of_a_median_lies_between_the_order_statistics_of_the_table
     assert row["count"] == count
 
 
+@pytest.mark.parametrize("count", [30, 100])
+def test_the_interval_of_what_nine_of_ten_take_holds_it_in_95_of_100_sets(count):
+    frame = trials_of(seconds=np.arange(1.0, count + 1.0))
+    row = rates(frame).set_index(["what", "group"]).loc[("seconds, of 90 % at most", "base ideal")]
+    assert row["low"] < row["value"] < row["high"]
+    low, high = int(row["low"]), int(row["high"])
+    assert binom.cdf(low - 1, count, 0.9) <= 0.025 < binom.cdf(low, count, 0.9)  # so few are as rare as half of it
+    if high < count:
+        assert binom.sf(high - 1, count, 0.9) <= 0.025 < binom.sf(high - 2, count, 0.9)
+
+
 def trials_of(seconds) -> pd.DataFrame:
     names = [f"t{place}" for place in range(len(seconds))]
     rows = [

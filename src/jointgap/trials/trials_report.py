@@ -73,6 +73,8 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
     hidden = trials[(is_one & is_drawn_evenly) | (trials["kind"] == "pair")]
     undetectable = hidden[~hidden["detectable"]]
     wiring = trials[trials["kind"] == "wiring"]
+    of_nuisances = {"all": trials, **{f"base {base}": trials[trials["base"] == base] for base in BASES}}
+    of_nuisances["from Exudyn"] = trials[trials["kind"] == "exudyn"]
     not_excluded = trials[is_one & is_drawn_evenly & ~trials["foreseen"]]
     rows = [
         *_by_group("right name", single, "right"),
@@ -112,13 +114,17 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
                 f"nuisance within its {level} % interval", own[f"nuisances_covered_{level}"], own["nuisances"], group
             )
             for level in LEVELS
-            for group, own in {"all": trials, **{f"base {b}": trials[trials["base"] == b] for b in BASES}}.items()
+            for group, own in of_nuisances.items()
         ),
         _median("share of the excess closed", single["closed"]),
         _median("gap after", single.loc[single["outcome"] == "right", "gap_after"]),
         _share_of_sums("false windows", trials["false_windows"], trials["windows"]),
         _share_of_sums("bins missed", trials["missed_bins"], trials["bins_off"]),
         *(_median("seconds", trials.loc[trials["base"] == base, "seconds"], f"base {base}") for base in BASES),
+        *(
+            _quantile("seconds, of 90 % at most", trials.loc[trials["base"] == base, "seconds"], f"base {base}", 0.9)
+            for base in BASES
+        ),
     ]
     for baseline, words in BASELINES.items():
         for what, group, outcome in (
@@ -179,13 +185,23 @@ def _share_of_sums(what: str, part: pd.Series, total: pd.Series, group: str = "a
 
 
 def _median(what: str, values: pd.Series, group: str = "all") -> dict:
-    """Median with the interval between two of the sorted values, by the binomial distribution of how many lie below."""
+    """The median with its interval."""
+    return _quantile(f"{what}, median", values, group, 0.5)
+
+
+def _quantile(what: str, values: pd.Series, group: str, share: float) -> dict:
+    """The value below which a share of all lies, with the interval between two of the sorted values, by the binomial
+    distribution of how many lie below.
+    """
     ordered = np.sort(values.dropna().to_numpy(float))
-    row = {"what": f"{what}, median", "group": group, "count": ordered.size}
+    row = {"what": what, "group": group, "count": ordered.size}
     if not ordered.size:
         return row | dict.fromkeys(("value", "low", "high"), math.nan)
-    rank = max(int(binom.ppf((1 - CONFIDENCE) / 2, ordered.size, 0.5)) - 1, 0)
-    return row | {"value": float(np.median(ordered)), "low": float(ordered[rank]), "high": float(ordered[-1 - rank])}
+    tail = (1 - CONFIDENCE) / 2
+    low = max(int(binom.ppf(tail, ordered.size, share)) - 1, 0)
+    high = min(int(binom.isf(tail, ordered.size, share)), ordered.size - 1)
+    value = float(np.quantile(ordered, share))
+    return row | {"value": value, "low": float(ordered[low]), "high": float(ordered[high])}
 
 
 def confusion(trials: pd.DataFrame) -> pd.DataFrame:
