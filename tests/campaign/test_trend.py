@@ -153,8 +153,12 @@ def test_a_campaign_that_names_nothing_is_listed_with_the_smallest_size_that_wou
         (UNNAMED | {"verdict": "unexplained", "best_known": {"effects": [clearance(1e-3)]}}, "not proven"),
         (UNNAMED | {"preflight": {"undetectable": [LABEL], "merged": []}}, "not detectable with its runs"),
         (NAMED | {"effects": [clearance(1e-3, 0.0)]}, "not estimated"),
+        (
+            UNNAMED | {"verdict": "unexplained", "nuisances": {LABEL: clearance(1e-3)["parameters"]["clearance_m"]}},
+            "without what else is missing",
+        ),
     ],
-    ids=["equivalent", "best-known", "undetectable", "without-an-error"],
+    ids=["equivalent", "best-known", "undetectable", "without-an-error", "base-of-an-unexplained-verdict"],
 )
 def test_what_is_not_sure_does_not_count_and_says_why(rig, verdict, reason):
     rig.add(0, verdict)

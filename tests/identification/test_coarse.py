@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.identification import baseline, coarse_search, hypothesis_fits
+from jointgap.identification import baseline, coarse_search, hypothesis_fits, model_selection
 from jointgap.identification import smoother as smoothing
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.coarse_search import search_pairs, search_singles
@@ -93,6 +93,22 @@ def test_a_poor_fit_of_statistics_is_tried_from_drawn_starts_until_two_find_one_
     baseline.multistart_fit(problem, FiniteDifferences(problem))
     assert len(starts) == (2 if is_found_twice else problem.settings.baseline.max_starts)
     assert len({start["slider_mass"] for start in starts}) == len(starts)
+
+
+def test_the_base_of_statistics_is_fitted_from_drawn_nuisances_until_its_minimum_is_found_twice(monkeypatch):
+    model = toy(hidden=lambda x, v, angle, time: -0.3 * v**3, seed=1)
+    model = replace(model, series=tuple(replace(one, statistic=True) for one in model.series))
+    base, starts = recalibrate(model, stated_noise(model)), []
+
+    def counted(*args, **options):
+        starts.append(dict(options.get("start") or args[2])["slider_mass"])
+        return fit_hypothesis(*args, **options)
+
+    monkeypatch.setattr(smoothing, "fit_hypothesis", counted)
+    assert model_selection._deepest(base, base.base).chi2 <= base.base.chi2
+    (drawn,) = starts
+    nominal = next(p.nominal for p in base.problem.nuisances if p.key == "slider_mass")
+    assert drawn != nominal
 
 
 @pytest.mark.parametrize("clearance", [0.92, 1.06])

@@ -9,7 +9,9 @@ from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.fit import CONVERGED, FAILED, STOPPED, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs
+from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import thresholds
 from tests.identification.toy import candidate_of, stated_noise, toy
 
@@ -92,6 +94,14 @@ def test_effects_that_are_never_small_start_again_last_and_not_at_all_once_one_i
     tried = moved_to(monkeypatch, base, coulomb=1.0)
     hypothesis_fits._from_nuisances_of_best(base, alone, limits)
     assert [label for label, *_ in tried] == ["coulomb"]
+
+
+def test_a_search_over_statistics_simulates_fewer_runs_for_each_takes_longer():
+    model = toy()
+    of_statistics = replace(model, series=tuple(replace(one, statistic=True) for one in model.series))
+    settings = DEFAULT_SETTINGS.selection
+    for one, most in ((model, settings.max_simulations), (of_statistics, settings.max_simulations_of_statistics)):
+        assert hypothesis_fits._max_simulations(Problem(one, stated_noise(one))) == most
 
 
 def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new(analysed, monkeypatch):

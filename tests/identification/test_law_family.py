@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointgap.identification import hypothesis_fits, law_family
+from jointgap.identification import hypothesis_fits, law_family, model_selection
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.fit import fit_hypothesis
@@ -61,6 +61,24 @@ def test_nothing_farther_off_is_searched_where_another_shape_of_a_law_explains_t
     assert interval.low <= 5.0 <= interval.high
     with pytest.raises(AssertionError, match="searched"):
         asked(toy(hidden=lambda x, v, angle, time: 2.0 * np.sign(np.sin(3.0 * angle)), seed=3))
+
+
+@pytest.mark.parametrize(
+    ("model", "verdict"),
+    [
+        (toy(nuisances={"slider_mass": 0.515}, seed=4), "parameters_only"),
+        (toy(hidden=lambda x, v, angle, time: 2.0 * np.sign(np.sin(3.0 * angle)), seed=3), "unexplained"),
+    ],
+    ids=["parameters-only", "unexplained"],
+)
+def test_parameters_are_stated_with_all_that_intervals_ask_for_where_nothing_else_is_missing(
+    model, verdict, monkeypatch
+):
+    stated = []
+    monkeypatch.setattr(model_selection, "with_intervals", lambda problem, fit, *rest: stated.append(fit.label) or fit)
+    decision, _ = asked(model)
+    assert decision.verdict == verdict
+    assert ("base" in stated) == (verdict == "parameters_only")
 
 
 @pytest.mark.parametrize("exponent", [0.6, 2.0, 3.3, 5.0])

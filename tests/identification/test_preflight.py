@@ -9,6 +9,7 @@ import pytest
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.advice import advise, assumed_noise, preflight
+from jointgap.identification.detectability import Detectability
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate
@@ -61,11 +62,25 @@ def test_an_effect_is_not_merged_with_one_that_holds_it_and_more():
     assert found.merged == []
 
 
-def test_effects_that_only_the_bounds_of_a_nuisance_let_be_seen_are_merged_if_they_are_the_same():
-    heavier = replace(candidate_of("added_mass"), replaces={})  # torque is all inertia: both are what a mass does
+@pytest.mark.parametrize("replaces", [{}, {"slider_mass": "mass_kg"}], ids=["beside-the-nuisance", "in-its-place"])
+def test_effects_that_only_the_bounds_of_a_nuisance_let_be_seen_are_merged_if_they_are_the_same(replaces):
+    heavier = replace(candidate_of("added_mass"), replaces=replaces)  # torque is all inertia: both are what a mass does
     gain = replace(candidate_of("sensor_gain:acceleration"), site="torque")
     found = preflight(replace(planned(channels=("torque",)), candidates=(heavier, gain, candidate_of("viscous"))))
     assert found.merged == [[heavier.label, gain.label]]
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.005])
+def test_what_another_effect_leaves_within_bounds_is_never_less_than_without(noise, monkeypatch):
+    kept = []
+    monkeypatch.setattr(Detectability, "merged", lambda self, labels: kept.append((self, labels)) or [])
+    preflight(planned(noise=noise))
+    ((detectability, labels),) = kept
+    for label in labels:
+        (amount, signature), *_ = ((detectability._typical_amount(s, 0), s) for s in detectability.signatures.of(label))
+        for other in set(labels) - {label}:
+            left = min(detectability._fitted(signature, 0, sign * amount, other) for sign in (1.0, -1.0))
+            assert detectability._least_left(label, other) <= left * (1.0 + 1e-6) + 1e-6
 
 
 def test_the_matrix_of_cosines_is_symmetric_with_ones_on_its_diagonal():

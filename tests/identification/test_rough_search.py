@@ -96,6 +96,16 @@ def test_an_effect_is_searched_beside_one_that_is_fitted():
     assert found.mapping["viscous.damping_N_s_m"] == pytest.approx(0.5, rel=0.05)
 
 
+def test_an_effect_of_which_no_first_point_explains_anything_is_dropped_after_these():
+    base = rough(0.2, 5, other=lambda x, v: -3.0 * np.sign(v) * np.abs(v) ** 3)
+    never = replace(RINGING, name="spring", coordinates=(replace(RINGING.coordinates[0], name="stiffness_N_m"),))
+    never = replace(never, amplitudes=("stiffness_N_m",), initial_guesses=({"stiffness_N_m": 0.1},))
+    before = base.problem.simulations
+    assert search_rough(base, base.base, [never], 1.2, 1) == []
+    points = 2**base.problem.settings.rough_search.first_points_log2
+    assert base.problem.simulations - before <= points * len(base.problem.runs)
+
+
 def test_the_same_search_finds_the_same():
     base = rough(0.2, 5)
     first, second = (search_rough(base, base.base, [RINGING], 1.2, POPULATIONS)[0] for _ in range(2))

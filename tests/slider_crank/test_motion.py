@@ -46,6 +46,15 @@ def seen_at(run):
     return motion.channels_at(run.numbers, run.angles, TOLERANCE, change=over_noise)
 
 
+@pytest.mark.parametrize(("size", "count", "kept"), [(50, 120, 50), (121, 120, 120), (1000, 120, 120)])
+def test_revolutions_are_compared_at_samples_spread_over_the_crank_angle(size, count, kept):
+    angles = np.random.default_rng(0).permutation(np.linspace(0.0, TURN, size))
+    places = motion._spread(angles, count)
+    assert np.unique(places).size == places.size == kept
+    assert np.diff(angles[places]).min() > 0.0
+    assert np.diff(angles[places]).max() <= 2.0 * TURN / (kept - 1)
+
+
 @pytest.fixture
 def ends(monkeypatch):
     """How many revolutions from the start each simulation ends; each goes on where the one before ended."""

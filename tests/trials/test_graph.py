@@ -35,6 +35,18 @@ def rules() -> dict[str, Files]:
     return found
 
 
+def test_a_part_of_a_set_says_so_in_its_score():
+    command = [sys.executable, "-m", "snakemake", "--snakefile", "workflow/blind/Snakefile", "--config", "set=small"]
+    for more, title in (([], "--set small "), (["batches=2"], "--set 'small, the first 2 of 3 batches' ")):
+        run = subprocess.run(
+            [*command, *more, "--dry-run", "--printshellcmds", "--forceall", "--nolock"],
+            cwd=ROOT, capture_output=True, text=True, timeout=120, check=True,
+        )  # fmt: skip
+        printed = run.stdout + run.stderr
+        assert f"blind-score {title}" in printed
+        assert f"blind-track {title}" in printed
+
+
 def test_the_rules_are_those_we_think_of(rules):
     assert set(rules) == {"conceal", "analyse", "score", "track", "blind"}
 

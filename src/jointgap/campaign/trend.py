@@ -42,6 +42,7 @@ FEWEST_DATES = 3
 PAGE, FIGURE = "trend.md", "trend"
 """Files in the folder of a trend, beside its tables."""
 
+_SOMETHING_ELSE = ("unexplained", "ambiguous")  # is missing there that the base does not have
 _CLEARANCE = "_clearance"  # ends the names of effects and nuisances that are clearances
 
 
@@ -256,7 +257,7 @@ def trend_frame(campaigns: Sequence[Dated]) -> pd.DataFrame:
 def _row(label: str, known: _Size, size: _Size | None, dated: Dated, first: Date) -> dict[str, Any]:
     estimate = size.estimate if size else {}
     ends = {level: estimate.get(f"interval_{level}") or (None, None) for level in LEVELS}
-    reason = _why_it_does_not_count(label, estimate, dated.verdict)
+    reason = _why_it_does_not_count(label, size, dated.verdict)
     return {
         "label": label,
         "parameter": known.parameter,
@@ -273,9 +274,12 @@ def _row(label: str, known: _Size, size: _Size | None, dated: Dated, first: Date
     }
 
 
-def _why_it_does_not_count(label: str, estimate: Mapping[str, Any], verdict: Mapping[str, Any]) -> str:
+def _why_it_does_not_count(label: str, size: _Size | None, verdict: Mapping[str, Any]) -> str:
     """Why a campaign's size of `label` does not count in the growth; empty where it does."""
-    if estimate:
+    if size:
+        if size.source == "nuisance" and verdict["verdict"] in _SOMETHING_ELSE:
+            return "fitted without what else is missing"
+        estimate = size.estimate
         low, high = estimate.get("interval_90") or (None, None)
         bounded = low is not None and high is not None and high > low
         return estimate.get("remark") or ("" if bounded else "has no 90 % interval")

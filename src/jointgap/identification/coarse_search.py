@@ -151,7 +151,7 @@ def successive_elimination(
         survivors = [fits[i] for chi2, i in ranked[:count] if chi2 < settings.eliminated_factor * ranked[0][0]]
         fits, least = [], np.inf
         for fit in survivors:
-            if fits and problem.simulations > until:
+            if problem.simulations > until and any(one.status != FAILED for one in fits):
                 break
             fits.append(_refine(baseline, fit, smoother, finer, least))
             least = min(least, _chi2(fits[-1], finer))
@@ -159,7 +159,9 @@ def successive_elimination(
         fits = [fit for fit in fits if fit.status != FAILED]
     fits.sort(key=lambda fit: fit.chi2)
     if fits and first and reduced_chi2(fits[0]) > limits.omnibus:
-        for fit in fits[: settings.refitted] if problem.simulations <= until else ():
+        for fit in fits[: settings.refitted]:
+            if problem.simulations > until:
+                break
             coarse = coarse_to_fine_fit(problem, fit.hypothesis, fit.mapping, differences, smoothers)
             if coarse.status != FAILED:
                 fits.append(fit_hypothesis(problem, fit.hypothesis, coarse.mapping, differences=differences))

@@ -131,18 +131,19 @@ class Detectability:
         return classes
 
     def _least_left(self, label: str, other: str) -> float:
-        """chi2 that `other` leaves at least of what `label` typically does, as it would be if nuisances had no bounds.
+        """chi2 that `other` leaves at least of what `label` typically does, as it would be if nothing had bounds.
 
-        Nothing where the nuisances could take it all up, and only their bounds let the effect be seen.
+        Nothing where the nuisances could take it all up, and only their bounds let the effect be seen. Secants to
+        finite sizes are left out where an effect has a derivative too.
         """
-        both = self._beyond_nuisances(label, other)
-        least = np.inf
+        beyond, least = self._beyond_nuisances(other), np.inf
         for signature in self.signatures.of(label):
             amount = self._typical_amount(signature, 0)
             if np.isfinite(amount):
-                beyond = both.projected(self._chi2[1][id(signature)][:, :1])
-                least = min(least, amount**2 * float(np.sum(beyond**2)))
-        return (1.0 - self.cosine(label, other) ** 2) * least if np.isfinite(least) else least
+                left = beyond.projected(self._chi2[1][id(signature)][:, :1])
+                least = min(least, amount**2 * float(np.sum(left**2)))
+        cosine = max((beyond.cosine(space, other) for space in beyond.of[label]), default=0.0)
+        return (1.0 - cosine**2) * least if np.isfinite(least) else least
 
     def _noncentrality(self, signature: Signature) -> float:
         """Of the gain in chi2, so that it exceeds with the power of the settings what the search among all candidates

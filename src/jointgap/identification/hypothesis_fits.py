@@ -61,8 +61,9 @@ def fit_pairs(
     part searches these too.
 
     Where no single effect is sufficient the first part searches for one, or for a pair, the cheapest way first: from
-    the nuisances of the best one; pairs on samples, where these can be followed; effects on which motion depends
-    roughly, if what is left is rough; by smoothed residuals. How far each one goes depends on all others, so it is not
+    the nuisances of the best one; pairs on samples, where these can be followed; if no law of a family is sufficient,
+    effects on which motion depends roughly, if what is left is rough; by smoothed residuals. No step of it begins once
+    it has simulated as many runs as the settings say. How far each one goes depends on all others, so it is not
     shared out. Single effects that it finds are among the fits then.
 
     Parameters
@@ -117,8 +118,8 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
         if sufficient := [fit for fit in pairs if _is_sufficient(fit, limits)]:
             best = min(sufficient, key=lambda fit: fit.chi2)
             found = [*_moved(baseline, singles, best, limits, until), *_search_alone(baseline, limits, until)]
-        elif is_law_of_family(baseline, singles, limits):
-            found = []  # a law with another shape than those of the list: it is named later
+        elif is_law_of_family(baseline, singles, pairs, limits):
+            found = []  # a law with another shape than those of the list: `with_families` asks for it again
         else:
             found, leaders = _search_far(baseline, limits, singles, pairs, until)
         fits += [*pairs, *found]

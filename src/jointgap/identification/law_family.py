@@ -236,19 +236,21 @@ def with_families(
     return decision, tuple(intervals)
 
 
-def is_law_of_family(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> bool:
-    """Whether the law of a family leaves noise alone where no effect of the list does, each with another shape.
+def is_law_of_family(baseline: Baseline, alone: Sequence[Fit], pairs: Sequence[Fit], limits: Thresholds) -> bool:
+    """Whether the law of a family leaves noise alone where no effect of the list does, and is better than all of them.
 
     Asked of the best single effect, and of the best one of each family that explains the settings' `least_share`.
 
     Parameters
     ----------
     baseline : Baseline
-    alone : sequence of Fit
-        Of single effects.
+    alone, pairs : sequence of Fit
+        Of single effects and of pairs.
     limits : Thresholds
     """
     problem, base = baseline.problem, baseline.base
+    best = min(fit.bic for fit in (base, *alone, *pairs) if fit.status != FAILED)
+    best -= problem.settings.decision.min_delta_bic
     ranked = sorted((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.chi2)
     least = problem.settings.family.least_share * (base.chi2 - problem.size)
     tried: set[str] = set()
@@ -257,7 +259,7 @@ def is_law_of_family(baseline: Baseline, alone: Sequence[Fit], limits: Threshold
             if family.law.label not in tried:
                 tried.add(family.law.label)
                 law = fit_shape(problem, fit, member, family, baseline.differences)
-                if law.status != FAILED and reduced_chi2(law) <= limits.omnibus:
+                if law.status != FAILED and reduced_chi2(law) <= limits.omnibus and law.bic <= best:
                     return True
     return False
 

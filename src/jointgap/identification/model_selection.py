@@ -296,7 +296,8 @@ def _deepest(baseline: Baseline, base: Fit) -> Fit:
     """
     problem, smoothers = baseline.problem, smoothers_of(baseline.problem)
     nominal = {p.key: p.nominal for p in problem.nuisances if p.run is None}
-    for values in (nominal, *random_nuisances(problem, (), problem.settings.selection.baseline_starts - 1)):
+    again = (nominal,) if smoothers else ()  # the base began there, and smoothing is another way from it
+    for values in (*again, *random_nuisances(problem, (), problem.settings.selection.baseline_starts - 1)):
         fit = fit_via_smoothers(problem, (), base.mapping | values, baseline.differences, smoothers)
         same = not smoothers and is_same_minimum(fit, base, baseline.differences)
         base = min(base, fit, key=lambda fit: fit.chi2)

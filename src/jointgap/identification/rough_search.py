@@ -267,7 +267,7 @@ def search_rough(
     populations : int
         How often it begins anew at most, as long as the features are not met.
     until : float
-        Once the problem has been simulated more often no further points are drawn.
+        Once the problem has been simulated more often no further round begins, and the best candidate alone is fitted.
 
     Returns
     -------
@@ -279,7 +279,7 @@ def search_rough(
     settings, features = problem.settings.rough_search, CycleFeatures(problem, origin.residual)
     absent = sum(features.misfit(np.zeros(problem.size), run) for run in problem.runs)
     contestants = [_Contestant(baseline, origin, candidate, number) for number, candidate in enumerate(candidates)]
-    explaining = (1.0 - settings.least_explained_share) * absent
+    most_misfit = (1.0 - settings.least_explained_share) * absent
     fitted: dict[int, float] = {}  # chi2 of the point from which a contestant was fitted
     for round_ in range(populations * settings.rounds):
         population, since = divmod(round_, settings.rounds)
@@ -290,12 +290,12 @@ def search_rough(
                 break
             for one in contestants:
                 one.begin(features)
-            contestants = [one for one in contestants if one.least <= explaining]
+            contestants = [one for one in contestants if one.least <= most_misfit]
         for one in contestants:
             one.go_on(features)
         if population or since + 1 >= settings.rounds_for_all:
             least = min((one.least for one in contestants), default=np.inf)
-            limit = min(least + settings.eliminated_share * (absent - least), explaining)
+            limit = min(least + settings.eliminated_share * (absent - least), most_misfit)
             contestants = [one for one in contestants if one.least <= limit]
         for one in sorted(contestants, key=lambda one: one.deepest.chi2)[:1]:
             point = one.deepest
@@ -304,7 +304,8 @@ def search_rough(
                 fits.append(one.fit(point, sufficient))
                 if reduced_chi2(fits[-1]) <= sufficient:
                     return fits
-    for one in sorted(contestants, key=lambda one: one.least):
+    ranked = sorted(contestants, key=lambda one: one.least)
+    for one in ranked[:1] if problem.simulations > until else ranked:
         if id(one) not in fitted and one.least < np.inf:
             fits.append(one.fit(min(one.points, key=lambda point: point.misfit), sufficient))
             if reduced_chi2(fits[-1]) <= sufficient:

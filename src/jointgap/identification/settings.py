@@ -155,7 +155,8 @@ class BaselineSettings:
         Values of the shared nuisances that a fit starts from where it does not leave noise alone: the given ones, and
         drawn ones. (Experience; each costs a fit.)
     same_minimum : float
-        [1, of chi2] Two fits that differ by less have reached the same minimum.
+        [1, of chi2] Two fits that differ by less, or by less than the numerical noise of chi2, have reached the same
+        minimum.
     noise_sigmas : float
         [standard deviations of chi2] A fit within this of its degrees of freedom leaves noise alone (one in a
         thousand by chance).
@@ -391,8 +392,9 @@ class ModelSelectionSettings:
         [1, of the misfit of samples] A single effect that explains so much of it without being sufficient can be
         followed on samples: pairs with it are fitted there before anything is smoothed.
     max_simulations, max_simulations_of_statistics : int
-        Runs that the search for what no fit about the base explains may simulate until nothing new begins: two
-        minutes where joints are loose. One of a motion that never repeats takes as long as four others (experience).
+        Runs that the search for what no fit about the base explains may simulate until no further step of it begins;
+        what has begun ends. Two minutes where joints are loose and dry; one of a motion that never repeats takes as
+        long as four others (experience).
     smooth_numerical_noise : float
         [chi2] With less numerical noise chi2 has no valleys between which fits could differ.
     min_accounted_share : float

@@ -153,9 +153,9 @@ def channels_at(
 
 
 def _spread(angles: np.ndarray, count: int) -> np.ndarray:
-    """Places of about `count` of the `angles`, or of all if they are fewer: every so many in order."""
+    """Places of `count` of the `angles`, or of all if they are fewer, evenly in their order."""
     order = np.argsort(angles, kind="stable")
-    return order[:: math.ceil(order.size / count)]
+    return order[np.linspace(0, order.size - 1, min(count, order.size)).round().astype(int)]
 
 
 def _sampled(
