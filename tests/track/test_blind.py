@@ -48,7 +48,7 @@ def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(tmp_path):
     assert record.metrics["right name/all"] == 0.75
     assert record.metrics["right name/gap 5"] == 0.75
     assert record.metrics["trials/single"] == 4
-    assert record.costs == {"seconds/median/base ideal": 2.0}
+    assert record.costs == {"seconds/median/base ideal": 2.0, "seconds/of 90 percent at most/base ideal": 2.0}
     assert len(record.metrics) + len(record.costs) == len(rates(made_up(3))) + 2  # and two kinds counted
     assert set(record.files) == {"summary.md", "figures/rates.svg"}
 
