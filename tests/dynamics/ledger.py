@@ -92,6 +92,9 @@ def slider_effects(moved: Motion) -> np.ndarray:
     if e := made.effect("slider_stribeck_friction"):
         lasting, falling = 1 - e.stribeck_share, e.stribeck_share * np.exp(-np.abs(v) / e.stribeck_speed_m_s)
         force = force - e.force_N * (lasting + falling) * sign
+    if e := made.effect("slider_position_friction"):
+        wave = np.cos(math.pi * (x - e.tightest_position_m) / e.length_m) ** 2
+        force = force - e.force_N * (1 - e.varying_share + e.varying_share * wave) * sign
     if e := made.effect("slider_power_drag"):
         force = force - e.force_N * np.abs(v / e.speed_m_s) ** e.exponent * sign
     if e := made.effect("slider_load_friction"):
@@ -118,6 +121,9 @@ def crank_losses(moved: Motion) -> np.ndarray:
     w, moment = moved["crank_speed"], np.zeros_like(moved.angles)
     if e := moved.made.effect("crank_coulomb_friction"):
         moment = moment - e.torque_N_m * np.tanh(w / CRANK_SIGN_SPEED)
+    if e := moved.made.effect("crank_angle_friction"):
+        wave = np.cos((moved.angles - e.tightest_angle_rad) / 2) ** 2
+        moment = moment - e.torque_N_m * (1 - e.varying_share + e.varying_share * wave) * np.tanh(w / CRANK_SIGN_SPEED)
     if e := moved.made.effect("crank_viscous_friction"):
         moment = moment - e.damping_N_m_s * w
     if e := moved.made.effect("crank_periodic_torque"):

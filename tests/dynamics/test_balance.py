@@ -31,6 +31,7 @@ SLIDER = [
     effect("slider_viscous_friction", damping_N_s_m=5.0),
     effect("slider_quadratic_drag", drag_N_s2_m2=0.5),
     effect("slider_stribeck_friction", force_N=15.0, stribeck_speed_m_s=0.5, stribeck_share=0.7),
+    effect("slider_position_friction", force_N=10.0, tightest_position_m=0.6, length_m=0.25, varying_share=0.8),
     effect("slider_power_drag", force_N=2.0, speed_m_s=1.5, exponent=3.5),
     effect("slider_load_friction", coefficient=0.1),
     effect("slider_constant_force", force_N=-50.0),
@@ -42,6 +43,7 @@ SLIDER = [
 ]
 CRANK = [
     effect("crank_coulomb_friction", torque_N_m=0.3),
+    effect("crank_angle_friction", torque_N_m=0.2, tightest_angle_rad=1.0, varying_share=0.7),
     effect("crank_viscous_friction", damping_N_m_s=0.01),
     effect("crank_periodic_torque", torque_N_m=0.2, order=5, phase_rad=-1.1),
     effect("discovered_crank_torque", formula="-0.3*cos(theta)^2"),

@@ -122,6 +122,7 @@ def test_an_unbalance_pulls_at_the_frame_and_leaves_the_pins_alone(worst):
 def test_friction_of_the_cranks_bearings_is_asked_of_the_drive_alone(loose, worst):
     frictions = [
         effect("crank_coulomb_friction", torque_N_m=0.3),
+        effect("crank_angle_friction", torque_N_m=0.2, tightest_angle_rad=1.0, varying_share=0.7),
         effect("crank_viscous_friction", damping_N_m_s=0.01),
         effect("discovered_crank_torque", formula="-c*w^2*cos(theta)", coefficients={"c": 1e-4}),
         effect("crank_periodic_torque", torque_N_m=0.4, order=12, phase_rad=0.7),
@@ -129,6 +130,7 @@ def test_friction_of_the_cranks_bearings_is_asked_of_the_drive_alone(loose, wors
     plain, rubbed = (simulate(mechanism(*effects, loose=loose), options()).samples for effects in ([], frictions))
     added = 0.3 + 0.01 * SPEED + 1e-4 * SPEED**2 * np.cos(plain.crank_angle)
     added = added - 0.4 * np.cos(12 * plain.crank_angle - 0.7)
+    added = added + 0.2 * (0.3 + 0.7 * np.cos((plain.crank_angle - 1.0) / 2) ** 2)
     difference = np.abs(rubbed.crank_torque - plain.crank_torque - added).max()
     worst("friction of the crank's bearings: torque", difference / np.abs(plain.crank_torque).max(), 1e-14)
     np.testing.assert_array_equal(rubbed.slider_position, plain.slider_position)

@@ -23,6 +23,10 @@ LAWS = {
         {"force_N": 30.0, "stribeck_speed_m_s": 0.5, "stribeck_share": 0.4},
         lambda x, v, t, a: -30.0 * (0.6 + 0.4 * np.exp(-np.abs(v) / 0.5)) * np.tanh(v / 0.01),
     ),
+    "slider_position_friction": (
+        {"force_N": 30.0, "tightest_position_m": 0.6, "length_m": 0.25, "varying_share": 0.4},
+        lambda x, v, t, a: -30.0 * (0.6 + 0.4 * np.cos(np.pi * (x - 0.6) / 0.25) ** 2) * np.tanh(v / 0.01),
+    ),
     "slider_power_drag": (
         {"force_N": 30.0, "speed_m_s": 2.0, "exponent": 3.5},
         lambda x, v, t, a: -30.0 * np.abs(v / 2.0) ** 3.5 * np.tanh(v / 0.01),

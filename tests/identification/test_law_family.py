@@ -15,6 +15,7 @@ from jointgap.identification.law_family import (
     FamilyInterval,
     ShapeProfile,
     fit_shape,
+    interval_rise,
     profile_shape,
     with_families,
 )
@@ -27,7 +28,7 @@ from tests.identification.toy import FALLING_SPEED, Toy, candidate_of, stated_no
 
 QUADRATIC = candidate_of("quadratic")
 (DRAG,) = QUADRATIC.families
-RISE = DEFAULT_SETTINGS.family.interval_rise
+RISE = 6.635  # 99 % quantile of chi2 with one degree of freedom
 RISE_90 = 2.706  # quantile of chi2 with one degree of freedom
 
 
@@ -93,6 +94,13 @@ def test_intervals_of_90_and_99_percent_hold_the_exponent_that_often():
     for rise, least, most in ((RISE_90, 80, 97), (RISE, 95, 100)):  # what all but 0.1 % of 100 draws at these rates do
         ends = [one.interval(rise) for one in profiles]
         assert least <= sum(low <= 3.0 <= high for low, high in ends) <= most
+
+
+def test_what_is_idle_at_the_effects_own_shape_widens_the_interval_of_the_shape():
+    model = toy(seed=3)
+    problem = Problem(model, stated_noise(model))
+    assert interval_rise(problem, DRAG) == pytest.approx(RISE, abs=1e-3)
+    assert interval_rise(problem, replace(DRAG, idle_at_own=1)) == pytest.approx(9.21, abs=1e-2)
 
 
 def test_half_of_a_parabola_has_the_ends_that_it_has_on_paper():

@@ -1,6 +1,7 @@
 """A law that is on nobody's list is named as the family of those that are, with its shape."""
 
 import json
+import math
 from pathlib import Path
 
 import jsonschema
@@ -85,6 +86,35 @@ def test_stribeck_friction_is_named_as_dry_friction_with_the_share_that_falls_an
     assert written["stribeck_speed_m_s"] == pytest.approx(0.8, rel=0.3)
 
 
+@pytest.mark.parametrize(("place", "share"), [(0.56, 1.0), (0.67, 0.6)])
+def test_friction_that_is_largest_at_one_place_of_the_stroke_is_named_with_the_share_that_varies_and_where(
+    tmp_path, place, share
+):
+    wave = f"(1 + cos({math.pi / 0.15}*(x - {place})))/2"
+    formula = {"formula": f"-f*tanh(v/0.01)*({1 - share} + {share}*{wave})", "coefficients": {"f": 10.0}}
+    verdict, effects = analysed(tmp_path, {"name": "discovered_slider_force", "parameters": formula})
+    (found,) = verdict["effects"]
+    (family,) = found["families"]
+    low, high = family["interval_99"]
+    assert (verdict["verdict"], found["name"], family["named"]) == ("named", "slider_position_friction", True)
+    assert 0.0 < low <= share <= high
+    assert "is dry friction that varies along the stroke (varying share" in answer(verdict)
+    (written,) = (effect["parameters"] for effect in effects)
+    assert (written["tightest_position_m"] - place + 0.15) % 0.3 - 0.15 == pytest.approx(0.0, abs=0.02)
+
+
+def test_friction_of_the_crank_that_varies_with_its_angle_is_named_with_the_share_that_varies_and_where(tmp_path):
+    hidden = {"torque_N_m": 0.5, "tightest_angle_rad": 2.0, "varying_share": 0.6}
+    verdict, effects = analysed(tmp_path, {"name": "crank_angle_friction", "parameters": hidden})
+    (found,) = verdict["effects"]
+    (family,) = found["families"]
+    low, high = family["interval_99"]
+    assert (verdict["verdict"], found["name"], family["named"]) == ("named", "crank_angle_friction", True)
+    assert 0.0 < low <= 0.6 <= high < 1.0
+    (written,) = (effect["parameters"] for effect in effects)
+    assert written["tightest_angle_rad"] == pytest.approx(2.0, abs=0.1)
+
+
 def test_coulomb_friction_that_shows_well_keeps_its_name(tmp_path):
     verdict, _ = analysed(tmp_path, {"name": "slider_coulomb_friction", "parameters": {"force_N": 5.0}})
     (found,) = verdict["effects"]
@@ -92,4 +122,5 @@ def test_coulomb_friction_that_shows_well_keeps_its_name(tmp_path):
     assert {family["law"]: family["named"] for family in found["families"]} == {
         "slider_power_drag": False,
         "slider_stribeck_friction": False,
+        "slider_position_friction": False,
     }

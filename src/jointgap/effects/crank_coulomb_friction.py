@@ -12,6 +12,7 @@ from jointgap.effects.base import (
     page,
     parameter,
 )
+from jointgap.effects.crank_angle_friction import CrankAngleFriction
 
 
 @page(order=110)
@@ -31,7 +32,8 @@ class CrankCoulombFriction(Effect):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         scale = context.scale
-        yield cls.candidate(amplitude("torque_N_m", scale.force * scale.stroke, "N*m", 0.0))
+        moment = amplitude("torque_N_m", scale.force * scale.stroke, "N*m", 0.0)
+        yield cls.candidate(moment, families=(CrankAngleFriction.family_of(context),))
 
     @classmethod
     def trial(cls, context: TrialContext) -> TrialSize:

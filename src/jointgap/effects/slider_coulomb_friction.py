@@ -11,6 +11,7 @@ from jointgap.effects.base import (
     page,
     parameter,
 )
+from jointgap.effects.slider_position_friction import SliderPositionFriction
 from jointgap.effects.slider_power_drag import SliderPowerDrag
 from jointgap.effects.slider_stribeck_friction import SliderStribeckFriction
 
@@ -31,7 +32,8 @@ class SliderCoulombFriction(Effect):
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
-        families = SliderPowerDrag.family_of(cls, context), SliderStribeckFriction.family_of(context)
+        further = (page.family_of(context) for page in (SliderStribeckFriction, SliderPositionFriction))
+        families = SliderPowerDrag.family_of(cls, context), *further
         yield cls.candidate(amplitude("force_N", context.scale.force, "N", 0.0), families=families)
 
     @classmethod

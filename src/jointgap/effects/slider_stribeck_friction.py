@@ -49,5 +49,10 @@ class SliderStribeckFriction(Effect):
             amplitudes=("force_N",),
         )
         return LawFamily(
-            law, "stribeck_share", own, _SHARES_IN_USE, lambda force: {**force, "stribeck_speed_m_s": start}
+            law,
+            "stribeck_share",
+            own,
+            _SHARES_IN_USE,
+            lambda force: {**force, "stribeck_speed_m_s": start},
+            idle_at_own=1,
         )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy.stats import chi2 as chi_squared
 
 from jointgap.identification.baseline import Baseline, with_intervals
 from jointgap.identification.decide_verdict import (
@@ -70,7 +71,8 @@ def fit_shape(
 ) -> Fit:
     """Fit the law of a family, its shape too, beside all else that was `found`, from there on.
 
-    A fit that does not converge from the effect's own shape begins at others in use.
+    It begins at the effect's own shape, or at the next one in use where something of the law is idle at that; there at
+    each of the law's initial guesses. Where no fit converges, at the next shape.
 
     Parameters
     ----------
@@ -89,11 +91,13 @@ def fit_shape(
     own = {name.removeprefix(prefix): value for name, value in found.mapping.items() if name.startswith(prefix)}
     start = {name: value for name, value in found.mapping.items() if not name.startswith(prefix)}
     start |= {f"{family.law.label}.{name}": value for name, value in family.values(own).items()}
-    fits = []
-    for shape in sorted(family.in_use, key=lambda shape: abs(shape - family.own)):
-        at_shape = start | {f"{family.law.label}.{family.shape}": shape}
-        fits.append(fit_hypothesis(problem, hypothesis, at_shape, differences=differences, refresh=True))
-        if fits[-1].status == CONVERGED:
+    fits: list[Fit] = []
+    shapes = sorted(family.in_use, key=lambda shape: abs(shape - family.own))
+    for shape in shapes[1:] if family.idle_at_own else shapes:
+        for guess in family.law.initial_guesses or ({},):
+            own = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
+            fits.append(fit_hypothesis(problem, hypothesis, start | own, differences=differences, refresh=True))
+        if any(fit.status == CONVERGED for fit in fits):
             break
     return min(fits, key=lambda fit: fit.chi2)
 
@@ -122,10 +126,10 @@ def profile_shape(
     centre, variance = float(free.values[place]), free.covariance(released=(place,))[place, place]
     step = float(np.clip(np.sqrt(variance), settings.least_step, settings.largest_step))
     vary = tuple(p for p in free.parameters if p.key != shape.key)
-    chi2 = {centre: free.chi2}
+    chi2, rise = {centre: free.chi2}, interval_rise(problem, family)
     for sign, end in ((-1.0, shape.low), (1.0, shape.high)):
         before, value = free, centre
-        while value != end and chi2[value] <= min(chi2.values()) + settings.interval_rise * free.inflation:
+        while value != end and chi2[value] <= min(chi2.values()) + rise * free.inflation:
             value = float(np.clip(value + sign * step, shape.low, shape.high))
             known = {p.key: column for p, column in zip(before.parameters, before.jacobian.T, strict=True)}
             start = before.mapping | {shape.key: value}
@@ -135,6 +139,15 @@ def profile_shape(
             chi2[value], before = fit.chi2, fit
     shapes = np.array(sorted(chi2))
     return ShapeProfile(shapes, np.array([chi2[value] for value in shapes]) / free.inflation)
+
+
+def interval_rise(problem: Problem, family: LawFamily) -> float:
+    """By which chi2 rises along the shape of a `family` to the ends of its interval.
+
+    Where the shape is the effect's own, what is idle there is fitted to noise beside it: chi2 falls as with so many
+    degrees of freedom more (R. B. Davies, Biometrika 74 (1987) 33-43, has the exact law, a little above that).
+    """
+    return float(chi_squared.ppf(problem.settings.family.level, 1 + family.idle_at_own))
 
 
 def _place(free: Fit, family: LawFamily) -> int:
@@ -179,12 +192,12 @@ def with_families(
     """The decision with the shapes of its laws asked for, and what the data leave of their families.
 
     Where a shape is not that of the effect that was found, the law of the family takes its place. Where nothing is
-    named, what is leaves more than noise or several explanations are equally good, this is tried in the best known
-    explanation, or in those, and in the best effect of each family alone. The best law is named if it is better and
-    leaves noise alone; laws that do so equally well are ambiguous. What stands beside it is left out if it gains no
-    more than chance then. Where all that is equally good is of one family, this is named. Two laws of one family beside
-    each other are left as they are: their sum has no shape of it. Where an effect fits in none of several families, the
-    law that fits best takes its place.
+    named, what is leaves more than noise, several effects together are, or several explanations are equally good, this
+    is tried in the best known explanation, or in those, and in the best effect of each family alone. The best law is
+    named if it is better and leaves noise alone; laws that do so equally well are ambiguous. What stands beside it is
+    left out if it gains no more than chance then. Where all that is equally good is of one family, this is named. Two
+    laws of one family beside each other are left as they are: their sum has no shape of it. Where an effect fits in
+    none of several families, the law that fits best takes its place.
 
     Parameters
     ----------
@@ -197,7 +210,8 @@ def with_families(
     if any(fit.status == MATCHED for fit in (decision.chosen, *decision.equivalent)):
         return decision, ()  # shapes are asked of samples, which cannot be followed there
     equal = decision.equivalent if _is_one_family(decision.equivalent) else []
-    if not equal and decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS):
+    is_pair = decision.verdict == NAMED and len(decision.chosen.hypothesis) > 1
+    if not equal and (is_pair or decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS)):
         settings = baseline.problem.settings
         best = min(fit.bic for fit in (decision.chosen, *decision.equivalent)) - settings.decision.min_delta_bic
         laws = []
@@ -316,7 +330,7 @@ def _asked(
     if not profile:
         return fit, None
     fit, place = with_intervals(problem, fit, baseline.differences), _place(fit, family)
-    low, high = profile.interval(problem.settings.family.interval_rise)
+    low, high = profile.interval(interval_rise(problem, family))
     moved = 0.0 if fit.shifts is None else float(np.abs(fit.shifts[:, place]).max(initial=0.0))
     p = fit.parameters[place]
     low, high = max(p.low, min(low - moved, *rivals, low)), min(p.high, max(high + moved, *rivals, high))

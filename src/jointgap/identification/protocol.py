@@ -148,6 +148,9 @@ class LawFamily:
         [1] Shapes of laws in use, listed or not: the effect is named alone where all but its own are excluded.
     values : function
         From values of the effect's coordinates to those of the law that do the same; the shape is left out.
+    idle_at_own : int
+        How many other coordinates of the law do nothing at the shape `own`, such as the place of a variation that is
+        none. No fit begins there, since none would move them.
     """
 
     law: Candidate
@@ -155,6 +158,7 @@ class LawFamily:
     own: float
     in_use: tuple[float, ...]
     values: Callable[[Mapping[str, float]], dict[str, float]]
+    idle_at_own: int = 0
 
 
 @dataclass(frozen=True)

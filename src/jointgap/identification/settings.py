@@ -751,9 +751,9 @@ class FamilySettings:
     least_step, largest_step : float
         [1] Of the shape, between fits; else one standard error. Below the least no two laws in use differ, above the
         largest the start of the next fit is too far off.
-    interval_rise : float
-        [chi2] By which chi2 rises to the ends of a 99 % interval of one parameter (quantile of chi2 with one degree of
-        freedom). Of 99 %, since as many wrong names follow as intervals leave out the true law: one in a hundred.
+    level : float
+        [1] Of the interval of the shape: as many wrong names follow as intervals leave out the true law, one in a
+        hundred.
     least_share : float
         [1] Of the misfit that an effect alone has to explain for its family to be tried where nothing is named. With
         drag by the fifth power hidden, quadratic drag explains 58 %; with other causes it is mostly far less.
@@ -761,7 +761,7 @@ class FamilySettings:
 
     least_step: float = 0.01
     largest_step: float = 0.5
-    interval_rise: float = 6.635
+    level: float = 0.99
     least_share: float = 0.4
 
 

@@ -29,9 +29,10 @@ CLOSE_SIZE = 0.1
 EFFECT_CLASSES = {
     "clearance": CLEARANCES,
     "friction": (
-        "slider_coulomb_friction", "slider_stribeck_friction", "slider_viscous_friction", "slider_quadratic_drag",
-        "slider_power_drag", "slider_load_friction", "crank_coulomb_friction", "crank_viscous_friction", "pin_friction",
-        "common_pin_friction", "pin_restitution", "common_pin_restitution",
+        "slider_coulomb_friction", "slider_stribeck_friction", "slider_position_friction", "slider_viscous_friction",
+        "slider_quadratic_drag", "slider_power_drag", "slider_load_friction", "crank_coulomb_friction",
+        "crank_angle_friction", "crank_viscous_friction", "pin_friction", "common_pin_friction", "pin_restitution",
+        "common_pin_restitution",
     ),
     "force": (
         "gravity", "slider_constant_force", "slider_spring", "slider_nonlinear_spring", "gas_pressure",

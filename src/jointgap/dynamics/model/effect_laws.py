@@ -24,6 +24,12 @@ def formula_value(program, v, x, crank_speed, crank_angle, time):
 
 
 @compiled
+def varying(share, phase):
+    """What is 1 at the `phase` 0 [rad] and less by up to the `share` [1] elsewhere."""
+    return 1.0 - share * (0.5 - 0.5 * math.cos(phase))
+
+
+@compiled
 def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
     """Force [N] along +x on the slider.
 
@@ -43,6 +49,9 @@ def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
     if e.stribeck != 0.0:
         falling = e.stribeck_share * math.exp(-abs(v) / e.stribeck_speed)
         force -= e.stribeck * (1.0 - e.stribeck_share + falling) * sign
+    if e.position_friction != 0.0:
+        phase = 2.0 * math.pi * (x - e.position_friction_tightest) / e.position_friction_length
+        force -= e.position_friction * varying(e.position_friction_share, phase) * sign
     if e.power_drag != 0.0:
         force -= e.power_drag * (abs(v) / e.power_drag_speed) ** e.power_drag_exponent * sign
     force -= e.spring_stiffness * (x - e.spring_rest)
@@ -62,7 +71,10 @@ def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
 def crank_losses(p, x, v, crank_speed, crank_angle, time):
     """Torque [N m] on the crank by friction, in step with its angle, by a formula; arguments as in `slider_force`."""
     e = p.effects
-    torque = -e.crank_coulomb * math.tanh(crank_speed / e.crank_sign_speed) - e.crank_viscous * crank_speed
+    sign = math.tanh(crank_speed / e.crank_sign_speed)
+    torque = -e.crank_coulomb * sign - e.crank_viscous * crank_speed
+    if e.angle_friction != 0.0:
+        torque -= e.angle_friction * varying(e.angle_friction_share, crank_angle - e.angle_friction_tightest) * sign
     if e.crank_periodic != 0.0:
         torque += e.crank_periodic * math.cos(e.crank_periodic_order * crank_angle - e.crank_periodic_phase)
     if p.crank_formula.length > 0:

@@ -156,6 +156,10 @@ class EffectParameters(NamedTuple):
     stribeck: float = 0.0
     stribeck_speed: float = 1.0
     stribeck_share: float = 0.0
+    position_friction: float = 0.0
+    position_friction_tightest: float = 0.0
+    position_friction_length: float = 1.0
+    position_friction_share: float = 0.0
     power_drag: float = 0.0
     power_drag_speed: float = 1.0
     power_drag_exponent: float = 0.0
@@ -180,6 +184,9 @@ class EffectParameters(NamedTuple):
     crank_periodic: float = 0.0
     crank_periodic_order: float = 0.0
     crank_periodic_phase: float = 0.0
+    angle_friction: float = 0.0
+    angle_friction_tightest: float = 0.0
+    angle_friction_share: float = 0.0
     crank_sign_speed: float = 1.0
 
 
