@@ -104,6 +104,17 @@ def test_a_search_over_statistics_simulates_fewer_runs_for_each_takes_longer():
         assert hypothesis_fits._max_simulations(Problem(one, stated_noise(one))) == most
 
 
+@pytest.mark.parametrize("doubted", [True, False])
+def test_doubted_data_are_not_searched_beyond_what_derivatives_lead_to(analysed, monkeypatch, doubted):
+    base, signatures, limits = analysed
+    searched = []
+    monkeypatch.setattr(hypothesis_fits, "_search_far", lambda *args: searched.append(args) or ([], []))
+    monkeypatch.setattr(hypothesis_fits, "search_pairs", lambda *args: [])
+    monkeypatch.setattr(hypothesis_fits, "is_law_of_family", lambda *args: False)
+    fit_pairs(base, signatures, limits, [fit_of(base, "spring", chi2=6.0)], doubted=doubted)
+    assert bool(searched) != doubted
+
+
 def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new(analysed, monkeypatch):
     base, signatures, limits = analysed
     alone = [fit_of(base, "spring", chi2=6.0), fit_of(base, "coulomb", chi2=8.0)]

@@ -11,7 +11,7 @@ from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.noise_model import numerics_noise
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.protocol import Model
+from jointgap.identification.protocol import Model, Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.identification.smoother import fit_via_smoothers, smoothers_of
 from jointgap.identification.whitening import Noise
@@ -127,6 +127,19 @@ def is_same_minimum(fit: Fit, other: Fit, differences: FiniteDifferences) -> boo
     return abs(fit.chi2 - other.chi2) < max(least, differences.numerical_noise_chi2)
 
 
+def shared_nuisances(problem: Problem, hypothesis: Hypothesis) -> list[Parameter]:
+    """The bounded nuisances that runs share.
+
+    Parameters
+    ----------
+    problem : Problem
+    hypothesis : tuple of Candidate
+        Nuisances that it replaces are left out.
+    """
+    shared = [p for p in problem.parameters(hypothesis) if p.run is None and p in problem.nuisances]
+    return [p for p in shared if np.isfinite(p.high - p.low)]
+
+
 def random_nuisances(problem: Problem, hypothesis: Hypothesis, count: int) -> list[dict[str, float]]:
     """Values of the nuisances that runs share, drawn evenly from their ranges; none where there are no such nuisances.
 
@@ -143,8 +156,7 @@ def random_nuisances(problem: Problem, hypothesis: Hypothesis, count: int) -> li
     list of mapping of str to float
         By key [SI]; the same ones at each call.
     """
-    shared = [p for p in problem.parameters(hypothesis) if p.run is None and p in problem.nuisances]
-    bounded = [p for p in shared if np.isfinite(p.high - p.low)]
+    bounded = shared_nuisances(problem, hypothesis)
     generator = np.random.default_rng(0)
     return [{p.key: float(generator.uniform(p.low, p.high)) for p in bounded} for _ in range(count if bounded else 0)]
 

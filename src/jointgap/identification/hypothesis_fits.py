@@ -53,7 +53,13 @@ def fit_singles(
 
 
 def fit_pairs(
-    baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit], part: int = 0, parts: int = 1
+    baseline: Baseline,
+    signatures: Signatures,
+    limits: Thresholds,
+    alone: Sequence[Fit],
+    part: int = 0,
+    parts: int = 1,
+    doubted: bool = False,
 ) -> TimedFits:
     """Fit every pair of one part that is worth it beside the fits of single effects.
 
@@ -62,7 +68,8 @@ def fit_pairs(
 
     Where no single effect is sufficient the first part searches for one, or for a pair, the cheapest way first: from
     the nuisances of the best one; pairs on samples, where these can be followed; if no law of a family is sufficient,
-    effects on which motion depends roughly, if what is left is rough; by smoothed residuals. No step of it begins once
+    effects on which motion depends roughly, if what is left is rough; by smoothed residuals. These last two are not
+    tried on doubted data, which would lead anywhere. No step of it begins once
     it has simulated as many runs as the settings say. How far each one goes depends on all others, so it is not
     shared out. Single effects that it finds are among the fits then.
 
@@ -72,9 +79,11 @@ def fit_pairs(
         As of `fit_singles`.
     alone : sequence of Fit
         Of single effects, from all parts.
+    doubted : bool
+        Whether a channel contradicts others or the mechanism.
     """
     if _insufficient(baseline, alone, limits):
-        return _search(baseline, signatures, limits, alone) if part == 0 else ([], [])
+        return _search(baseline, signatures, limits, alone, doubted) if part == 0 else ([], [])
     pairs = _pairs_of_best(baseline, signatures, limits, alone)
     fits, seconds = _fit_each(baseline, signatures, pairs[part::parts], limits, alone)
     if pairs and part == 0:
@@ -102,7 +111,9 @@ def _pairs_of_best(
     return [(pair, best) for pair in shortlist_pairs(signatures, best, alone, second, count)] if best else []
 
 
-def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit]) -> TimedFits:
+def _search(
+    baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit], doubted: bool
+) -> TimedFits:
     """Fits of single effects and of pairs by other ways than the base's derivatives, the cheapest first, until one is
     sufficient.
     """
@@ -118,6 +129,8 @@ def _search(baseline: Baseline, signatures: Signatures, limits: Thresholds, alon
         if sufficient := [fit for fit in pairs if _is_sufficient(fit, limits)]:
             best = min(sufficient, key=lambda fit: fit.chi2)
             found = [*_moved(baseline, singles, best, limits, until), *_search_alone(baseline, limits, until)]
+        elif doubted:
+            found = []
         elif is_law_of_family(baseline, singles, pairs, limits):
             found = []  # a law with another shape than those of the list: `with_families` asks for it again
         else:

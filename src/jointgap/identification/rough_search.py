@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.baseline import Baseline
+from jointgap.identification.baseline import Baseline, shared_nuisances
 from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import reduced_chi2
 from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
@@ -42,26 +42,39 @@ class Box:
         One with a `search_range`.
     parameters : sequence of Parameter
         Of a hypothesis that holds it.
+    nuisances : sequence of Parameter
+        Further coordinates, all bounded.
     """
 
-    def __init__(self, candidate: Candidate, parameters: Sequence[Parameter]):
+    def __init__(self, candidate: Candidate, parameters: Sequence[Parameter], nuisances: Sequence[Parameter] = ()):
         key = f"{candidate.label}.{candidate.amplitudes[0]}"
         own = [p for p in parameters if p.name.startswith(f"{candidate.label}.")]
-        own = [p for p in own if p.key == key or np.isfinite(p.high - p.low)]
+        own = [*(p for p in own if p.key == key or np.isfinite(p.high - p.low)), *nuisances]
         self._keys = [p.key for p in own]
+        self._searched_later = np.array([p in nuisances for p in own])
         self._logarithmic = np.array([p.key == key for p in own])
         ends = np.array([np.log(candidate.search_range) if p.key == key else (p.low, p.high) for p in own])
         self._low, self._width = ends[:, 0], ends[:, 1] - ends[:, 0]
 
-    def spread(self, settings: RoughSearchSettings, generator: np.random.Generator) -> np.ndarray:
+    def spread(
+        self,
+        settings: RoughSearchSettings,
+        generator: np.random.Generator,
+        known: Mapping[str, float] | None = None,
+    ) -> np.ndarray:
         """Places (points, dimensions) spread evenly over the box: the first ones of a search.
 
         Parameters
         ----------
         settings : RoughSearchSettings
         generator : numpy Generator
+        known : mapping of str to float, optional
+            Values by key [SI] that the nuisances have at all of them; else these are spread too.
         """
-        return qmc.Sobol(len(self._keys), seed=generator).random_base2(settings.first_points_log2)
+        places = qmc.Sobol(len(self._keys), seed=generator).random_base2(settings.first_points_log2)
+        if known is not None and self._searched_later.any():
+            places[:, self._searched_later] = self.place({**self.values(places[0]), **known})[self._searched_later]
+        return places
 
     def values(self, place: np.ndarray, factor: float = 1.0) -> dict[str, float]:
         """By key [SI], the amplitude times a `factor`.
@@ -101,15 +114,33 @@ def drawn_about(
     return np.clip(generator.multivariate_normal(np.zeros(dimensions), spread, settings.points) + centres, 0, 1)
 
 
+def searched_nuisances(problem: Problem, hypothesis: Hypothesis) -> list[Parameter]:
+    """The nuisances in which points are drawn too: those that runs share, if they are few.
+
+    The base has them as they make up best for what is missing, and a valley may be too narrow for that: 1.4 % of the
+    slider's mass was enough to lose one.
+
+    Parameters
+    ----------
+    problem : Problem
+    hypothesis : tuple of Candidate
+        Nuisances that it replaces are left out.
+    """
+    shared = shared_nuisances(problem, hypothesis)
+    return shared if len(shared) <= problem.settings.rough_search.max_nuisances else []
+
+
 class _Contestant:
     """A candidate beside the effects of a fit, and the points at which it was simulated."""
 
     def __init__(self, baseline: Baseline, origin: Fit, candidate: Candidate, number: int):
         self._baseline, self._origin = baseline, origin
         self._settings: RoughSearchSettings = baseline.problem.settings.rough_search
-        self._box = Box(candidate, baseline.problem.parameters((candidate,)))
         self._generator = np.random.default_rng([number, self._settings.seed])
         self.hypothesis: Hypothesis = (*origin.hypothesis, candidate)
+        self._box = Box(
+            candidate, baseline.problem.parameters((candidate,)), searched_nuisances(baseline.problem, self.hypothesis)
+        )
         self.points: list[_Point] = []
         self._population: list[_Point] = []
 
@@ -124,9 +155,13 @@ class _Contestant:
         return min(self.points, key=lambda point: point.chi2)
 
     def begin(self, features: CycleFeatures) -> None:
-        """Simulate points spread evenly over the box, others at each call: a new population."""
+        """Simulate points spread evenly over the box, others at each call: a new population.
+
+        The first one has the nuisances as the origin has them, where most valleys can be found.
+        """
+        known = None if self.points else self._origin.mapping
         self._population = []
-        self._simulate(features, self._box.spread(self._settings, self._generator))
+        self._simulate(features, self._box.spread(self._settings, self._generator, known))
 
     def go_on(self, features: CycleFeatures) -> None:
         """Simulate points about those of the population with the best features."""
@@ -179,7 +214,7 @@ class _Contestant:
         features of others are known too: in the demonstration 0.64 became 0.85 for each.
 
         Draws of the coordinates are the best points that were simulated, more often the better their features are met,
-        with sizes spread by what nuisances may change in them, which were not searched: these stay as the origin has
+        with sizes spread by what nuisances may change in them that were not searched: these stay as the origin has
         them.
         """
         problem, origin = self._baseline.problem, self._origin

@@ -251,6 +251,9 @@ class RoughSearchSettings:
         [1, of the energy beyond noise] What has to ring within a bin of the cycle for such an effect to be searched.
     first_points_log2 : int
         Logarithm to base 2 of how many points of a Sobol sequence are simulated first: 64 in five dimensions.
+    max_nuisances : int
+        So many nuisances that runs share are coordinates of the search too: those of ideal joints, masses and lengths.
+        Where there are more, as with loose joints, points are too few for them.
     rounds, points : int
         How often points are drawn anew, and how many each time (experience).
     rounds_for_all : int
@@ -274,7 +277,7 @@ class RoughSearchSettings:
         (experience).
     least_explained_share : float
         [1, of the misfit of features] One that explains less is dropped too, after the first points already: the best
-        of these explains 0.4 and more where the joint is the true one, and 0.1 or less where nothing rings.
+        of these explained 0.15 and more where the joint is the true one, and 0.1 or less where nothing rings.
     reached_share : float
         [1, of the misfit of samples] A point that explains so much of them lies in a valley: it is fitted at once.
     deeper : float
@@ -298,6 +301,7 @@ class RoughSearchSettings:
 
     min_rough_share: float = 0.3
     first_points_log2: int = 6
+    max_nuisances: int = 4
     rounds: int = 8
     rounds_for_all: int = 2
     populations: int = 2
@@ -308,10 +312,10 @@ class RoughSearchSettings:
     kernel_width: float = 0.25
     least_spread: float = 0.01
     eliminated_share: float = 0.3
-    least_explained_share: float = 0.2
+    least_explained_share: float = 0.1
     reached_share: float = 0.5
     deeper: float = 0.7
-    refinements: int = 2
+    refinements: int = 5
     nearby_spread: float = 0.01
     min_misfit_ahead: float = 20.0
     size_error: float = 0.03

@@ -206,7 +206,8 @@ def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
     from jointgap.identification.hypothesis_fits import fit_pairs
 
     screening, (alone, _) = state.screening, state.fits("fit", parts)
-    fits, seconds = fit_pairs(state.baseline, screening.signatures, screening.limits, alone, part, parts)
+    doubted = bool(state.doubted_channels)
+    fits, seconds = fit_pairs(state.baseline, screening.signatures, screening.limits, alone, part, parts, doubted)
     state.write_fits(fits, f"pair/{part}", seconds)
 
 
