@@ -14,6 +14,7 @@ from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.estimates import effect_estimates, nuisance_estimates
 from jointgap.identification.fit import MATCHED, fit_hypothesis
 from jointgap.identification.problem import Problem
+from jointgap.identification.protocol import FAST
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
 from tests.identification.toy import CANDIDATES, RINGING, ringing, stated_noise, toy
 
@@ -132,6 +133,52 @@ def test_where_samples_are_not_met_the_best_features_are_the_answer_with_an_inte
         held += low <= size <= high
         assert {estimate["remark"] for _, estimate in nuisance_estimates(found)} == {"not estimated"}
     assert held >= 3
+
+
+def test_of_the_best_points_of_the_search_the_usual_numerics_choose(monkeypatch):
+    base, seen, usual = rough(0.3, 4), [], Problem.residual
+
+    def coarse(problem, values, hypothesis=(), runs=None, residual=None, numerics=0):
+        factor = 1.08 if numerics == FAST and hypothesis else 1.0
+        values = {**values, "ringing.size": factor * values["ringing.size"]} if hypothesis else values
+        return usual(problem, values, hypothesis, runs, residual, numerics)
+
+    matched = rough_search._Contestant.matched
+    monkeypatch.setattr(
+        rough_search._Contestant, "matched", lambda self, *args: seen.append(self) or matched(self, *args)
+    )
+    monkeypatch.setattr(Problem, "residual", coarse)
+    *_, found = blind_to_samples(base, monkeypatch)
+    (contestant,), features = seen, CycleFeatures(base.problem, base.base.residual)
+    best = min(contestant.points, key=lambda point: point.misfit)
+    size = contestant._box.values(best.place)["ringing.size"]
+
+    def misfit(values):
+        change = base.base.residual - usual(base.problem, {**found.mapping, **values}, found.hypothesis)
+        return sum(features.misfit(change, run) for run in base.problem.runs)
+
+    assert 1.08 * size == pytest.approx(0.3, rel=0.05)
+    assert misfit({}) < misfit({"ringing.size": size})
+
+
+def test_a_search_that_begins_anew_draws_points_in_the_nuisances_that_runs_share_too():
+    base = rough(0.2, 5)
+    nuisances = rough_search.searched_nuisances(base.problem, (RINGING,))
+    assert [p.run for p in nuisances] == [None] * len(nuisances) and nuisances
+    box = rough_search.Box(RINGING, base.problem.parameters((RINGING,)), nuisances)
+    settings = base.problem.settings.rough_search
+    first, anew = (
+        [box.values(place) for place in box.spread(settings, np.random.default_rng(0), known)]
+        for known in (base.base.mapping, None)
+    )
+    for p in nuisances:
+        assert [values[p.key] for values in first] == pytest.approx([base.base.mapping[p.key]] * len(first))
+        assert max(values[p.key] for values in anew) - min(values[p.key] for values in anew) > 0.9 * (p.high - p.low)
+    few = replace(settings, max_nuisances=len(nuisances) - 1)
+    problem = Problem(
+        base.problem.model, stated_noise(base.problem.model), settings=replace(base.problem.settings, rough_search=few)
+    )
+    assert rough_search.searched_nuisances(problem, (RINGING,)) == []
 
 
 def test_features_are_matched_beside_an_effect_whose_fit_comes_from_a_file(monkeypatch):
