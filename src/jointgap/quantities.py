@@ -1,14 +1,38 @@
 """Numbers with units in configuration files; SI floats once read.
 
-A plain number is taken as SI. Text is a number with a unit (``7 mm``, ``600 rpm``, ``207 GPa``) or a number that YAML
-reads as text (``6e9``).
+A plain number is taken as SI. Text is one number and one unit (``7 mm``, ``600 rpm``, ``0.2 N*m/rad``, ``turn/3600``) or
+a number that YAML reads as text (``6e9``). A grammar of our own reads it: pint takes text for a formula, evaluates it,
+and passes over signs that it does not know. Only units are left to pint.
 """
 
 import math
+import re
 from functools import cache, lru_cache
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
+
+_LONGEST = 100  # [characters] of a number with its unit: far more than digits mean anything
+
+_SIGNS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{MIDDLE DOT}": "*", "\N{DOT OPERATOR}": "*"})
+_RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"
+_LOWERED = str.maketrans(_RAISED, "0123456789-")
+_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_QUANTITY = re.compile(rf"({_NUMBER})?\s*(.*)", re.DOTALL)
+_SHARE = re.compile(rf"(.*[^*/\s])\s*/\s*({_NUMBER})", re.DOTALL)  # turn/3600: what one line of an encoder is
+
+_POWER = r"[-+]?[0-9]{1,2}(?:\.[0-9]{1,4})?"
+_FACTOR = rf"(?:[^\W\d_]\w*|[°%‰])(?:\ ?(?:\^|\*\*)\ ?(?:{_POWER}|\(\ ?{_POWER}\ ?\)))?"
+_PRODUCT = rf"{_FACTOR}(?:(?:\ ?[*/]\ ?|\ ){_FACTOR})*"
+_PART = rf"(?:{_FACTOR}|\(\ ?{_PRODUCT}\ ?\))"
+_UNIT = re.compile(rf"(?:1?\ ?/\ ?)?{_PART}(?:(?:\ ?[*/]\ ?|\ ){_PART})*")
+"""Names of units with powers of two digits at most, products and quotients of them, and brackets around these."""
+
+_DASHES = re.compile(r"[‐‑‒–—]")
+_GROUPED = re.compile(r"(?<![0-9.])[0-9]{1,3}(?:[\s'’_,][0-9]{3})+")
+_FRACTION = re.compile(r"^([-+]?)(?:([0-9]{1,9}) )?([0-9]{1,9}) ?/ ?([0-9]{1,9})(?![0-9.])")
+_SHARE_OF_MORE = re.compile(rf"({_NUMBER}) ?([^0-9].*[^*/ ]) ?/ ?({_NUMBER})")
+_TOLERANCE = re.compile(r"\s*(?:±|\+-|\+/-).*", re.DOTALL)
 
 
 @cache
@@ -36,7 +60,7 @@ def to_si(value: Any, unit: str) -> float:
     Raises
     ------
     ValueError
-        Not a number, not finite, with a decimal comma, or a unit of another dimension.
+        Not one number with one unit, not finite, with a decimal comma, or a unit of another dimension.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(f"must be a number{f' in {unit}' if unit else ''} or text like '1.5 {unit}'")
@@ -49,30 +73,91 @@ def to_si(value: Any, unit: str) -> float:
     return number
 
 
-def _read(text: str, unit: str) -> float:
-    refuse_comma(text)
-    try:
-        return float(text)
-    except ValueError:
-        return _convert(text, unit)
-
-
-def refuse_comma(text: str) -> None:
-    """ValueError where `text` has a comma: pint drops it, and 7,5 mm would be 75 mm."""
-    if "," in text:
-        raise ValueError(f"has a comma; write {text.replace(',', '.')}, and thousands without any mark")
-
-
 @lru_cache(4096)  # defaults with units are read at each of a fit's thousands of simulations
-def _convert(text: str, unit: str) -> float:
+def _read(text: str, unit: str) -> float:
+    number, own = split_quantity(text)
+    return _converted(float(number), own, unit) if own else float(number)
+
+
+def split_quantity(text: str) -> tuple[str, str]:
+    """The number in `text`, in digits that `float` reads, and its unit, as pint reads it; '' without one.
+
+    Raises
+    ------
+    ValueError
+        Not exactly one number and at most one unit after it; the message says what may be meant.
+    """
+    if len(text) > _LONGEST:
+        raise ValueError(f"has {len(text)} characters, too many for a number with a unit; write fewer digits")
+    if found := _split(text):
+        return found
+    if "," in text and _split(point := text.replace(",", ".")):
+        raise ValueError(f"has a comma; write {point}, and thousands without any mark")
+    meant = next((other for other in _readings(text) if _split(other)), None)
+    raise ValueError(
+        f"is not one number with one unit; write {meant}"
+        if meant
+        else "is not a number with a unit; write one number and one unit, such as 1.5 mm, or a number alone"
+    )
+
+
+def _split(text: str) -> tuple[str, str] | None:
+    number, unit = _QUANTITY.fullmatch(text.strip().translate(_SIGNS)).groups()
+    if number is None:
+        share = _SHARE.fullmatch(unit)
+        number, unit = _inverse(share[2]) if share else None, share[1] if share else ""
+    if number is None or (unit and not _unit_for_pint(unit)):
+        return None
+    return number, _unit_for_pint(unit)
+
+
+def _inverse(number: str) -> str | None:
+    return repr(1.0 / float(number)) if float(number) else None
+
+
+def _unit_for_pint(unit: str) -> str:
+    """`unit` as pint reads it; '' where it is none by its form."""
+    unit = re.sub(f"[{_RAISED}]+", lambda raised: "^" + raised[0].translate(_LOWERED), unit.translate(_SIGNS))
+    unit = " ".join(unit.split())
+    if _UNIT.fullmatch(unit) is None:
+        return ""
+    return f"1{unit}" if unit.startswith("/") else unit
+
+
+def _readings(text: str) -> list[str]:
+    """What somebody may have meant by a `text` that is no number with a unit."""
+    plain = _DASHES.sub("-", " ".join(text.split()))
+    whole = _GROUPED.sub(lambda group: re.sub("[^0-9]", "", group[0]), text)
+    return [
+        plain,
+        " ".join(whole.split()),
+        _TOLERANCE.sub("", plain),
+        _FRACTION.sub(_in_decimals, plain),
+        _SHARE_OF_MORE.sub(_divided, plain),
+    ]
+
+
+def _divided(share: re.Match) -> str:
+    number, unit, parts = share.groups()
+    return f"{float(number) / float(parts):.12g} {unit}" if float(parts) else share[0]
+
+
+def _in_decimals(fraction: re.Match) -> str:
+    sign, *digits = fraction.groups()
+    whole, above, below = (float(part or 0) for part in digits)
+    return f"{sign}{whole + above / below:.12g}" if below else fraction[0]
+
+
+def _converted(number: float, own: str, unit: str) -> float:
+    """A `number` of the unit `own`, which pint can read, in `unit`."""
     import pint
 
     try:
-        quantity = _registry().Quantity(text)
-    except OverflowError:
-        raise
+        quantity = _registry().Quantity(number, own)
     except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them
-        raise ValueError(f"is not a number with a unit (a unit of '{unit or 'no dimension'}' is needed)") from error
+        raise ValueError(
+            f"is not a number with a unit (a unit of '{unit or 'no dimension'}' is needed): there is no unit '{own}'"
+        ) from error
     try:
         converted = quantity.to(unit or "dimensionless")
     except pint.DimensionalityError as error:
@@ -92,9 +177,14 @@ def unit_factor(unit: str, base: str) -> float:
     Raises
     ------
     ValueError
-        No such unit, or one of another dimension.
+        No such unit, no unit at all, or one of another dimension.
     """
-    return to_si(f"1 {unit}", base)
+    if not unit.strip():
+        raise ValueError(f"is empty; write a unit such as {base}")
+    own = _unit_for_pint(unit) if len(unit) <= _LONGEST else ""
+    if not own:
+        raise ValueError(f"is not a unit; write one such as {base}")
+    return _converted(1.0, own, base)
 
 
 def quantity(unit: str, **limits: float) -> Any:

@@ -191,6 +191,15 @@ def test_other_lengths_keep_the_mass_centres_share():
         ({"simulate": {"revolutions": 10**400}}, ["simulate.revolutions = 1000", "20000000"]),
         ({"study": {"tolerance": 2e-4}}, ["study.tolerance = 0.0002", "0.0001"]),
         ({"study": {"clearance": {"from": "0,1 mm", "to": "1 mm", "number": 3}}}, ["has a comma; write 0.1 mm"]),
+        (
+            {"study": {"clearance": {"from": "0.1.5 mm", "to": "1 mm", "number": 3}}},
+            ["from = '0.1.5 mm' is not a number with a unit"],
+        ),
+        (
+            {"study": {"speed": {"from": "200 rpm", "to": "1 200 rpm", "number": 3}}},
+            ["to = '1 200 rpm'", "write 1200 rpm"],
+        ),
+        ({"study": {"speed": {"from": 1, "to": 2, "number": 10**9}}}, ["study.speed", "number = 1000000000 must be"]),
         ({"simulate": {"revolutions": "many"}}, ["simulate.revolutions = 'many'", "must be a whole number"]),
         ({"simulate": {"revolutions": 2}}, ["settled_revolution 4", "simulate.revolutions"]),
         ({"simulate": {"samples_per_revolution": 720}}, ["samples_per_revolution 720", "five times"]),

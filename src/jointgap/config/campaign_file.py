@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_serializer, field_validator, model_validator
 
-from jointgap.config.channels import CHANNELS, Channel, Name, channel_factor
+from jointgap.config.channels import CHANNELS, UNITS, Channel, Name, channel_factor
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.nuisance_bounds import (
     MOTOR_LINE,
@@ -159,6 +159,9 @@ class Campaign(Section):
         for name in given:
             if name not in CHANNELS:
                 raise ValueError(f"unknown channel '{name}'; {did_you_mean(str(name), CHANNELS)}")
+            unit = given[name].get("unit") if isinstance(given[name], dict) else None
+            if isinstance(unit, str) and not unit.strip():
+                raise ValueError(f"{name}.unit is empty; write that of the column: {', '.join(UNITS[CHANNELS[name]])}")
         return given
 
     @field_validator("channels")

@@ -25,6 +25,18 @@ CHANNELS = {
 }
 """SI unit of every channel that a rig can have."""
 
+UNITS = {
+    "s": ("s", "ms", "us"),
+    "m": ("m", "mm", "cm", "um", "inch"),
+    "m/s": ("m/s", "mm/s", "km/h"),
+    "m/s^2": ("m/s^2", "g_n", "mm/s^2"),
+    "rad": ("rad", "deg", "turn"),
+    "rad/s": ("rad/s", "deg/s", "rpm", "turn/s"),
+    "N*m": ("N*m", "N*cm", "N*mm", "kN*m", "lbf*ft"),
+    "N": ("N", "kN", "lbf", "mN"),
+}
+"""Units, by the SI unit, that are proposed where none is stated or the stated one does not fit."""
+
 
 FILTER_ORDER = 4
 """Of the Butterworth low-pass by which a campaign file describes a sensor's bandwidth."""

@@ -1,16 +1,15 @@
 """Nuisances of a campaign: quantities of the mechanism and of its sensors that are known within bounds only."""
 
 import math
-import re
 from collections.abc import Mapping
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from typing import Any, NamedTuple
 
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.effects.joint_clearance import LEAST_CLEARANCE
 from jointgap.errors import did_you_mean
 from jointgap.joints import PINS
-from jointgap.quantities import refuse_comma, to_si
+from jointgap.quantities import split_quantity, to_si
 
 
 class _Range(NamedTuple):
@@ -128,28 +127,26 @@ def check_possible(key: str, low: float, high: float, source: str) -> None:
 
 def _amount(text: str, unit: str) -> float | None:
     """A length, angle or time with a unit of its own as a number in `unit`; None of any other text."""
-    if unit not in _AMOUNTS or not re.search(r"[a-df-zA-DF-Z]", text):
-        return None
     try:
-        return to_si(text, unit)
+        return to_si(text, unit) if unit in _AMOUNTS and split_quantity(text)[1] else None
     except ValueError:
         return None
 
 
 def _percent(key: str, text: str) -> float:
-    refuse_comma(text)
-    number = text.strip()
-    for sign in ("%", "percent"):
-        if number.endswith(sign):
-            try:
-                return float(Decimal(number.removesuffix(sign).strip().removeprefix("+-")) / 100)
-            except InvalidOperation:
-                break
+    try:
+        number, own = split_quantity(text.strip().removeprefix("+-"))
+    except ValueError as error:
+        own, mistake = "", f" {error};"
+    else:
+        mistake = ""
+    if own in ("%", "percent"):
+        return float(Decimal(number) / 100)
     unit = NUISANCES[key]
     # of what is nominally 0 a percentage is no range
     instead = [] if key in _NOMINALLY_0 else ["a percentage such as '5 %'"]
     instead += [f"an amount such as {_AMOUNTS[unit]}"] if unit in _AMOUNTS else []
-    raise ValueError(f"{key} = '{text}' must be {' or '.join(instead)}, or bounds such as [low, high]")
+    raise ValueError(f"{key} = '{text}'{mistake} must be {' or '.join(instead)}, or bounds such as [low, high]")
 
 
 def as_written(value: float | tuple[float, float]) -> str | list[float]:

@@ -1,7 +1,6 @@
 """A scenario: a mechanism, and the sections that say what each stage does with it."""
 
 import math
-import re
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -26,7 +25,7 @@ from jointgap.quantities import (
     PositiveLength,
     PositiveNumber,
     quantity,
-    refuse_comma,
+    split_quantity,
     unit_factor,
 )
 from jointgap.section import Section
@@ -35,6 +34,9 @@ Interval = tuple[PositiveLength, PositiveLength]
 
 MOST_SAMPLES = 20_000_000
 """Samples of a run: with all columns they take some 10 GB."""
+
+MOST_VALUES = 1000
+"""Values of a span: each is simulated by itself, and combined with those of others."""
 
 TOLERANCE_SHARE = 1e-4
 """Largest local error of positions as a share of a clearance: with more, steps jump over contacts."""
@@ -278,7 +280,6 @@ class Figures(Section):
     magnification: PositiveNumber = Field(40.0, description="how much the animation magnifies the clearances")
 
 
-_NUMBER = re.compile(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*$")
 _SPAN = {"from", "to", "number"}
 _SPAN_SCHEMA = {
     "type": "object",
@@ -298,23 +299,30 @@ def spread(values: Any) -> Any:
     Raises
     ------
     ValueError
-        Neither of both, an empty list, ends of different units or with a comma.
+        Neither of both, an empty list, ends of different units or that are no numbers, more than `MOST_VALUES`.
     """
     if isinstance(values, list | tuple) and values:
         return values
     if not isinstance(values, dict) or set(values) != _SPAN:
         raise ValueError("must be a list of values, or {from: ..., to: ..., number: ...} for values evenly apart")
-    for key in ("from", "to"):
-        refuse_comma(str(values[key]))
-    ends = [_NUMBER.match(str(values[key])) for key in ("from", "to")]
     number = values["number"]
-    if not all(ends) or not isinstance(number, int) or number < 2:
-        raise ValueError("needs two numbers, with the same unit or none, as from and to, and a number of 2 or more")
-    (low, unit), (high, other) = (end.groups() for end in ends)
+    if not isinstance(number, int) or not 2 <= number <= MOST_VALUES:
+        raise ValueError(
+            f"number = {number!r} must be a whole number from 2 to {MOST_VALUES}: each value is simulated by itself"
+        )
+    (low, unit), (high, other) = (_end(key, values[key]) for key in ("from", "to"))
     if unit != other:
         raise ValueError(f"from has the unit '{unit}' and to the unit '{other}'; give both in one unit")
     between = [float(f"{value:.12g}") for value in np.linspace(float(low), float(high), number)]
     return [f"{value!r} {unit}" for value in between] if unit else between
+
+
+def _end(key: str, value: Any) -> tuple[str, str]:
+    """The number and the unit at one end of a span."""
+    try:
+        return split_quantity(str(value))
+    except ValueError as error:
+        raise ValueError(f"{key} = {value!r} {error}") from error
 
 
 def _list_of(kind: Any) -> Any:

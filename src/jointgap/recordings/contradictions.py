@@ -14,23 +14,12 @@ import numpy as np
 from scipy.signal import butter
 
 from jointgap.config.campaign_file import Campaign, CampaignRun
-from jointgap.config.channels import CHANNELS, FILTER_ORDER, Channel
+from jointgap.config.channels import CHANNELS, FILTER_ORDER, UNITS, Channel
 from jointgap.mechanism.ideal_channels import FORCES, SPEED_POWERS, ideal_orders
 from jointgap.quantities import unit_factor
 from jointgap.recordings.inspection import cycle_scatter
 from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
 from jointgap.recordings.recording import Recording
-
-UNITS = {
-    "m": ("m", "mm", "cm", "um", "inch"),
-    "m/s": ("m/s", "mm/s", "km/h"),
-    "m/s^2": ("m/s^2", "g_n", "mm/s^2"),
-    "rad": ("rad", "deg", "turn"),
-    "rad/s": ("rad/s", "deg/s", "rpm", "turn/s"),
-    "N*m": ("N*m", "N*cm", "N*mm", "kN*m", "lbf*ft"),
-    "N": ("N", "kN", "lbf", "mN"),
-}
-"""Units, by the SI unit, that are proposed where the stated one does not fit."""
 
 
 @dataclass(frozen=True)
