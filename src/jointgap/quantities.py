@@ -1,6 +1,6 @@
 """Numbers with units in configuration files; SI floats once read.
 
-A plain number is taken as SI. Text is one number and one unit (``7 mm``, ``600 rpm``, ``0.2 N*m/rad``, ``turn/3600``) or
+A plain number is taken as SI. Text is one number and one unit (``7 mm``, ``600 rpm``, ``2 N*m/rad``, ``turn/3600``) or
 a number that YAML reads as text (``6e9``). A grammar of our own reads it: pint takes text for a formula, evaluates it,
 and passes over signs that it does not know. Only units are left to pint.
 """

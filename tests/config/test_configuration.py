@@ -8,7 +8,7 @@ import jsonschema
 import pytest
 import yaml
 
-from jointgap.config import json_schema, load_mechanism, options_for, parse_options, read_yaml, resolve
+from jointgap.config import json_schema, load_mechanism, options_for, parse_options, resolve
 from jointgap.config.layers import Layer, merge, merged, sources
 from jointgap.config.load import sources_of
 from jointgap.config.scenario import SECTIONS
@@ -249,21 +249,6 @@ def test_every_mistake_is_told_in_one_go():
 def test_a_configuration_without_a_usable_scenario_is_refused(config, words):
     with pytest.raises(InputError, match=words):
         resolve(config, (ROOT,))
-
-
-def test_a_file_that_is_not_yaml_is_refused_with_its_line(tmp_path):
-    bad = tmp_path / "bad.yaml"
-    bad.write_text("crank: {length: 1 m\nrod: [", encoding="utf-8")
-    with pytest.raises(InputError, match=r"bad\.yaml, line 2"):
-        read_yaml(bad)
-
-
-@pytest.mark.parametrize("content", [b"", b"- 1\n", b"\xff\xfe\x00"])
-def test_a_file_that_holds_no_mapping_is_refused_by_name(tmp_path, content):
-    bad = tmp_path / "bad.yaml"
-    bad.write_bytes(content)
-    with pytest.raises(InputError, match=r"bad\.yaml"):
-        read_yaml(bad)
 
 
 @pytest.mark.parametrize("stage", sorted(SECTIONS))

@@ -66,11 +66,11 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
     sources : bool
         Whether to print where each value is written.
     """
-    from jointgap.config import load
+    from jointgap.config import load, read_yaml
     from jointgap.config.layers import Layer, merged
     from jointgap.errors import InputError, did_you_mean
 
-    layers = [Layer(str(file), load.read_yaml(file)) for file in files]
+    layers = [Layer(str(file), read_yaml(file)) for file in files]
     folders = (Path(), *(folder for file in reversed(files) for folder in (file.parent, file.parent.parent)))
     source = " with ".join(map(str, files))
     scenarios = load.resolve(merged(layers), folders, source)

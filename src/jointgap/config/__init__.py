@@ -1,7 +1,8 @@
 """Typed, frozen, validated configuration; SI inside."""
 
+from jointgap.config.documents import read_yaml
 from jointgap.config.joint_config import Contact, Joint, Joints, hertz_stiffness
-from jointgap.config.load import json_schema, load_mechanism, options_for, parse_options, read_yaml, resolve, validate
+from jointgap.config.load import json_schema, load_mechanism, options_for, parse_options, resolve, validate
 from jointgap.config.mechanism_config import Link, Mechanism, Slider
 from jointgap.config.scenario import (
     Box,

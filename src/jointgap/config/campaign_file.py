@@ -137,7 +137,7 @@ class Campaign(Section):
     @field_validator("date", mode="before")
     @classmethod
     def _is_a_day(cls, given: Any) -> Any:
-        if given is None or type(given) is Date:  # YAML makes a date of 2026-03-01
+        if given is None or type(given) is Date:
             return given
         try:
             return Date.fromisoformat(given)

@@ -5,40 +5,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS
 from jointgap.config.config_errors import complaints
+from jointgap.config.documents import parse_json, read_yaml
 from jointgap.config.layers import BASE, Layer, existing_file, leaves, mechanism_layers, merged, sources
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.nuisance_bounds import NUISANCES
 from jointgap.config.scenario import SECTIONS, Scenario
 from jointgap.errors import InputError, did_you_mean
-
-
-def read_yaml(path: Path | str) -> dict[str, Any]:
-    """The mapping in a YAML (or JSON) file.
-
-    Raises
-    ------
-    InputError
-        No such file, not YAML, or not a mapping; with the line where YAML knows it.
-    """
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not text in UTF-8 (byte {error.start}); save it as UTF-8") from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise InputError(f"{path}{where}: is not YAML: {getattr(error, 'problem', error)}") from error
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: must be a mapping of keys to values, not {type(content).__name__}")
-    return content
 
 
 def validate(model: type[BaseModel], data: Any, source: str) -> Any:
@@ -219,34 +196,9 @@ def parse_options(options: str) -> Scenario:
     """The scenario in an ``--options`` argument: JSON text, or the path of a YAML or JSON file."""
     if options.lstrip().startswith("{"):
         return validate(Scenario, parse_json(options, "--options"), "--options")
-    # a JSON file is read as such: YAML takes 1e-9 for a text
-    data = _read_json(options) if options.endswith(".json") else read_yaml(options)
+    data = read_yaml(options)
     folders = (Path(), Path(options).parent)
     return validate(Scenario, _with_drive_file(_with_mechanism(data, folders), folders), options)
-
-
-def _read_json(path: str) -> dict[str, Any]:
-    try:
-        data = parse_json(Path(path).read_text(encoding="utf-8"), path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not text in UTF-8 (byte {error.start}); save it as UTF-8") from error
-    if not isinstance(data, dict):
-        raise InputError(f"{path}: must be a mapping of keys to values, not {type(data).__name__}")
-    return data
-
-
-def parse_json(text: str, source: str) -> Any:
-    """What a JSON `text` holds; an InputError that names its `source` where it is no JSON, or has a NaN."""
-
-    def refuse(constant: str) -> float:
-        raise InputError(f"{source}: holds {constant}, which is not a number; remove it")
-
-    try:
-        return json.loads(text, parse_constant=refuse)
-    except json.JSONDecodeError as error:
-        raise InputError(f"{source}: is not JSON: {error.msg} at character {error.pos}") from error
 
 
 def json_schema() -> dict[str, Any]:

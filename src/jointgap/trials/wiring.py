@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from jointgap.config import read_yaml
 from jointgap.quantities import unit_factor
 from jointgap.tables import write_text
 from jointgap.tables.store import write_atomically
@@ -40,7 +41,7 @@ class _Files:
 
     def __init__(self, folder: Path, rng: np.random.Generator):
         self.folder, self.rng = folder, rng
-        self.campaign: dict[str, Any] = yaml.safe_load((folder / "campaign.yaml").read_text(encoding="utf-8"))
+        self.campaign: dict[str, Any] = read_yaml(folder / "campaign.yaml")
         self.frames, self._marks = {}, {}
         for run in self.campaign["runs"]:
             path = folder / run["file"]
