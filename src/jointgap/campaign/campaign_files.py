@@ -57,11 +57,13 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
         Not a list of paths, no such file, not a campaign, a run's file that is not there, or two of one name; or not a
         number of parts.
     """
+    from jointgap.config.counts import MOST_PARTS
     from jointgap.config.load import load_campaign
 
-    if parts is not None and (not isinstance(parts, int) or isinstance(parts, bool) or parts < 1):
+    if parts is not None and (not isinstance(parts, int) or isinstance(parts, bool) or not 1 <= parts <= MOST_PARTS):
         raise InputError(
-            f"fit_parts = {parts!r} must be a whole number of jobs, 1 or more; leave it out for the default"
+            f"fit_parts = {parts!r} must be a whole number of jobs from 1 to {MOST_PARTS}, beyond which jobs have "
+            "nothing to do; leave it out for the default"
         )
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
         raise InputError(f"campaigns = {paths!r} must be a list of campaign files, e.g. [config/campaigns/mine.yaml]")

@@ -115,9 +115,8 @@ class _StrictLoader(yaml.SafeLoader):
             )
         if id(node) not in self._sizes and isinstance(event, yaml.AliasEvent):
             raise _Refused(problem=f"*{event.anchor} stands within itself; take it away", problem_mark=event.start_mark)
-        within = sum(self._sizes[id(child)] for child in _children(node))
-        self._sizes[id(node)] = 1 + within
-        if within >= MOST_ENTRIES:
+        self._sizes[id(node)] = 1 + sum(self._sizes[id(child)] for child in _children(node))
+        if max(self._sizes[id(node)], len(self._sizes)) > MOST_ENTRIES:
             raise _Refused(
                 problem=f"holds more than {MOST_ENTRIES} keys and values, aliases counted wherever they stand; no "
                 "settings do",

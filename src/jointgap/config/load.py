@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS
 from jointgap.config.config_errors import complaints
+from jointgap.config.counts import MOST_PARTS
 from jointgap.config.documents import parse_json, read_yaml
 from jointgap.config.layers import BASE, Layer, existing_file, leaves, mechanism_layers, merged, sources
 from jointgap.config.mechanism_config import Mechanism
@@ -219,6 +220,7 @@ def json_schema() -> dict[str, Any]:
     fit_parts = {
         "type": ["integer", "null"],
         "minimum": 1,
+        "maximum": MOST_PARTS,
         "description": "jobs that share the fits of a campaign; null: two where joints are loose, else one",
     }
     overrides = {

@@ -1,6 +1,8 @@
 """A scenario: a mechanism, and the sections that say what each stage does with it."""
 
 import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -8,12 +10,12 @@ from pydantic import (
     BeforeValidator,
     Field,
     NonNegativeInt,
-    PositiveInt,
     WithJsonSchema,
     field_validator,
     model_validator,
 )
 
+from jointgap.config.counts import Iterations, Members, MembersToCompare, Seed, count
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.errors import InputError
 from jointgap.quantities import (
@@ -41,7 +43,24 @@ MOST_VALUES = 1000
 TOLERANCE_SHARE = 1e-4
 """Largest local error of positions as a share of a clearance: with more, steps jump over contacts."""
 
+MOST_WEIGHTS = 5000
+"""Weights of a network: the matrices of its training have as many rows or columns, some 200 MB."""
+
+MOST_SEEDS = 100
+"""Starts of a network, which are trained side by side."""
+
+MOST_COMBINATIONS = 10_000
+"""Combinations of varied values: each is a mechanism of its own in memory."""
+
 SampleCount = Annotated[int, Field(ge=1, le=MOST_SAMPLES)]
+Neurons = count(MOST_WEIGHTS, "training solves for all weights at once, in matrices that memory has to hold")
+TrainingPoints = count(
+    10_001, "the matrices of the training grow with their number, and memory has to hold them", least=3
+)
+Individuals = count(10_000, "each individual is evaluated in each generation, and all of them are kept", least=4)
+Generations = count(10_000, "all individuals of each generation are kept")
+Frames = count(600, "each frame is held in memory as a picture of 1.5 MB")
+Revolutions = count(1000, "each revolution has up to 20000 samples, which memory holds all at once")
 
 _LENGTH_ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are one length
 _CLEARANCE_ROUNDING = 1e-9  # relative: a clearance is the difference of two radii
@@ -168,21 +187,30 @@ def check_drive(mechanism: Mechanism, options: Simulate) -> None:
 class Surrogate(Section):
     """The paper's networks, four for each loose joint, and the second surrogate."""
 
-    hidden: Annotated[tuple[PositiveInt, ...], Field(min_length=1)] = Field(
+    hidden: Annotated[tuple[Neurons, ...], Field(min_length=1)] = Field(
         (10, 10, 10, 10), description="neurons of each hidden layer"
     )
-    training_points: Annotated[int, Field(ge=3)] = Field(
-        361, description="points over the first revolution, both ends included"
-    )
-    iterations: PositiveInt = Field(20_000, description="Levenberg-Marquardt iterations at most, default seed")
-    seeds: Annotated[tuple[NonNegativeInt, ...], Field(min_length=1)] = Field(
+    training_points: TrainingPoints = Field(361, description="points over the first revolution, both ends included")
+    iterations: Iterations = Field(20_000, description="Levenberg-Marquardt iterations at most, default seed")
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=MOST_SEEDS)] = Field(
         (0, 1, 2, 3, 4), description="seeds of the starts; the first is the default, whatever its result"
     )
-    seed_iterations: PositiveInt = Field(2_000, description="iterations at most of the other seeds")
+    seed_iterations: Iterations = Field(2_000, description="iterations at most of the other seeds")
 
-    clearance_sampling: Annotated[int, Field(ge=4)] = Field(
+    clearance_sampling: Annotated[int, Field(ge=4, le=MOST_SAMPLES)] = Field(
         100, description="samples that the second surrogate chooses its points from, as a multiple of the simulation's"
     )
+
+    @model_validator(mode="after")
+    def _weights_can_be_trained(self):
+        layers = (1, *self.hidden, 1)
+        weights = sum((sources + 1) * neurons for sources, neurons in pairwise(layers))
+        if weights > MOST_WEIGHTS:
+            raise ValueError(
+                f"hidden {list(self.hidden)[:10]} makes {weights} weights, more than {MOST_WEIGHTS}; training solves "
+                "for all of them at once, in matrices that memory has to hold: take fewer neurons"
+            )
+        return self
 
     @model_validator(mode="after")
     def _seeds_differ(self):
@@ -213,13 +241,13 @@ class Box(Section):
 class Genetic(Section):
     """Genetic algorithm with the paper's settings."""
 
-    population: Annotated[int, Field(ge=4)] = Field(20, description="individuals")
-    generations: PositiveInt = Field(50, description="generations")
+    population: Individuals = Field(20, description="individuals")
+    generations: Generations = Field(50, description="generations")
     elites: NonNegativeInt = Field(2, description="best individuals that live on unchanged")
     crossover_fraction: OpenFraction = Field(
         0.8, description="share of the other children made by crossover; the rest mutate"
     )
-    seed: NonNegativeInt = Field(0, description="seed")
+    seed: Seed = Field(0, description="seed")
 
     @model_validator(mode="after")
     def _elites_leave_room(self):
@@ -231,10 +259,10 @@ class Genetic(Section):
 class Ensemble(Section):
     """Slightly perturbed starts by which an optimum is simulated again."""
 
-    members: Annotated[int, Field(ge=2)] = Field(15, description="simulations for each pair of lengths")
+    members: MembersToCompare = Field(15, description="simulations for each pair of lengths")
     perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed starting positions")
-    settled_revolution: PositiveInt = Field(4, description="revolution that counts as settled (1 = the first)")
-    seed: NonNegativeInt = Field(0, description="seed")
+    settled_revolution: SampleCount = Field(4, description="revolution that counts as settled (1 = the first)")
+    seed: Seed = Field(0, description="seed")
 
 
 class Optimise(Section):
@@ -276,7 +304,7 @@ class Optimise(Section):
 class Figures(Section):
     """What the figures show."""
 
-    animation_frames: PositiveInt = Field(120, description="frames of the animation of the first revolution")
+    animation_frames: Frames = Field(120, description="frames of the animation of the first revolution")
     magnification: PositiveNumber = Field(40.0, description="how much the animation magnifies the clearances")
 
 
@@ -333,6 +361,16 @@ def _list_of(kind: Any) -> Any:
     ]
 
 
+def _check_combinations(lists: Mapping[str, Sequence]) -> None:
+    """ValueError where there are more combinations of one value of each of `lists` than can be simulated."""
+    combinations = math.prod(len(values) for values in lists.values())
+    if combinations > MOST_COMBINATIONS:
+        factors = " x ".join(f"{len(values)} of {name}" for name, values in lists.items())
+        raise ValueError(
+            f"{factors} are {combinations} combinations, more than {MOST_COMBINATIONS}, each of which is simulated and held in memory; give fewer values"
+        )
+
+
 class Runs(Section):
     """What the runs of an ensemble differ in: every combination of values, each from several starts."""
 
@@ -341,9 +379,14 @@ class Runs(Section):
         description="lists of values (or from, to, number) by what they set: speed, clearance, friction, restitution, "
         "or the path of a key such as mechanism.slider.mass",
     )
-    members: PositiveInt = Field(10, description="starts of each combination; the first is not perturbed")
+    members: Members = Field(10, description="starts of each combination; the first is not perturbed")
     perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed starting positions")
-    seed: NonNegativeInt = Field(0, description="seed of the perturbations")
+    seed: Seed = Field(0, description="seed of the perturbations")
+
+    @model_validator(mode="after")
+    def _combinations_can_be_held(self):
+        _check_combinations(self.vary)
+        return self
 
 
 class Study(Section):
@@ -358,16 +401,21 @@ class Study(Section):
     friction: _list_of(FrictionCoefficient) = Field(
         (0.0, 0.05, 0.1, 0.2), description="friction coefficients of every loose joint"
     )
-    transient_revolutions: PositiveInt = Field(4, description="revolutions that do not count")
-    settled_revolutions: PositiveInt = Field(4, description="revolutions after these, which count")
-    members: Annotated[int, Field(ge=2)] = Field(4, description="starts of each point; the first is not perturbed")
+    transient_revolutions: Revolutions = Field(4, description="revolutions that do not count")
+    settled_revolutions: Revolutions = Field(4, description="revolutions after these, which count")
+    members: MembersToCompare = Field(4, description="starts of each point; the first is not perturbed")
     perturbation: OpenFraction = Field(
         1e-4, description="length of the change in the perturbed starting positions, as a share of the clearance"
     )
-    seed: NonNegativeInt = Field(0, description="seed of the perturbations")
+    seed: Seed = Field(0, description="seed of the perturbations")
     tolerance: quantity("", gt=0, le=TOLERANCE_SHARE) = Field(
         1e-6, description="local error of positions that an integration step may make, as a share of the clearance"
     )
+
+    @model_validator(mode="after")
+    def _combinations_can_be_held(self):
+        _check_combinations({name: getattr(self, name) for name in ("clearance", "speed", "friction")})
+        return self
 
     @model_validator(mode="after")
     def _no_value_is_listed_twice(self):
@@ -407,6 +455,18 @@ class Scenario(Section):
                 f"{intervals}, "
                 "five times it at least, so that the held-out grid is finer than the training points and shares none "
                 "of them"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _finer_samples_can_be_held(self):
+        if not {"simulate", "surrogate"} <= self.model_fields_set:
+            return self
+        samples, multiple = self.simulate.samples_per_revolution, self.surrogate.clearance_sampling
+        if samples * multiple > MOST_SAMPLES:
+            raise ValueError(
+                f"surrogate.clearance_sampling {multiple} times simulate.samples_per_revolution {samples} is more than "
+                f"{MOST_SAMPLES:g} samples, which memory does not hold; lower one of them"
             )
         return self
 

@@ -13,6 +13,9 @@ class RecordingLimits:
         A run and each of its channels need this many values: fewer tell no course over a revolution.
     max_value_si : float
         [SI] No channel has a larger value: it stands for something else, such as 'no data'.
+    copied_share : float
+        [1, of the samples of the shorter file] Samples of which so many are, to the last digit and in all columns, in
+        another run's file too are a copy: noise leaves none alike.
     min_revolutions : float
         One, less what rounding takes off.
     min_samples_per_revolution : float
@@ -102,6 +105,7 @@ class RecordingLimits:
 
     min_samples: int = 12
     max_value_si: float = 1e12
+    copied_share: float = 0.9
     min_revolutions: float = 1.0 - 1e-3
     min_samples_per_revolution: float = 4.0
     speed_ratios: dict[str, tuple[float, float]] = field(

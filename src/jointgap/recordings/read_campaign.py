@@ -10,6 +10,7 @@ from jointgap.config.nuisance_bounds import MOTOR_LINE
 from jointgap.errors import InputError
 from jointgap.quantities import unit_factor
 from jointgap.recordings.contradictions import Contradiction, contradictions, sentences
+from jointgap.recordings.copies import check_copies
 from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
 from jointgap.recordings.plausibility import angle_outliers, clipped, outliers
 from jointgap.recordings.recording import Measurements, Recording, noise_of
@@ -43,24 +44,27 @@ def read_measurements(
     Raises
     ------
     InputError
-        What cannot be read, is no number, has no time that rises, holds less than a revolution, or does not change;
-        with file, column, row and what to do.
+        What cannot be read, is no number, has no time that rises, holds less than a revolution, does not change, or is
+        a copy of another run; with file, column, row and what to do.
     """
     remarks = [
         f"nuisance {key} {_IDLE.get(key, 'has nothing to act on in this mechanism')} and is left out"
         for key in campaign.idle_nuisances
     ]
     found: list[Contradiction] = []
-    runs = {run.id: _recording(RunFile(campaign, run, limits), remarks, found) for run in campaign.runs}
+    wanted = [channel.column for channel in campaign.channels.values()]
+    files = {run.id: RunFile(campaign, run, limits) for run in campaign.runs}
+    read = {run: (file, read_columns(file.path, wanted, campaign.csv)) for run, file in files.items()}
+    check_copies(read, limits)
+    runs = {run: _recording(file, columns, remarks, found) for run, (file, columns) in read.items()}
     others = contradictions(campaign, runs, limits) if compared else []
     remarks += [f"{campaign.name}, {sentence}" for sentence in sentences(others)]
     return Measurements(runs, tuple(remarks), (*found, *others))
 
 
-def _recording(file: RunFile, remarks: list[str], found: list[Contradiction]) -> Recording:
+def _recording(file: RunFile, columns: Columns, remarks: list[str], found: list[Contradiction]) -> Recording:
     """The samples of a run; what is remarked of them is added to `remarks`, channels that are clipped to `found`."""
     campaign, run, limits = file.campaign, file.run, file.limits
-    columns = read_columns(file.path, [channel.column for channel in campaign.channels.values()], campaign.csv)
     _check_units(file, columns, remarks)
     values, rows = _in_si(file, columns, remarks)
     if rows.size < limits.min_samples:

@@ -6,9 +6,9 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
-from pydantic import Field, NonNegativeInt, PositiveInt
+from pydantic import Field
 
-from jointgap.config import read_yaml, validate
+from jointgap.config import counts, read_yaml, validate
 from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import JOINTS, PINS
 from jointgap.section import Section
@@ -44,23 +44,27 @@ _NOTHING_IN_EXUDYN = 4
 """Of so many trials from Exudyn with loose joints one has nothing hidden."""
 
 
+_MOST_TRIALS = 10_000, "each trial takes minutes"
+Trials, Batch = counts.count(*_MOST_TRIALS, least=0), counts.count(*_MOST_TRIALS)
+
+
 class TrialSet(Section):
     """How many trials of each kind a set has."""
 
-    seed: NonNegativeInt = Field(description="seed of all that is random in the set")
-    single: NonNegativeInt = Field(description="one effect of the list injected")
-    nothing: NonNegativeInt = Field(description="nothing injected")
-    pairs: NonNegativeInt = Field(description="two effects of the list injected")
-    off_list: NonNegativeInt = Field(description="an effect injected that is not on the list")
-    exudyn: NonNegativeInt = Field(0, description="one effect injected, joints ideal, motion and effect by Exudyn")
-    exudyn_loose: NonNegativeInt = Field(
+    seed: counts.Seed = Field(description="seed of all that is random in the set")
+    single: Trials = Field(description="one effect of the list injected")
+    nothing: Trials = Field(description="nothing injected")
+    pairs: Trials = Field(description="two effects of the list injected")
+    off_list: Trials = Field(description="an effect injected that is not on the list")
+    exudyn: Trials = Field(0, description="one effect injected, joints ideal, motion and effect by Exudyn")
+    exudyn_loose: Trials = Field(
         0, description="as exudyn with loose joints; a quarter with nothing injected, and clearances among the effects"
     )
-    clearances: NonNegativeInt = Field(
+    clearances: Trials = Field(
         0, description="a clearance injected: of a joint that the model has as ideal, or of a loose one"
     )
-    wiring: NonNegativeInt = Field(0, description="nothing injected, but the data are wired wrongly")
-    batch: PositiveInt = Field(12, description="trials that one job runs, one after the other")
+    wiring: Trials = Field(0, description="nothing injected, but the data are wired wrongly")
+    batch: Batch = Field(12, description="trials that one job runs, one after the other")
 
 
 class Sets(Section):
