@@ -266,14 +266,19 @@ def _tokens(text: str) -> list[tuple[str, str, int]]:
 
 def _emit(tree: _Tree, codes: list, numbers: list) -> int:
     """Append the operations of `tree`; how deep the stack gets meanwhile."""
-    if isinstance(tree, float):
+    # A sum of many terms is a tree as deep to the left as there are terms, deeper than Python may call itself; to the
+    # right, `DEEPEST_NESTING` bounds it.
+    pending = []
+    while isinstance(tree, tuple) and tree[0] != "variable":
+        pending.append(tree)
+        tree = tree[1]
+    if isinstance(tree, tuple):
+        codes.append((VARIABLE, tree[1]))
+    else:
         codes.append((NUMBER, len(numbers)))
         numbers.append(tree)
-        return 1
-    operation, *operands = tree
-    if operation == "variable":
-        codes.append((VARIABLE, operands[0]))
-        return 1
-    depth = max(below + _emit(operand, codes, numbers) for below, operand in enumerate(operands))
-    codes.append((operation, 0))
+    depth = 1
+    for operation, _, *others in reversed(pending):
+        depth = max([depth, *(below + _emit(operand, codes, numbers) for below, operand in enumerate(others, 1))])
+        codes.append((operation, 0))
     return depth

@@ -160,3 +160,8 @@ def test_parts_without_variables_are_computed_once():
 
 def test_the_deepest_formula_that_is_accepted_uses_the_whole_stack():
     assert value("v+(" * 15 + "v" + ")" * 15) == pytest.approx(16 * -1.3)
+
+
+@pytest.mark.parametrize("sign", ["+", "-"])
+def test_a_formula_may_have_as_many_terms_as_its_length_allows(sign):
+    assert value(sign.join(["v"] * 500)) == pytest.approx(-1.3 * (500 if sign == "+" else -498))

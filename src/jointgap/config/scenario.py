@@ -367,7 +367,8 @@ def _check_combinations(lists: Mapping[str, Sequence]) -> None:
     if combinations > MOST_COMBINATIONS:
         factors = " x ".join(f"{len(values)} of {name}" for name, values in lists.items())
         raise ValueError(
-            f"{factors} are {combinations} combinations, more than {MOST_COMBINATIONS}, each of which is simulated and held in memory; give fewer values"
+            f"{factors} are {combinations} combinations, more than {MOST_COMBINATIONS}, each of which is simulated and "
+            "held in memory; give fewer values"
         )
 
 
