@@ -72,6 +72,37 @@ def simulated(tmp_path_factory):
     return folder, options
 
 
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "is empty"),
+        (
+            "mechanism: a.yaml\nsimulate: {}\nmechanism: b.yaml\n",
+            "the key 'mechanism' is given twice, in line 1 and in line 3",
+        ),
+        (f"run: {'[' * 500}{']' * 500}", "is nested more than 50 deep"),
+        (f"scenarios: {{a: {{simulate: {{speed: {'9' * 5000}}}}}}}", "a number of 5000 digits is too large"),
+        ("mechanism: {slider: {offset: 0_5}}", "0_5 is one thing to some programs"),
+    ],
+    ids=lambda text: text[:20],
+)
+def test_a_file_that_is_wrong_in_itself_ends_with_one_line_and_code_two(tmp_path, content, words):
+    file = tmp_path / "mine.yaml"
+    file.write_text(content)
+    done = jointgap("config", str(file))
+    assert (done.returncode, done.stdout) == (2, "")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"jointgap: error: {file}") and words in line
+
+
+def test_options_that_are_nested_beyond_measure_end_with_one_line_and_code_two(tmp_path):
+    options = f'{{"mechanism": {"[" * 20_000}{"]" * 20_000}}}'
+    written = tmp_path / "growth.parquet"
+    done = jointgap("growth", "--options", options, "--growth", str(written))
+    assert (done.returncode, done.stdout, written.exists()) == (2, "", False)
+    assert done.stderr == "jointgap: error: --options: is nested more than 50 deep; no settings are\n"
+
+
 def test_a_trajectory_of_other_options_is_refused_by_every_stage_that_reads_it(simulated, tmp_path):
     folder, options = simulated
     other = json.dumps(options | {"simulate": options["simulate"] | {"speed": 30.0}})

@@ -229,6 +229,8 @@ def test_other_lengths_keep_the_mass_centres_share():
         ({"surrogate": {"training_points": 10**9}}, ["surrogate.training_points", "more than 10001; the matrices"]),
         ({"surrogate": {"clearance_sampling": 10**6}}, ["surrogate.clearance_sampling 1000000 times", "2e+07 samples"]),
         ({"figures": {"animation_frames": 10**9}}, ["figures.animation_frames", "more than 600; each frame is held"]),
+        ({"ensemble": {"seed": True}}, ["ensemble.seed = True", "must be a whole number, not true or false"]),
+        ({"simulate": {"revolutions": True}}, ["simulate.revolutions = True", "not true or false"]),
         ({"simulate": {"revolutions": "many"}}, ["simulate.revolutions = 'many'", "must be a whole number"]),
         ({"simulate": {"revolutions": 2}}, ["settled_revolution 4", "simulate.revolutions"]),
         ({"simulate": {"samples_per_revolution": 720}}, ["samples_per_revolution 720", "five times"]),

@@ -57,8 +57,8 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
         Not a list of paths, no such file, not a campaign, a run's file that is not there, or two of one name; or not a
         number of parts.
     """
-    from jointgap.config.counts import MOST_PARTS
     from jointgap.config.load import load_campaign
+    from jointgap.counts import MOST_PARTS
 
     if parts is not None and (not isinstance(parts, int) or isinstance(parts, bool) or not 1 <= parts <= MOST_PARTS):
         raise InputError(

@@ -10,12 +10,12 @@ from pydantic import BaseModel, ValidationError
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS
 from jointgap.config.config_errors import complaints
-from jointgap.config.counts import MOST_PARTS
 from jointgap.config.documents import parse_json, read_yaml
 from jointgap.config.layers import BASE, Layer, existing_file, leaves, mechanism_layers, merged, sources
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.nuisance_bounds import NUISANCES
 from jointgap.config.scenario import SECTIONS, Scenario
+from jointgap.counts import MOST_PARTS
 from jointgap.errors import InputError, did_you_mean
 
 

@@ -9,14 +9,13 @@ import numpy as np
 from pydantic import (
     BeforeValidator,
     Field,
-    NonNegativeInt,
     WithJsonSchema,
     field_validator,
     model_validator,
 )
 
-from jointgap.config.counts import Iterations, Members, MembersToCompare, Seed, count
 from jointgap.config.mechanism_config import Mechanism
+from jointgap.counts import Iterations, Members, MembersToCompare, Seed, count
 from jointgap.errors import InputError
 from jointgap.quantities import (
     Angle,
@@ -52,12 +51,14 @@ MOST_SEEDS = 100
 MOST_COMBINATIONS = 10_000
 """Combinations of varied values: each is a mechanism of its own in memory."""
 
-SampleCount = Annotated[int, Field(ge=1, le=MOST_SAMPLES)]
+_MOST_SAMPLES = MOST_SAMPLES, "memory does not hold more samples"
+SampleCount, Refinement = count(*_MOST_SAMPLES), count(*_MOST_SAMPLES, least=4)
 Neurons = count(MOST_WEIGHTS, "training solves for all weights at once, in matrices that memory has to hold")
 TrainingPoints = count(
     10_001, "the matrices of the training grow with their number, and memory has to hold them", least=3
 )
-Individuals = count(10_000, "each individual is evaluated in each generation, and all of them are kept", least=4)
+_INDIVIDUALS = 10_000, "each individual is evaluated in each generation, and all of them are kept"
+Individuals, Elites = count(*_INDIVIDUALS, least=4), count(*_INDIVIDUALS, least=0)
 Generations = count(10_000, "all individuals of each generation are kept")
 Frames = count(600, "each frame is held in memory as a picture of 1.5 MB")
 Revolutions = count(1000, "each revolution has up to 20000 samples, which memory holds all at once")
@@ -197,7 +198,7 @@ class Surrogate(Section):
     )
     seed_iterations: Iterations = Field(2_000, description="iterations at most of the other seeds")
 
-    clearance_sampling: Annotated[int, Field(ge=4, le=MOST_SAMPLES)] = Field(
+    clearance_sampling: Refinement = Field(
         100, description="samples that the second surrogate chooses its points from, as a multiple of the simulation's"
     )
 
@@ -243,7 +244,7 @@ class Genetic(Section):
 
     population: Individuals = Field(20, description="individuals")
     generations: Generations = Field(50, description="generations")
-    elites: NonNegativeInt = Field(2, description="best individuals that live on unchanged")
+    elites: Elites = Field(2, description="best individuals that live on unchanged")
     crossover_fraction: OpenFraction = Field(
         0.8, description="share of the other children made by crossover; the rest mutate"
     )

@@ -4,10 +4,11 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 from pydantic import Field, create_model
 
+from jointgap.counts import whole_number
 from jointgap.errors import InputError
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.joints import PINS
@@ -164,7 +165,7 @@ def parameter(
     **limits : float
         ``gt``, ``ge``, ``lt``, ``le``.
     """
-    number = quantity(unit, **limits) if kind is float else Annotated[kind, Field(**limits)]
+    number = quantity(unit, **limits) if kind is float else whole_number(**limits)
     return number, Field(default, description=meaning, examples=[example])
 
 

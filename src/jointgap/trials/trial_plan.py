@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from jointgap.config import counts, read_yaml, validate
+from jointgap import counts, read_yaml, validate
 from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import JOINTS, PINS
 from jointgap.section import Section

@@ -2,7 +2,18 @@
 
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, WithJsonSchema
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
+
+
+def whole_number(**limits: float) -> Any:
+    """Type of a whole number within `limits` (gt, ge, lt, le); true and false, to Python 1 and 0, are none."""
+
+    def no_truth(value: Any) -> Any:
+        if isinstance(value, bool):
+            raise ValueError("must be a whole number, not true or false")
+        return value
+
+    return Annotated[int, Field(**limits), BeforeValidator(no_truth)]
 
 
 def count(most: int, why: str, least: int = 1) -> Any:
@@ -14,7 +25,7 @@ def count(most: int, why: str, least: int = 1) -> Any:
         return number
 
     schema = {"type": "integer", "minimum": least, "maximum": most}
-    return Annotated[int, Field(ge=least), AfterValidator(not_too_many), WithJsonSchema(schema)]
+    return Annotated[whole_number(ge=least), AfterValidator(not_too_many), WithJsonSchema(schema)]
 
 
 MOST_PARTS = 100
