@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from jointgap import counts, read_yaml, validate
+from jointgap import counts
+from jointgap.config import read_yaml, validate
 from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import JOINTS, PINS
 from jointgap.section import Section
