@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jointgap.track.mlflow_store import create_store, default_address
+from jointgap.track.mlflow_store import default_address, opened
 from jointgap.track.publish import publish
 from tests.track import synthetic
 
@@ -23,7 +23,8 @@ def _no_server():
 def new_results(tmp_path_factory) -> Callable[[], Path]:
     """Makes results folders, with a space in their names, that hold an empty store."""
     first = tmp_path_factory.mktemp("empty store")
-    create_store(first)
+    with opened(default_address(first), first):
+        pass
 
     def make() -> Path:
         folder = tmp_path_factory.mktemp("my results")

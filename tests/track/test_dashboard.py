@@ -132,7 +132,7 @@ def test_ctrl_c_ends_the_dashboard_and_all_its_workers(serving):
 
 
 def test_without_a_store_it_says_what_to_run(tmp_path):
-    with pytest.raises(InputError, match=r"mlflow\.db: no such file; run `make run`"):
+    with pytest.raises(InputError, match=r"mlflow\.db: there is no such store; run `make run`"):
         dashboard(tmp_path)
 
 

@@ -1,5 +1,8 @@
 """Several processes, killed processes, servers that are there and servers that are not."""
 
+import errno
+import os
+import re
 import signal
 import socket
 import subprocess
@@ -9,18 +12,20 @@ import time
 import pytest
 
 from jointgap.errors import InputError
-from jointgap.track.mlflow_store import address_for, create_store
-from jointgap.track.publish import publish
+from jointgap.track.mlflow_store import address_for
+from jointgap.track.publish import publish, publish_records
+from jointgap.track.run_record import Record
 from tests.track import synthetic
 from tests.track.conftest import client_of
 
 PUBLISH = """
 import sys
 from pathlib import Path
-from jointgap.track.publish import publish
+from jointgap.track.publish import publish, publish_records
+from jointgap.track.run_record import Record
 from tests.track.synthetic import scenario, simulated
-name, results = sys.argv[1], Path(sys.argv[2])
-publish(name, scenario(), simulated(results / name), [], [], None, results)
+name, results, address = sys.argv[1], Path(sys.argv[2]), (sys.argv[3:] or [None])[0]
+publish(name, scenario(), simulated(results / name), [], [], address, results)
 """
 
 DIE = """
@@ -42,17 +47,42 @@ def start(script: str, *words: str) -> subprocess.Popen:
     )
 
 
-def test_three_processes_publish_at_once_into_a_store_that_is_not_there_yet(tmp_path):
-    names = ["one", "two", "three"]
-    processes = [start(PUBLISH, name, tmp_path) for name in names]
-    printed = [process.communicate(timeout=120) for process in processes]
-    assert [process.returncode for process in processes] == [0, 0, 0], printed
-    assert printed == [("", "")] * 3  # no chatter
-    client = client_of(tmp_path)
-    experiment = client.get_experiment_by_name("jointgap-simulate").experiment_id
-    runs = client.search_runs([experiment])
+@pytest.mark.parametrize("count", [3, pytest.param(16, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("own_results", [False, True], ids=["one results folder", "a results folder each"])
+def test_processes_publish_at_once_into_a_store_that_is_not_there_yet(tmp_path, count, own_results):
+    names = [f"scenario_{number}" for number in range(count)]
+    address = f"sqlite:///{tmp_path / 'new' / 'shared.db'}"
+    processes = [start(PUBLISH, name, tmp_path / (name if own_results else "results"), address) for name in names]
+    assert_published(processes)
+    runs = runs_of(address)
     assert sorted(run.info.run_name for run in runs) == sorted(names)
     assert {run.info.status for run in runs} == {"FINISHED"}
+
+
+@pytest.mark.parametrize("count", [3, pytest.param(8, marks=pytest.mark.slow)])
+def test_processes_that_publish_the_same_at_once_wait_for_each_other_and_log_it_once(tmp_path, count):
+    address = f"sqlite:///{tmp_path / 'shared.db'}"
+    processes = [start(PUBLISH, "made_up", tmp_path / str(number), address) for number in range(count)]
+    assert_published(processes)
+    assert [run.info.status for run in runs_of(address)] == ["FINISHED"]
+    assert len(runs_of(address, deleted=True)) == 1  # none was begun and given up
+
+
+def assert_published(processes: list[subprocess.Popen]) -> None:
+    """All came to their end, without any chatter."""
+    printed = [process.communicate(timeout=300) for process in processes]
+    assert [process.returncode for process in processes] == [0] * len(processes), printed
+    assert printed == [("", "")] * len(processes)
+
+
+def runs_of(address: str, deleted: bool = False) -> list:
+    """Runs of the simulation in the store at `address`."""
+    from mlflow.entities import ViewType
+    from mlflow.tracking import MlflowClient
+
+    client = MlflowClient(tracking_uri=address)
+    experiment = client.get_experiment_by_name("jointgap-simulate").experiment_id
+    return client.search_runs([experiment], run_view_type=ViewType.ALL if deleted else ViewType.ACTIVE_ONLY)
 
 
 def test_a_process_killed_half_way_leaves_nothing_that_the_next_does_not_mend(results):
@@ -77,7 +107,7 @@ def test_an_unreachable_server_is_named_within_seconds(simulated):
         closed.bind(("127.0.0.1", 0))  # nobody listens here
         address = f"http://127.0.0.1:{closed.getsockname()[1]}"
         begun = time.monotonic()
-        with pytest.raises(InputError, match=rf"{address} cannot be reached.*MLFLOW_TRACKING_URI"):
+        with pytest.raises(InputError, match=rf"{address} cannot be reached.*unset MLFLOW_TRACKING_URI"):
             publish(**simulated | {"tracking_uri": address})
     assert time.monotonic() - begun < 15
 
@@ -94,7 +124,39 @@ def test_a_relative_address_is_taken_from_the_working_folder(simulated, monkeypa
     assert address_for(simulated["results_folder"]) == f"sqlite:///{tmp_path / 'own.db'}"
 
 
-def test_a_store_that_is_no_database_is_named_with_the_mend(tmp_path):
-    (tmp_path / "mlflow.db").write_text("not a database, but long enough to be read as one" * 10)
-    with pytest.raises(InputError, match=r"mlflow\.db cannot be used .*delete the file"):
-        create_store(tmp_path)
+@pytest.mark.parametrize("address", ["sqlite://", "sqlite:///", "sqlite:///:memory:", "sqlite:///a?timeout=3"])
+def test_an_address_of_sqlite_that_names_no_file_is_refused(simulated, address):
+    with pytest.raises(InputError, match=rf"{re.escape(address)}: names no file.*MLFLOW_TRACKING_URI=sqlite:////path"):
+        publish(**simulated | {"tracking_uri": address})
+
+
+@pytest.mark.parametrize("address", ["postgres://joe:secret@host/runs", "nowhere://x"])
+def test_an_address_of_no_known_kind_is_told_with_what_to_do(simulated, address):
+    with pytest.raises(
+        InputError, match=r"MLflow store .* cannot be reached or refuses .*correct its address"
+    ) as refused:
+        publish(**simulated | {"tracking_uri": address})
+    assert "secret" not in str(refused.value)
+
+
+def test_a_database_whose_driver_is_missing_is_told_with_the_package_to_install(simulated, monkeypatch):
+    monkeypatch.setitem(sys.modules, "psycopg2", None)  # whether it is installed or not
+    address = "postgresql://joe:secret@localhost/runs"
+    wanted = r"postgresql://joe:\*\*\*@localhost/runs needs the package psycopg2-binary, .*pip install"
+    with pytest.raises(InputError, match=wanted):
+        publish(**simulated | {"tracking_uri": address})
+
+
+def test_what_mlflow_does_not_take_is_no_fault_of_the_store(results):
+    refused = Record("simulate", metrics={"../no name for MLflow": 1.0})
+    with pytest.raises(InputError, match=r"does not take what is published .*the store itself is sound"):
+        publish_records("made_up", "", [refused], None, results)
+
+
+def test_no_space_for_artifacts_is_told_with_the_file(simulated, monkeypatch):
+    def full(self, run_id, folder):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "mlflow-artifacts/options.json")
+
+    monkeypatch.setattr("mlflow.tracking.MlflowClient.log_artifacts", full)
+    with pytest.raises(InputError, match=r"No space left on device: 'mlflow-artifacts/options\.json'.*free some space"):
+        publish(**simulated)

@@ -1,7 +1,7 @@
-"""Publishes finished tables to MLflow. Only `mlflow_store` imports mlflow, and it alone talks to it.
+"""Publishes finished tables to MLflow. Only `mlflow_store` talks to it; `sqlite_store` makes the default store.
 
-`publish.publish` is the stage, `mlflow_store.create_store` makes the default store, `dashboard.addresses` finds what to
-compare, `network_files.load` brings a published network back.
+`publish.publish` is the stage, `dashboard.addresses` finds what to compare, `network_files.load` brings a published
+network back.
 """
 
 import os

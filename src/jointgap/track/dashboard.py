@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 from jointgap.errors import InputError
 from jointgap.track.mlflow_store import Store, StoredRun, address_for, artifact_folder
+from jointgap.track.sqlite_store import Holds, file_of, look
 
 HOST = "127.0.0.1"
 _PORTS = 100  # that are tried, from the one asked for on
@@ -48,9 +49,10 @@ def dashboard(
     """
     address = address_for(results, tracking_uri)
     remote = address.startswith("http")
-    file = Path(address.removeprefix("sqlite:///"))
-    if address.startswith("sqlite:///") and not file.is_file():
-        raise InputError(f"{file}: no such file; run `make run` (or `jointgap track`) first, then open the dashboard")
+    file = file_of(address)
+    held = Holds.STORE if file is None else look(file)
+    if held is not Holds.STORE:
+        raise InputError(f"{file}: {held.value}; run `make run` (or `jointgap track`) first, then open the dashboard")
     base = address.rstrip("/") if remote else f"http://{HOST}:{free_port(port)}"
     say(f"dashboard: {base}")
     links = addresses(address, base)

@@ -3,63 +3,102 @@
 By default a SQLite file with a folder of artifacts in the results folder; a server where an address says so.
 """
 
+import errno
 import fcntl
 import json
 import os
-import warnings
+import re
+import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from jointgap.errors import InputError
+from jointgap.track import sqlite_store
+from jointgap.track.quiet_mlflow import quiet
 from jointgap.track.run_record import Dataset, Record
 
 EXPERIMENT = "jointgap-"
 COMPLETE = "jointgap.complete"
 """Tag set last: a run without it was cut short."""
 
+_DEFAULT = "unset MLFLOW_TRACKING_URI to use the store in the results folder"
+_PACKAGES = {"psycopg2": "psycopg2-binary", "MySQLdb": "mysqlclient"}
+"""Drivers of databases, by what Python imports, where that is not the package's own name."""
+
 _MOST_PER_CALL = {"metrics": 1000, "params": 100}  # what one request may carry
 
 
 def default_address(results: Path) -> str:
     """Address of the SQLite store inside the results folder."""
-    return f"sqlite:///{results.resolve() / 'mlflow.db'}"
+    return f"{sqlite_store.PREFIX}{results.resolve() / 'mlflow.db'}"
 
 
 def address_for(results: Path, tracking_uri: str | None = None) -> str:
-    """The store to use: `tracking_uri`, else ``MLFLOW_TRACKING_URI``, else the one in the folder `results`."""
-    address = tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or default_address(results)
-    kind, scheme, file = address.partition("sqlite:///")
-    # absolute, for the dashboard's server runs in another folder
-    return f"sqlite:///{Path(file).resolve()}" if scheme and not kind else address
-
-
-def artifact_folder(address: str, results: Path) -> Path:
-    """Folder of artifacts of the store at `address` without a server: beside the SQLite file, else in `results`."""
-    folder = Path(address.removeprefix("sqlite:///")).parent if address.startswith("sqlite:///") else results
-    return folder.resolve() / "mlflow-artifacts"
-
-
-@contextmanager
-def locked(results: Path) -> Iterator[None]:
-    """Hold the results folder's lock: one process at a time makes the store or publishes.
-
-    MLflow's schema migration fails when two processes start it, and SQLite takes one writer.
+    """The store to use: `tracking_uri`, else ``MLFLOW_TRACKING_URI``, else the one in the folder `results`.
 
     Raises
     ------
     InputError
-        The folder cannot be written.
+        An address of SQLite that names no file, or one that no address can name.
     """
+    address = tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or default_address(results)
+    file = sqlite_store.file_of(address)
+    if file is None and not address.startswith("sqlite"):
+        return address
+    if file is None or file.name in ("", ":memory:") or "?" in str(file):  # what follows '?' would be options
+        raise InputError(
+            f"MLflow store {address}: names no file, or one with '?' in its path, which an address cannot hold; "
+            "name another one: MLFLOW_TRACKING_URI=sqlite:////path/to/mlflow.db"
+        )
+    return f"{sqlite_store.PREFIX}{file.resolve()}"  # absolute, for the dashboard's server runs in another folder
+
+
+def without_password(address: str) -> str:
+    """The `address` of a store as it may be shown."""
+    return re.sub(r"(?<=://)([^/@]*):[^/]*@", r"\1:***@", address)
+
+
+def artifact_folder(address: str, results: Path) -> Path:
+    """Folder of artifacts of the store at `address` without a server: beside the SQLite file, else in `results`."""
+    file = sqlite_store.file_of(address)
+    return (results if file is None else file.parent).resolve() / "mlflow-artifacts"
+
+
+@contextmanager
+def opened(address: str, results: Path) -> Iterator["Store"]:
+    """The store at `address`, made if it is missing, for this process alone until it is done with it.
+
+    MLflow's making of a store fails when two processes start it, SQLite takes one writer, and what one process has
+    begun to publish another one would delete as cut short. So the lock lies with the store: beside the SQLite file,
+    whatever the results folder. Of a store elsewhere it lies in the folder `results`.
+
+    Parameters
+    ----------
+    address : str
+        As `address_for` gives it.
+    results : Path
+        The results folder.
+
+    Raises
+    ------
+    InputError
+        The store cannot be made, reached or opened, or the lock's folder cannot be written.
+    """
+    file = sqlite_store.file_of(address)
+    held = results / "mlflow" if file is None else file
+    lock = held.with_name(f".{held.name}.lock")
     try:
-        results.mkdir(parents=True, exist_ok=True)
-        handle = open(results / ".track.lock", "w")
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        handle = open(lock, "w")
     except OSError as error:
-        raise InputError(f"{results}: cannot be written ({error.strerror}); check permission and space") from error
+        raise InputError(f"{lock}: cannot be written ({error.strerror}); check permission and space") from error
     with handle:
         fcntl.flock(handle, fcntl.LOCK_EX)  # let go when the file closes, also when the process dies
-        yield
+        if file is not None:
+            sqlite_store.make(file)
+        yield Store(address)
 
 
 @dataclass(frozen=True)
@@ -88,17 +127,18 @@ class Store:
     def __init__(self, address: str):
         self.address = address
         # a server knows where its artifacts lie; with a file we say it, or they land in the working directory
-        self._artifacts = artifact_folder(address, Path()) if address.startswith("sqlite:///") else None
+        self._file = sqlite_store.file_of(address)
+        self._artifacts = None if self._file is None else artifact_folder(address, Path())
+        self._reached = False
         with self._explained():
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # deprecations inside MLflow and what it imports
+            with quiet():
                 import mlflow.entities as entities
                 from mlflow.tracking import MlflowClient
 
-            _hush()
             self._entities = entities
             self._client = MlflowClient(tracking_uri=address)
             self._client.search_experiments(max_results=1)
+        self._reached = True
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
@@ -111,17 +151,32 @@ class Store:
             raise
         except Exception as error:
             kinds = {kind.__module__.partition(".")[0] for kind in type(error).__mro__}
-            if not (isinstance(error, RequestException | OSError) or kinds & {"mlflow", "sqlalchemy", "alembic"}):
+            expected = isinstance(error, RequestException | OSError | ModuleNotFoundError)
+            if not (expected or kinds & {"mlflow", "sqlalchemy", "alembic"}):
                 raise
-            remote = self.address.startswith("http")
-            fix = (
-                "start the server, correct MLFLOW_TRACKING_URI, or unset it to use the store in the results folder"
-                if remote
-                else "check permission and space, or delete the file to publish from nothing"
-            )
-            reason = str(error).strip().splitlines()[0][:300]
-            verb = "cannot be reached or refuses" if remote else "cannot be used"
-            raise InputError(f"MLflow store {self.address} {verb} ({reason}); {fix}") from error
+            raise InputError(f"MLflow store {without_password(self.address)} {self._trouble(error)}") from error
+
+    def _trouble(self, error: Exception) -> str:
+        """What `error` means, and what to do."""
+        said = without_password((str(error).strip() or repr(error)).splitlines()[0][:300])
+        if isinstance(error, ModuleNotFoundError):
+            package = _PACKAGES.get(error.name, error.name)
+            return f"needs the package {package}, which is not installed; pip install {package}, or {_DEFAULT}"
+        chain = [error, error.__cause__, getattr(error, "orig", None), getattr(error.__cause__, "orig", None)]
+        for one in chain:
+            if isinstance(one, sqlite3.Error):
+                return sqlite_store.trouble(one)
+        for one in chain:
+            if isinstance(one, OSError) and one.errno in (errno.ENOSPC, errno.EDQUOT):
+                return f"cannot be written ({said}); free some space, then publish again"
+        if self._reached and getattr(error, "error_code", None) in (
+            "INVALID_PARAMETER_VALUE",
+            "RESOURCE_ALREADY_EXISTS",
+        ):
+            return f"does not take what is published ({said}); the store itself is sound"
+        if self._file is not None:
+            return f"cannot be used ({said}); check permission and space"
+        return f"cannot be reached or refuses ({said}); start the server, correct its address, or {_DEFAULT}"
 
     def experiment(self, stage: str, create: bool = True) -> str | None:
         """Id of the experiment of a `stage`; made (or brought back from deletion) where it is missing, if `create`."""
@@ -158,12 +213,19 @@ class Store:
         if not experiment.artifact_location.startswith(wanted):
             raise InputError(
                 f"MLflow store {self.address} was made elsewhere: its artifacts lie in {experiment.artifact_location}, "
-                f"not in {wanted}; delete the file and publish again (make run ARGS='--forcerun track')"
+                f"not in {wanted}; put it back there, or move the file away and publish again "
+                "(make run ARGS='--forcerun track')"
             )
 
     def runs(self, experiment_id: str, tags: dict[str, str]) -> list[StoredRun]:
-        """Runs of the experiment `experiment_id` that carry all `tags` and are not deleted, newest first."""
-        wanted = " and ".join(f"tags.`{key}` = '{value}'" for key, value in tags.items())
+        """Runs of the experiment `experiment_id` that carry all `tags` and are not deleted, newest first.
+
+        Raises
+        ------
+        InputError
+            A tag's value cannot be searched for; or as the class.
+        """
+        wanted = " and ".join(f"tags.`{key}` = {_quoted(value)}" for key, value in tags.items())
         matching, token = [], None
         with self._explained():
             while True:
@@ -249,26 +311,9 @@ class Store:
             self._client.delete_run(run_id)
 
 
-def _hush() -> None:
-    """Keep MLflow's and its migrations' progress out of the logs."""
-    import logging
-
-    for name in ("mlflow", "alembic"):
-        logging.getLogger(name).setLevel(logging.WARNING)
-
-
-def create_store(results: Path, tracking_uri: str | None = None) -> str:
-    """Make the store of `address_for(results, tracking_uri)` if it is missing, so that many processes can publish at
-    once.
-
-    Returns its address.
-
-    Raises
-    ------
-    InputError
-        The store cannot be made or reached.
-    """
-    address = address_for(results, tracking_uri)
-    with locked(results):
-        Store(address)
-    return address
+def _quoted(value: str) -> str:
+    """The `value` as MLflow's searches take it, which know two kinds of quotes and no escape."""
+    quote = '"' if "'" in value else "'"
+    if quote in value:
+        raise InputError(f"name {value}: MLflow cannot search for a name with both kinds of quotes; leave one out")
+    return f"{quote}{value}{quote}"

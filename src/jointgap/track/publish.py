@@ -12,7 +12,7 @@ from pathlib import Path
 
 from jointgap import __version__
 from jointgap.config import Scenario
-from jointgap.track.mlflow_store import Store, StoredRun, address_for, locked
+from jointgap.track.mlflow_store import Store, StoredRun, address_for, opened, without_password
 from jointgap.track.run_record import Record
 from jointgap.track.scenario_runs import records
 
@@ -56,7 +56,7 @@ def publish(
     tracking_uri : str, optional
         Address of the store; ``None`` takes ``MLFLOW_TRACKING_URI``, else the SQLite file in `results_folder`.
     results_folder : Path
-        Folder of the default store and of the lock.
+        Folder of the default store.
 
     Returns
     -------
@@ -92,14 +92,13 @@ def publish_records(
     shared = _Scenario(name, description, commit(), _user())
     address = address_for(results_folder, tracking_uri)
     runs, deleted = {}, 0
-    with locked(results_folder):
-        store = Store(address)
+    with opened(address, results_folder) as store:
         for stage in dict.fromkeys(record.stage for record in content):
             mine = [record for record in content if record.stage == stage]
             done, gone = _publish_stage(store, shared, stage, mine)
             runs |= done
             deleted += gone
-    return {"store": address, "scenario": name, "runs": runs, "deleted": deleted}
+    return {"store": without_password(address), "scenario": name, "runs": runs, "deleted": deleted}
 
 
 def _publish_stage(store: Store, shared: _Scenario, stage: str, content: list[Record]) -> tuple[dict, int]:

@@ -1,0 +1,18 @@
+"""MLflow without its chatter."""
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+_LEVELS = {"mlflow": logging.WARNING, "alembic": logging.WARNING, "mlflow.store.db.utils": logging.CRITICAL}
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Import MLflow here: no deprecations of its imports, then no progress, and no traceback beside what it raises."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+    for name, level in _LEVELS.items():  # importing sets levels of its own
+        logging.getLogger(name).setLevel(level)

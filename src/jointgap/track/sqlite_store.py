@@ -1,0 +1,163 @@
+"""The SQLite file of an MLflow store: what it holds, and how it is made whole or not at all."""
+
+import os
+import sqlite3
+from enum import Enum
+from pathlib import Path
+
+from jointgap.errors import InputError
+from jointgap.track.quiet_mlflow import quiet
+
+PREFIX = "sqlite:///"
+"""What the address of such a store begins with."""
+
+_LONGEST_WAIT = 20.0  # s, for another program that is writing; as long as MLflow waits
+_BESIDE = ("-journal", "-wal", "-shm")  # files of SQLite's own, by what they add to the name of the database
+# a new store holds rows in these: its version, the experiment 'Default' and the workspace 'default'
+_OF_A_NEW_STORE = ("alembic_version", "experiments", "workspaces")
+
+
+class Holds(Enum):
+    """What a file holds that should be a store."""
+
+    ABSENT = "there is no such store"
+    HALF_MADE = "it is only half made and holds nothing"
+    STORE = "a store"
+
+
+def file_of(address: str) -> Path | None:
+    """The file of the store at `address`; ``None`` where it is no SQLite store."""
+    return Path(address.removeprefix(PREFIX)) if address.startswith(PREFIX) else None
+
+
+def look(file: Path) -> Holds:
+    """What `file` holds; it is not changed.
+
+    Raises
+    ------
+    InputError
+        It is something else than a store, is damaged, or was made by another version of MLflow and holds something.
+    """
+    try:
+        if not file.exists() or file.stat().st_size == 0:  # SQLite makes an empty file first
+            return Holds.ABSENT
+        # as_uri escapes what has a meaning in an address
+        connection = sqlite3.connect(f"{file.absolute().as_uri()}?mode=rw", uri=True, timeout=_LONGEST_WAIT)
+        try:
+            version, held = _version(connection), _holds_rows(connection)
+        finally:
+            connection.close()
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror}); check permission") from error
+    except sqlite3.Error as error:
+        raise InputError(f"{file}: {trouble(error)}") from error
+    if version is None and held:
+        raise InputError(f"{file}: is a database, but no MLflow store; move it away, or name another file")
+    if version == _version_wanted():
+        return Holds.STORE
+    if held:
+        raise InputError(
+            f"{file}: was made by another version of MLflow (database schema {version}) and holds runs; copy the file, "
+            f"then run: mlflow db upgrade '{PREFIX}{file}'"
+        )
+    return Holds.HALF_MADE
+
+
+def _version(connection: sqlite3.Connection) -> str | None:
+    """The version of the database's schema; empty if the making did not come to it, ``None`` if it is not MLflow's."""
+    tables = _tables(connection)
+    row = (
+        connection.execute("SELECT version_num FROM alembic_version").fetchone()
+        if "alembic_version" in tables
+        else None
+    )
+    if row is None:
+        return "" if not tables or {"experiments", "runs"} & tables else None
+    return row[0]
+
+
+def _tables(connection: sqlite3.Connection) -> set[str]:
+    return {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+
+
+def _holds_rows(connection: sqlite3.Connection) -> bool:
+    """Whether anything was put into it since it was made."""
+    asked = [f'SELECT 1 FROM "{table}" LIMIT 1' for table in _tables(connection) - set(_OF_A_NEW_STORE)]
+    if "experiments" in _tables(connection):
+        asked.append("SELECT 1 FROM experiments WHERE name <> 'Default' LIMIT 1")
+    return any(connection.execute(question).fetchone() for question in asked)
+
+
+def _version_wanted() -> str:
+    with quiet():
+        from mlflow.store.db.utils import _get_latest_schema_revision
+
+    return _get_latest_schema_revision()
+
+
+def make(file: Path) -> None:
+    """Make the store if there is none, or one that was only half made: beside its place, then renamed.
+
+    MLflow makes a store in dozens of steps, and one that was killed between them is never usable again. To be called
+    by one process at a time.
+
+    Raises
+    ------
+    InputError
+        As `look`; or the folder cannot be written, or the disk is full.
+    """
+    if look(file) is Holds.STORE:
+        return
+    new = file.with_name(f".{file.name}.new")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        _remove(new)  # of a process that was killed
+        try:
+            _fill(new)
+            # what else uses MLflow does not know the lock, and may have made it in these seconds
+            if look(file) is not Holds.STORE:
+                _remove(file)  # its journal would be played into the new file
+                os.replace(new, file)
+        finally:
+            _remove(new)
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written ({error.strerror}); check permission and space") from error
+
+
+def _fill(file: Path) -> None:
+    """Make the tables of a new store in `file`."""
+    with quiet():
+        import sqlalchemy
+        from mlflow.store.db.utils import _initialize_tables
+
+    engine = sqlalchemy.create_engine(sqlalchemy.URL.create("sqlite", database=str(file)))
+    try:
+        _initialize_tables(engine)
+    except sqlalchemy.exc.DBAPIError as error:
+        raise InputError(f"{file}: {trouble(error.orig)}") from error
+    finally:
+        engine.dispose()
+
+
+def _remove(file: Path) -> None:
+    for path in (file, *(file.with_name(file.name + end) for end in _BESIDE)):
+        path.unlink(missing_ok=True)
+
+
+def trouble(error: BaseException) -> str:
+    """What SQLite's `error` means, and what to do; a file that may hold runs is never to be deleted."""
+    said = str(error)
+    match getattr(error, "sqlite_errorname", "").split("_")[1:]:
+        case ["NOTADB"]:
+            return f"is no MLflow store ({said}); move it away or delete it to publish from nothing"
+        case ["CORRUPT", *_]:
+            return f"is damaged ({said}); put a copy of it back, or move it away to publish from nothing"
+        case ["BUSY" | "LOCKED", *_]:
+            return f"is in use ({said}); end what writes to it, or wait, then publish again"
+        case ["FULL"]:
+            return f"no space left on device ({said}); free some, then publish again"
+        case ["IOERR", *_]:
+            return f"cannot be read or written ({said}); check the disk and the space on it, then publish again"
+        case ["CANTOPEN" | "READONLY" | "PERM" | "AUTH", *_]:
+            return f"cannot be opened or written ({said}); check that its folder is there, and permission"
+    return f"SQLite refuses ({said})"
