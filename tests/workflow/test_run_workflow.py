@@ -1,14 +1,16 @@
 """The script between make and Snakemake, with a stand-in for Snakemake that says what it was asked."""
 
 import os
+import signal
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
 
-from benchmarks.project import ROOT, run
+from benchmarks.project import ROOT, environment, run
 
-SCRIPT = Path(__file__).parents[2] / "scripts" / "run-workflow"
+SCRIPT = ROOT / "scripts" / "run-workflow"
 
 
 def run_workflow(folder, *options: str) -> subprocess.CompletedProcess:
@@ -60,7 +62,7 @@ def test_without_configuration_nothing_is_added(tmp_path):
 def test_no_target_of_the_makefile_is_taken_for_a_users_configuration():
     for target, asked in (("study", "studied"), ("campaign", "campaigned")):
         command = ["make", "--dry-run", target, "ARGS=--config a=b"]
-        said = subprocess.run(command, cwd=SCRIPT.parents[1], capture_output=True, text=True, check=True).stdout
+        said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
         assert 0 < said.index(asked) < said.index("--config a=b")
 
 
@@ -111,3 +113,67 @@ def test_snakemake_itself_takes_no_configuration_that_is_wrong_in_silence(tmp_pa
         assert done.returncode == 1
         assert f"{file}, {words}" in done.stdout + done.stderr
         assert "Traceback" not in done.stdout + done.stderr
+@pytest.fixture
+def slow_workflow(tmp_path) -> Path:
+    """A folder with a workflow of one job that takes seconds, and notes when it begins and ends."""
+    lock = ROOT / "workflow" / "rules" / "run_lock.smk"
+    job = "echo begins >> noted; sleep {config[seconds]}; echo ends >> noted; touch {output}"
+    (tmp_path / "Snakefile").write_text(f"include: {str(lock)!r}\nrule slow:\n    output: 'made'\n    shell: {job!r}\n")
+    return tmp_path
+
+
+def started(folder: Path, *command: str, seconds: float = 0) -> subprocess.Popen:
+    """A run in `folder` whose job takes `seconds`."""
+    return subprocess.Popen(
+        [*command, "--cores", "1", "--forceall", "--quiet", "all", "--config", f"seconds={seconds}"],
+        cwd=folder,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_until_it_begins(folder: Path) -> None:
+    deadline = time.monotonic() + 60
+    while not (folder / "noted").exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert (folder / "noted").exists()
+
+
+BY_MAKE, BY_ITSELF = (str(SCRIPT), "report.html"), ("snakemake",)
+
+
+@pytest.mark.parametrize("first", [BY_MAKE, BY_ITSELF], ids=["make", "snakemake"])
+def test_snakemake_refuses_while_another_run_works_in_the_folder(slow_workflow, first):
+    working = started(slow_workflow, *first, seconds=4)
+    wait_until_it_begins(slow_workflow)
+    refused = started(slow_workflow, "snakemake", "--nolock")
+    said = refused.communicate(timeout=60)[0]
+    assert refused.returncode == 1 and "error: another run works in this folder" in said
+    assert "Traceback" not in said
+    assert (slow_workflow / "noted").read_text() == "begins\n"
+    working.communicate(timeout=60)
+    assert (slow_workflow / "noted").read_text() == "begins\nends\n"
+
+
+def test_make_waits_for_the_end_of_a_run_of_snakemake(slow_workflow):
+    working = started(slow_workflow, *BY_ITSELF, seconds=3)
+    wait_until_it_begins(slow_workflow)
+    waiting = started(slow_workflow, *BY_MAKE)
+    said = waiting.communicate(timeout=60)[0]
+    assert "waiting for the end of another run" in said
+    working.communicate(timeout=60)
+    assert working.returncode == 0
+    assert (slow_workflow / "noted").read_text() == "begins\nends\n" * 2
+
+
+def test_a_run_that_was_killed_holds_up_no_other(slow_workflow):
+    killed = started(slow_workflow, *BY_ITSELF, seconds=60)
+    wait_until_it_begins(slow_workflow)
+    os.killpg(killed.pid, signal.SIGKILL)
+    killed.communicate(timeout=60)
+    again = started(slow_workflow, *BY_MAKE)
+    said = again.communicate(timeout=60)[0]
+    assert "waiting" not in said and (slow_workflow / "made").exists(), said
