@@ -1,7 +1,9 @@
 """The command line: it parses, and calls the stages."""
 
+import errno
 import os
 import sys
+from typing import NoReturn
 
 import click
 
@@ -37,6 +39,24 @@ def main() -> None:
     try:
         cli()
     except (InputError, SimulationError) as error:
-        for line in str(error).splitlines():
-            click.echo(f"jointgap: error: {line}", err=True)
-        sys.exit(2)
+        _end(str(error))
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        where = error.filename or "the log of this command, or a temporary file"
+        _end(f"{where}: cannot be written ({error.strerror}); free some space, then run it again")
+
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def _end(message: str) -> NoReturn:
+    """Show the message and end; where the log of a job has no room for it, on the terminal of the workflow."""
+    text = "".join(f"jointgap: error: {line}\n" for line in message.splitlines())
+    try:
+        click.echo(text, err=True, nl=False)
+    except OSError:
+        # an open file, by its number; workflow/rules/terminal.smk
+        if terminal := os.environ.get("JOINTGAP_TERMINAL"):
+            os.write(int(terminal), text.encode())
+    sys.exit(2)
