@@ -8,6 +8,10 @@ PROFILE ?= local
 SET ?= published
 CORES ?=
 ARGS ?=
+# Paths are taken as they are written: no $ in them means anything to make.
+override CAMPAIGN := $(value CAMPAIGN)
+override SET := $(value SET)
+export CAMPAIGN SET
 snakemake_options = --workflow-profile workflow/profiles/$(PROFILE) $(if $(CORES),--cores $(CORES)) $(ARGS)
 
 help: ## this list
@@ -27,14 +31,15 @@ smoke: set-up ## the whole chain, small: about a minute, then results/smoke-repo
 study: set-up ## map clearance x speed x friction of the first scenario, then results/study-report.html
 	@scripts/in-venv scripts/run-workflow results/study-report.html studied $(snakemake_options)
 
-# $$CAMPAIGN is read from the environment, where a quote in a path means itself.
+# $$CAMPAIGN and $$SET are read from the environment, where a quote in a path means itself; Snakemake reads YAML, where
+# in quotes a backslash and a quote need a backslash.
 campaign: set-up ## what is missing in the model of CAMPAIGN=config/campaigns/mine.yaml, then results/campaign-report.html
-	@scripts/in-venv scripts/run-workflow results/campaign-report.html campaigned $(snakemake_options) \
-		$(if $(CAMPAIGN),--config "campaigns=[\"$$CAMPAIGN\"]")
+	@campaign=$${CAMPAIGN//\\/\\\\}; scripts/in-venv scripts/run-workflow results/campaign-report.html campaigned \
+		$(snakemake_options) $(if $(CAMPAIGN),--config "campaigns=[\"$${campaign//\"/\\\"}\"]")
 
 blind: set-up ## campaigns with hidden effects, analysed and scored: a night; SET=small for a quick one
 	@scripts/in-venv scripts/run-workflow results/blind-report.html --snakefile workflow/blind/Snakefile \
-		--config set=$(SET) $(snakemake_options)
+		--config "set=$$SET" $(snakemake_options)
 
 report: set-up ## write results/report.html anew
 	@rm -f results/report.html

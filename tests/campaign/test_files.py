@@ -1,6 +1,7 @@
 """Campaigns on files: what a configuration asks for, and the demonstration from its CSV to its verdict."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -82,6 +83,26 @@ def test_a_run_whose_file_is_not_there_is_named_before_anything_runs(tmp_path):
     (tmp_path / "mine.yaml").write_text(plan)
     with pytest.raises(InputError, match=r"run slow: no file 'demonstration/slow\.csv' in .*; correct `file`"):
         campaigns(["mine.yaml"], (tmp_path,))
+
+
+@pytest.mark.parametrize("folder", ["our rig's", 'a "b"', "a { b"])
+def test_a_campaign_may_lie_in_any_folder(tmp_path, folder):
+    mine = _copied(tmp_path / folder)
+    assert campaigns([str(mine)], (ROOT,))["demonstration"].campaign == str(mine)
+
+
+def test_a_path_that_snakemake_takes_for_a_pattern_is_refused(tmp_path):
+    mine = _copied(tmp_path / "rig {campaign}")
+    with pytest.raises(InputError, match=r"mine\.yaml: the path .*rig \{campaign\}/mine\.yaml holds braces.*rename"):
+        campaigns([str(mine)], (ROOT,))
+
+
+def _copied(folder: Path) -> Path:
+    """The demonstration's campaign file, with its data beside it, in `folder`."""
+    shutil.copytree((ROOT / DEMONSTRATION).with_suffix(""), folder / "demonstration")
+    plan = (ROOT / DEMONSTRATION).read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
+    (folder / "mine.yaml").write_text(plan)
+    return folder / "mine.yaml"
 
 
 @pytest.mark.parametrize(

@@ -68,9 +68,11 @@ def test_a_store_that_was_cut_short_anywhere_is_seen_to_hold_nothing(cut_short):
     assert list(found.values()).count(Holds.HALF_MADE) > 30
 
 
-@pytest.mark.parametrize("place", [0, -5], ids=["early", "late"])
+@pytest.mark.parametrize("place", [0, -1], ids=["early", "late"])
 def test_a_store_that_was_cut_short_is_made_anew(cut_short, tmp_path, place):
-    for file in cut_short[place].parent.iterdir():
+    # where a table is being exchanged, MLflow by itself never comes to an end again
+    stuck = [file for file in cut_short if any("_alembic_tmp_" in line for line in content(file))]
+    for file in stuck[place].parent.iterdir():
         shutil.copy(file, tmp_path)
     make(tmp_path / "mlflow.db")
     assert look(tmp_path / "mlflow.db") is Holds.STORE

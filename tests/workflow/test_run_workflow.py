@@ -1,6 +1,7 @@
 """The script between make and Snakemake, with a stand-in for Snakemake that says what it was asked."""
 
 import os
+import shutil
 import signal
 import subprocess
 import time
@@ -113,6 +114,37 @@ def test_snakemake_itself_takes_no_configuration_that_is_wrong_in_silence(tmp_pa
         assert done.returncode == 1
         assert f"{file}, {words}" in done.stdout + done.stderr
         assert "Traceback" not in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "our rig's.yaml",
+        'a "b".yaml',
+        r"a\b\\c.yaml",
+        "a\\",
+        "$HOME $(shell touch made) `touch made`; touch made",
+        "a=b, c: d #e",
+    ],
+)
+@pytest.mark.parametrize("said_by", ["environment", "make"])
+def test_the_path_of_a_campaign_reaches_the_configuration_as_it_is_written(tmp_path, path, said_by):
+    from snakemake.cli import parse_config
+
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    shutil.copytree(ROOT / "scripts", tmp_path / "scripts")
+    stand_in = tmp_path / ".venv" / "bin" / "snakemake"
+    stand_in.parent.mkdir(parents=True)
+    stand_in.write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" > asked.txt\n")
+    stand_in.chmod(0o755)
+    given, more = (["CAMPAIGN=" + path], {}) if said_by == "make" else ([], {"CAMPAIGN": path})
+    command = ["make", "--old-file=set-up", "campaign", "ARGS=--dry-run", *given]
+    subprocess.run(command, cwd=tmp_path, env=os.environ | more, check=True)
+    asked = (tmp_path / "asked.txt").read_text().splitlines()
+    assert parse_config([one for one in asked if one.startswith("campaigns=")]) == {"campaigns": [path]}
+    assert not (tmp_path / "made").exists()
+
+
 @pytest.fixture
 def slow_workflow(tmp_path) -> Path:
     """A folder with a workflow of one job that takes seconds, and notes when it begins and ends."""

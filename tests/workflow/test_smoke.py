@@ -6,7 +6,7 @@ import signal
 import subprocess
 import time
 
-from benchmarks.project import SMOKE_REPORT, environment, in_venv, run, smoke_command
+from benchmarks.project import SMOKE_REPORT, copy_project, environment, in_venv, run, smoke_command
 
 STAGES = ("simulate", "surrogate", "kinematics", "optimise")
 
@@ -37,6 +37,13 @@ def test_a_dry_run_says_what_would_be_done_and_writes_no_report(fresh_project):
     assert "This was a dry-run" in done.stdout + done.stderr
     assert not tables(fresh_project)
     assert not (fresh_project / SMOKE_REPORT).exists()
+
+
+def test_a_project_in_a_folder_that_snakemake_cannot_take_says_so(tmp_path):
+    done = run(copy_project(tmp_path / "a {b}"), "snakemake", "--cores", "1", "--dry-run")
+    said = done.stdout + done.stderr
+    assert done.returncode == 1 and "a {b} has a brace in its path" in said and "rename it" in said
+    assert "Traceback" not in said
 
 
 def test_a_second_run_has_nothing_to_do_and_takes_less_than_ten_seconds(smoke):

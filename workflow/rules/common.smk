@@ -17,6 +17,11 @@ from jointgap.sweep.study_catalogue import FIGURES as STUDY_FIGURES
 from jointgap.tables import outputs, write_text
 
 FOLDERS = (Path(), Path(workflow.current_basedir).parent.parent)
+for folder in map(str, FOLDERS):
+    if "{" in folder or "}" in folder:
+        raise WorkflowError(
+            f"the folder {folder} has a brace in its path, which Snakemake takes for a wildcard; rename it"
+        )
 try:
     SCENARIOS = resolve(config, FOLDERS)
     CAMPAIGNS = campaigns(config.get("campaigns", []), FOLDERS, config.get("fit_parts"))

@@ -4,6 +4,7 @@ Importing this loads nothing heavy.
 """
 
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,8 +55,8 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
     Raises
     ------
     InputError
-        Not a list of paths, no such file, not a campaign, a run's file that is not there, or two of one name; or not a
-        number of parts.
+        Not a list of paths, no such file, not a campaign, a run's file that is not there, a path that Snakemake cannot
+        take, or two of one name; or not a number of parts.
     """
     from jointgap.config.load import load_campaign
     from jointgap.counts import MOST_PARTS
@@ -83,6 +84,12 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
                     "`folder`"
                 )
         data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
+        for read in (*plan(file), *data):
+            if re.search(r"\{.*\}", read):
+                raise InputError(
+                    f"{file}: the path {read} holds braces, which Snakemake takes for a wildcard; rename the folder or "
+                    "file, or run `jointgap analyse`, which takes any path"
+                )
         shared = parts or (2 if campaign.mechanism.applied().loose else 1)
         campaigns[campaign.name] = CampaignFiles(str(file), plan(file), data, shared)
     return campaigns

@@ -155,7 +155,7 @@ def trouble(error: BaseException) -> str:
         case ["BUSY" | "LOCKED", *_]:
             return f"is in use ({said}); end what writes to it, or wait, then publish again"
         case ["FULL"]:
-            return f"no space left on device ({said}); free some, then publish again"
+            return f"cannot be written: no space left on device ({said}); free some, then publish again"
         case ["IOERR", *_]:
             return f"cannot be read or written ({said}); check the disk and the space on it, then publish again"
         case ["CANTOPEN" | "READONLY" | "PERM" | "AUTH", *_]:
