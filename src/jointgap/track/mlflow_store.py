@@ -5,10 +5,11 @@ By default a SQLite file with a folder of artifacts in the results folder; a ser
 
 import errno
 import fcntl
+import hashlib
 import json
 import os
 import re
-import sqlite3
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -67,19 +68,18 @@ def artifact_folder(address: str, results: Path) -> Path:
 
 
 @contextmanager
-def opened(address: str, results: Path) -> Iterator["Store"]:
+def opened(address: str) -> Iterator["Store"]:
     """The store at `address`, made if it is missing, for this process alone until it is done with it.
 
     MLflow's making of a store fails when two processes start it, SQLite takes one writer, and what one process has
-    begun to publish another one would delete as cut short. So the lock lies with the store: beside the SQLite file,
-    whatever the results folder. Of a store elsewhere it lies in the folder `results`.
+    begun to publish another one would delete as cut short. So the lock lies with the store, whatever the results
+    folder: beside the SQLite file. Of a server it lies on this machine; processes of another user or machine do not
+    wait, and must not publish the same name at the same time.
 
     Parameters
     ----------
     address : str
         As `address_for` gives it.
-    results : Path
-        The results folder.
 
     Raises
     ------
@@ -87,8 +87,11 @@ def opened(address: str, results: Path) -> Iterator["Store"]:
         The store cannot be made, reached or opened, or the lock's folder cannot be written.
     """
     file = sqlite_store.file_of(address)
-    held = results / "mlflow" if file is None else file
-    lock = held.with_name(f".{held.name}.lock")
+    if file is None:
+        name = hashlib.sha256(address.encode()).hexdigest()[:16]
+        lock = Path(tempfile.gettempdir(), f"jointgap-{os.getuid()}-{name}.lock")
+    else:
+        lock = file.with_name(f".{file.name}.lock")
     try:
         lock.parent.mkdir(parents=True, exist_ok=True)
         handle = open(lock, "w")
@@ -97,7 +100,7 @@ def opened(address: str, results: Path) -> Iterator["Store"]:
     with handle:
         fcntl.flock(handle, fcntl.LOCK_EX)  # let go when the file closes, also when the process dies
         if file is not None:
-            sqlite_store.make(file)
+            sqlite_store.make(file, artifact_folder(address, file.parent))
         yield Store(address)
 
 
@@ -162,11 +165,9 @@ class Store:
         if isinstance(error, ModuleNotFoundError):
             package = _PACKAGES.get(error.name, error.name)
             return f"needs the package {package}, which is not installed; pip install {package}, or {_DEFAULT}"
-        chain = [error, error.__cause__, getattr(error, "orig", None), getattr(error.__cause__, "orig", None)]
-        for one in chain:
-            if isinstance(one, sqlite3.Error):
-                return sqlite_store.trouble(one)
-        for one in chain:
+        if cause := sqlite_store.sqlite_error(error):
+            return sqlite_store.trouble(cause)
+        for one in (error, error.__cause__):
             if isinstance(one, OSError) and one.errno in (errno.ENOSPC, errno.EDQUOT):
                 return f"cannot be written ({said}); free some space, then publish again"
         if self._reached and getattr(error, "error_code", None) in (
@@ -266,8 +267,6 @@ class Store:
         return run_id
 
     def _log_files(self, run_id: str, files: dict[str, Path | bytes]) -> None:
-        import tempfile
-
         with tempfile.TemporaryDirectory(prefix="jointgap-") as folder:
             for target, source in files.items():
                 place = Path(folder, target)

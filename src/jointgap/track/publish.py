@@ -92,7 +92,7 @@ def publish_records(
     shared = _Scenario(name, description, commit(), _user())
     address = address_for(results_folder, tracking_uri)
     runs, deleted = {}, 0
-    with opened(address, results_folder) as store:
+    with opened(address) as store:
         for stage in dict.fromkeys(record.stage for record in content):
             mine = [record for record in content if record.stage == stage]
             done, gone = _publish_stage(store, shared, stage, mine)

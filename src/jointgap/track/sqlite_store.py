@@ -95,11 +95,18 @@ def _version_wanted() -> str:
     return _get_latest_schema_revision()
 
 
-def make(file: Path) -> None:
+def make(file: Path, artifacts: Path) -> None:
     """Make the store if there is none, or one that was only half made: beside its place, then renamed.
 
     MLflow makes a store in dozens of steps, and one that was killed between them is never usable again. To be called
     by one process at a time.
+
+    Parameters
+    ----------
+    file : Path
+        The store's, absolute.
+    artifacts : Path
+        Folder for artifacts of what others log without naming an experiment.
 
     Raises
     ------
@@ -113,7 +120,7 @@ def make(file: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         _remove(new)  # of a process that was killed
         try:
-            _fill(new)
+            _fill(new, artifacts)
             # what else uses MLflow does not know the lock, and may have made it in these seconds
             if look(file) is not Holds.STORE:
                 _remove(file)  # its journal would be played into the new file
@@ -124,19 +131,37 @@ def make(file: Path) -> None:
         raise InputError(f"{file}: cannot be written ({error.strerror}); check permission and space") from error
 
 
-def _fill(file: Path) -> None:
-    """Make the tables of a new store in `file`."""
+def _fill(file: Path, artifacts: Path) -> None:
+    """Make the tables of a new store in `file`, and its experiment 'Default' with its artifacts in a folder.
+
+    MLflow would make that experiment when the store is first opened, with artifacts in the working folder, whose path
+    it puts into a statement as it is: a path with both kinds of quotes is none.
+    """
     with quiet():
         import sqlalchemy
+        from mlflow.exceptions import MlflowException
         from mlflow.store.db.utils import _initialize_tables
+        from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
     engine = sqlalchemy.create_engine(sqlalchemy.URL.create("sqlite", database=str(file)))
     try:
         _initialize_tables(engine)
-    except sqlalchemy.exc.DBAPIError as error:
-        raise InputError(f"{file}: {trouble(error.orig)}") from error
+        SqlAlchemyStore(f"{PREFIX}{file}", artifacts.as_uri()).engine.dispose()
+    except (sqlalchemy.exc.DBAPIError, MlflowException) as error:
+        if cause := sqlite_error(error):
+            raise InputError(f"{file}: {trouble(cause)}") from error
+        raise
     finally:
         engine.dispose()
+
+
+def sqlite_error(error: BaseException) -> sqlite3.Error | None:
+    """What SQLite raised, where MLflow or SQLAlchemy raised `error` for it."""
+    for one in (error, error.__cause__):
+        for cause in (one, getattr(one, "orig", None)):
+            if isinstance(cause, sqlite3.Error):
+                return cause
+    return None
 
 
 def _remove(file: Path) -> None:
