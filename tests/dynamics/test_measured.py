@@ -2,8 +2,10 @@
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
+from jointgap import tables
 from jointgap.dynamics import simulate
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.measured_drive import running_on, smooth_angle
@@ -178,6 +180,19 @@ def test_a_missing_table_is_named(tmp_path):
     drive = {"kind": "measured", "file": str(tmp_path / "none.csv")}
     with pytest.raises(InputError, match=r"none\.csv: cannot be read as a table"):
         simulate(mechanism(), options(drive=drive))
+
+
+def test_a_damaged_parquet_table_drives_no_crank(tmp_path):
+    arrow = pa.table({"t": np.linspace(0.0, 1.0, 500), "theta": np.linspace(0.0, 9.0, 500)})
+    place = tmp_path / "angle.parquet"
+    with tables.writer(place, arrow.schema, compression="none", use_dictionary=False) as file:
+        file.write_table(arrow)
+    content = bytearray(place.read_bytes())
+    content[content.index(arrow["theta"].to_numpy().tobytes()) + 3] ^= 1
+    place.write_bytes(content)
+    drive = {"kind": "measured", "file": str(place), "time": "t", "angle": "theta"}
+    with pytest.raises(InputError, match=r"angle\.parquet: .*not those that were written; write it again"):
+        simulate(mechanism(loose=()), options(drive=drive))
 
 
 def test_smoothing_does_not_flatten_what_repeats_in_every_turn():

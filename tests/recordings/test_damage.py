@@ -3,11 +3,14 @@
 import datetime
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from jointgap import tables
 from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 from jointgap.recordings import read_measurements, to_frame
@@ -176,6 +179,24 @@ def test_parquet_damaged(folder, campaign, place, byte, cut):
     place %= len(content)
     damaged = content[:place] if cut else content[:place] + bytes([byte]) + content[place + 1 :]
     read_or_refused(folder, campaign, damaged, None)
+
+
+def test_parquet_that_says_of_itself_that_it_is_damaged_is_refused(folder, campaign):
+    """With checksums of its pages, as pyarrow's `write_page_checksum` gives them, or with jointgap's digest."""
+    arrow, place = pa.Table.from_pandas(GOOD, preserve_index=False), folder / "whole.parquet"
+    pq.write_table(arrow, place, write_page_checksum=True, compression="none", use_dictionary=False)
+    for content in (place.read_bytes(), _with_digest(arrow, place)):
+        middle = content.index(arrow["M"].to_numpy().tobytes()) + 3
+        damaged = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+        (folder / "slow.csv").write_bytes(damaged)
+        with pytest.raises(InputError, match=r"slow\.csv: cannot be read as Parquet .*; write the file again"):
+            read_measurements(campaign)
+
+
+def _with_digest(arrow, place):
+    with tables.writer(place, arrow.schema, compression="none", use_dictionary=False) as file:
+        file.write_table(arrow)
+    return place.read_bytes()
 
 
 JUNK_VALUES = [

@@ -11,6 +11,7 @@ import numpy as np
 
 from jointgap.config.campaign_file import Csv
 from jointgap.errors import InputError, did_you_mean
+from jointgap.tables.digest import is_as_written
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
 _COMMENT = "#"
@@ -233,13 +234,15 @@ def _parquet(path: Path, wanted: Sequence[str]) -> Columns:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    if is_as_written(path) is False:
+        raise _unreadable(path, "its bytes are not those that were written")
     try:
         headings = pq.read_schema(path).names
     except (pa.ArrowException, OSError, ValueError) as error:
         raise _unreadable(path, error) from error
     _check_headings(str(path), headings, wanted, "")
     try:
-        table = pq.read_table(path, columns=list(wanted))
+        table = pq.read_table(path, columns=list(wanted), page_checksum_verification=True)
         values = {}
         for column in wanted:
             kind = table.schema.field(column).type
@@ -253,7 +256,7 @@ def _parquet(path: Path, wanted: Sequence[str]) -> Columns:
     return Columns({column: _finite(path, column, numbers, rows) for column, numbers in values.items()}, rows, {})
 
 
-def _unreadable(path: Path, error: Exception) -> InputError:
+def _unreadable(path: Path, error: Exception | str) -> InputError:
     return InputError(f"{path}: cannot be read as Parquet ({_shortened(str(error))}); write the file again")
 
 

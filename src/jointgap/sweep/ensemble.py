@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from jointgap import tables
 from jointgap.config import Mechanism, Scenario, Simulate, validate
@@ -321,7 +320,7 @@ class _Rows:
         self.table, self.schema = table, tables.schema(table)
         repeated = [c.name for c in table.columns if c.name in _REPEATED or c.kind != "float" or "bristle" in c.name]
         split = {c.name: "BYTE_STREAM_SPLIT" for c in table.columns if c.name not in repeated}
-        self.writer = pq.ParquetWriter(
+        self._file = tables.writer(
             path,
             self.schema,
             compression="zstd",
@@ -355,12 +354,13 @@ class _Rows:
         return pa.array(values, from_pandas=column.nullable)
 
     def __enter__(self) -> "_Rows":
+        self.writer = self._file.__enter__()
         return self
 
-    def __exit__(self, kind: type | None, *_: object) -> None:
+    def __exit__(self, kind: type | None, *error: object) -> None:
         if kind is None:
             self.flush()
-        self.writer.close()
+        self._file.__exit__(kind, *error)
 
 
 def _write_runs(rows: list[dict], path: Path) -> None:

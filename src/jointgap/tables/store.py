@@ -2,7 +2,8 @@
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pyarrow.parquet as pq
 
 from jointgap.errors import InputError
 from jointgap.tables.columns import Table
+from jointgap.tables.digest import BLANK, is_as_written, write_digest
 
 _TYPES = {
     "float": pa.float64(),
@@ -138,17 +140,37 @@ def _umask() -> int:
 
 def write(table: Table, frame: pd.DataFrame, path: Path | str) -> None:
     """Write `frame`, which holds the columns of `table`, to `path`: Parquet with unit and description at each
-    column.
+    column, and with the digest of the file.
     """
     arrow = to_arrow(table, frame)
     floats = {column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"}
     others = [column.name for column in table.columns if column.kind != "float"]
-    write_atomically(
-        path,
-        lambda temporary: pq.write_table(
-            arrow, temporary, compression="zstd", use_dictionary=others, column_encoding=floats or None
-        ),
-    )
+
+    def save(temporary: str) -> None:
+        with writer(
+            temporary, arrow.schema, compression="zstd", use_dictionary=others, column_encoding=floats or None
+        ) as file:
+            file.write_table(arrow)
+
+    write_atomically(path, save)
+
+
+@contextmanager
+def writer(path: str, schema: pa.Schema, **options: Any) -> Iterator[pq.ParquetWriter]:
+    """A Parquet file of a table, to be filled; it gets its digest when it is closed.
+
+    Parameters
+    ----------
+    path : str
+    schema : Schema
+        Of `schema`.
+    options
+        As `pyarrow.parquet.ParquetWriter` takes them.
+    """
+    with pq.ParquetWriter(path, schema, **options) as file:
+        yield file
+        file.add_key_value_metadata(BLANK)
+    write_digest(path)
 
 
 def read(table: Table, path: Path | str) -> pd.DataFrame:
@@ -157,9 +179,9 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
     Raises
     ------
     InputError
-        No such file, not Parquet, another table, other columns, or columns of another type.
+        No such file, not Parquet, damaged, another table, other columns, or columns of another type.
     """
-    arrow = _open(pq.read_table, path, f"run the stage that writes table '{table.name}'")
+    arrow, has_digest = _open(pq.read_table, path, f"run the stage that writes table '{table.name}'")
     held = (arrow.schema.metadata or {}).get(b"jointgap_table", b"?").decode()
     wanted = table.names
     if held != table.name:
@@ -174,6 +196,8 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
             f"{path}: table '{held}' lacks the columns {missing} and has the unknown columns {extra}; another version "
             "wrote it, so run its stage again"
         )
+    if not has_digest:
+        raise InputError(f"{path}: has no digest of its bytes; another version wrote it, so run its stage again")
     for field, wanted_field in zip(arrow.schema, schema(table), strict=True):
         if field.type != wanted_field.type:
             raise InputError(
@@ -182,16 +206,30 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
     return arrow.to_pandas()
 
 
-def _open(reader: Callable[[Path | str], Any], path: Path | str, fix: str) -> Any:
-    """`reader(path)`, with one clear error where there is no such file or it is not Parquet."""
+def _open(reader: Callable[[Path | str], Any], path: Path | str, fix: str) -> tuple[Any, bool]:
+    """`reader(path)` and whether the file has a digest, with one clear error where there is no such file, it is not
+    Parquet, or it is damaged.
+    """
     try:
-        return reader(path)
+        as_written = is_as_written(path)
+        read = None if as_written is False else reader(path)
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file; {fix}") from error
-    except (pa.ArrowInvalid, OSError) as error:
+    except (pa.ArrowException, OSError, ValueError) as error:
         raise InputError(
             f"{path}: cannot be read as Parquet ({error}); give a Parquet file, or run its stage again"
         ) from error
+    if as_written is False:
+        raise InputError(
+            f"{path}: is damaged, its bytes are not those that were written; start `make` again, which makes it anew, "
+            "or run its stage again"
+        )
+    return read, as_written is not None
+
+
+def read_footer(path: Path | str) -> pq.FileMetaData:
+    """What a Parquet file says of itself: schema, number of rows; errors as `describe`."""
+    return _open(pq.read_metadata, path, "check the path")[0]
 
 
 def describe(path: Path | str) -> pd.DataFrame:
@@ -200,9 +238,9 @@ def describe(path: Path | str) -> pd.DataFrame:
     Raises
     ------
     InputError
-        No such file, or not Parquet.
+        No such file, not Parquet, or damaged.
     """
-    schema = _open(pq.read_schema, path, "check the path")
+    schema = read_footer(path).schema.to_arrow_schema()
     rows = [
         {
             "column": field.name,

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from jointgap import tables
 from jointgap.errors import InputError
 from jointgap.track import sqlite_store
 from jointgap.track.quiet_mlflow import quiet
@@ -280,9 +281,8 @@ class Store:
 
     def _dataset(self, dataset: Dataset):
         """The table as MLflow's dataset: digest of the file (36 digits are all that fit), whole digest as a tag."""
-        import pyarrow.parquet as pq
-
-        entities, schema = self._entities, pq.read_schema(dataset.path)
+        entities, footer = self._entities, tables.read_footer(dataset.path)
+        schema = footer.schema.to_arrow_schema()
         columns = [{"name": field.name, "type": str(field.type), "required": not field.nullable} for field in schema]
         return entities.DatasetInput(
             entities.Dataset(
@@ -291,7 +291,7 @@ class Store:
                 source_type="local",
                 source=json.dumps({"uri": str(dataset.path.resolve())}),
                 schema=json.dumps({"mlflow_colspec": columns}),
-                profile=json.dumps({"num_rows": pq.read_metadata(dataset.path).num_rows}),
+                profile=json.dumps({"num_rows": footer.num_rows}),
             ),
             [
                 entities.InputTag("mlflow.data.context", dataset.context),

@@ -12,6 +12,7 @@ from jointgap.config import Simulate
 from jointgap.dynamics.model.parameters import MOST_KNOTS
 from jointgap.errors import InputError, did_you_mean
 from jointgap.quantities import unit_factor
+from jointgap.tables.digest import is_as_written
 
 _LEAST = 12  # samples that a smooth angle needs
 _TURN = 2 * math.pi
@@ -40,7 +41,12 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
             "give the step of the encoder, with its unit"
         )
     try:
-        table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, comment="#")
+        if path.suffix != ".parquet":
+            table = pd.read_csv(path, comment="#")
+        elif is_as_written(path) is not False:
+            table = pd.read_parquet(path, page_checksum_verification=True)
+        else:
+            raise ValueError("its bytes are not those that were written; write it again")
     except (OSError, ValueError) as error:
         raise InputError(f"simulate.drive.file {path}: cannot be read as a table ({error})") from error
     values = []
