@@ -1,10 +1,13 @@
 """The whole chain with the smoke configuration, run as a user runs it."""
 
 import os
+import re
 import resource
 import signal
 import subprocess
 import time
+
+import pytest
 
 from benchmarks.project import SMOKE_REPORT, copy_project, environment, in_venv, run, smoke_command
 
@@ -59,6 +62,39 @@ def test_a_second_run_has_nothing_to_do_and_takes_less_than_ten_seconds(smoke):
     assert "writing" not in again.stdout
     after = {path: path.stat().st_mtime_ns for path in (smoke.folder / "results").rglob("*") if path.is_file()}
     assert after == before
+
+
+@pytest.mark.parametrize(
+    ("lost", "rules"),
+    [
+        ("simulate/trajectory.parquet", {"simulate", "surrogate", "compare", "figures", "track"}),
+        ("surrogate/r2/history.parquet", {"surrogate", "figures", "track"}),
+        ("kinematics/contradictions.parquet", {"kinematics", "figures", "track"}),
+        ("figures/joint_paths.png", {"figures", "track"}),
+        ("comparison.html", {"compare", "track"}),
+    ],
+)
+def test_a_lost_file_is_made_again_though_all_that_was_made_of_it_is_there(smoke, tmp_path, lost, rules):
+    place = smoke.folder / "results/smoke" / lost
+    place.rename(tmp_path / "kept")
+    try:
+        done = run(smoke.folder, *smoke_command("--cores", "1", "--dry-run", "--quiet", "rules"))
+    finally:
+        (tmp_path / "kept").rename(place)
+    assert done.returncode == 0, done.stderr
+    assert rules <= set(re.findall(r"^(\w+) +\d+$", done.stdout + done.stderr, re.MULTILINE))
+
+
+def test_a_damaged_table_is_made_again_as_it_was(smoke):
+    place = smoke.folder / "results/smoke/comparison.parquet"
+    whole = place.read_bytes()
+    place.write_bytes(whole[:200] + bytes([whole[200] ^ 1]) + whole[201:])
+    dry = run(smoke.folder, *smoke_command("--cores", "1", "--dry-run"))
+    assert "results/smoke/comparison.parquet: is damaged" in dry.stdout + dry.stderr
+    assert place.read_bytes() != whole  # a dry run changes nothing
+    done = run(smoke.folder, *smoke_command("--cores", "2"))
+    assert done.returncode == 0, done.stderr
+    assert place.read_bytes() == whole
 
 
 def test_a_changed_option_reruns_its_stage_and_nothing_before_it(smoke):

@@ -4,7 +4,7 @@
 
 rule campaigned:
     input:
-        expand("results/campaigns/{campaign}/track/published.json", campaign=CAMPAIGNS),
+        lambda wildcards: whole(path for name in CAMPAIGNS for path in made_of_campaign(name)),
     message:
         "every campaign has its verdict"
 

@@ -54,6 +54,24 @@ def fit_parts(wildcards):
     return CAMPAIGNS[wildcards.campaign].parts
 
 
+def made_of_campaign(name):
+    """Every file that rules make of a campaign."""
+    made = [
+        rules.campaign_measure,
+        rules.campaign_preflight,
+        rules.campaign_recalibrate,
+        rules.campaign_screen,
+        rules.campaign_fit,
+        rules.campaign_pair,
+        rules.campaign_decide,
+        rules.campaign_reoptimise,
+        rules.campaign_conclude,
+        rules.campaign_track,
+    ]
+    paths = [str(path) for rule in made for path in rule.output]
+    return [file for path in paths for file in expand(path, campaign=name, part=range(CAMPAIGNS[name].parts))]
+
+
 def campaign_section(wildcards):
     """For the report: the campaign, after the scenarios."""
     return f"Campaign {wildcards.campaign}"

@@ -94,6 +94,35 @@ def of_each_output(table):
     return files
 
 
+def made_of_scenario(name):
+    """Every file that rules make of a scenario but for its study; of one whose joints are all ideal, its simulation and animation."""
+    learned = outputs(SCENARIOS[name].mechanism.applied().loose)
+    made = [rules.simulate, rules.animation]
+    if name in LOOSE:
+        made += [
+            rules.surrogate,
+            rules.clearance,
+            rules.kinematics,
+            rules.optimise,
+            rules.figures,
+            rules.compare,
+            rules.track,
+        ]
+    paths = [str(path) for rule in made for path in rule.output]
+    return [
+        file
+        for path in paths
+        for file in expand(path, scenario=name, output=learned if "{output}" in path else "")
+    ]
+
+
+def made_of_study(name):
+    """Every file that rules make of a scenario's study."""
+    numbers = range(len(SCENARIOS[name].study.speed))
+    paths = [str(path) for path in (*rules.study_points.output, *rules.study.output)]
+    return [file for path in paths for file in expand(path, scenario=name, number=numbers)]
+
+
 def section(wildcards):
     """For the report, which sorts its sections by name: the scenario, in the order in which scenarios are run."""
     place = list(SCENARIOS).index(wildcards.scenario) + 1

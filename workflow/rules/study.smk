@@ -3,7 +3,7 @@
 
 rule studied:
     input:
-        expand("results/{scenario}/study/summary.md", scenario=LOOSE[:1]),
+        lambda wildcards: whole(path for name in LOOSE[:1] for path in made_of_study(name)),
     message:
         "clearance, speed and friction are mapped"
 
