@@ -108,22 +108,37 @@ def to_html(page: Page, figures: Path | str = "figures") -> str:
     return _TEMPLATES.get_template("page.html.j2").render(page=page, images=images)
 
 
-def _markdown(text: str) -> str:
-    """`text` in which the signs of Markdown mean themselves, apart from the backticks around code."""
-    parts = re.split(r"(`[^`]*`)", text)
-    return "".join(
-        part if n % 2 else re.sub(r"([\\*|]|<(?=[A-Za-z/!]))", r"\\\1", part) for n, part in enumerate(parts)
-    )
+_CODE = re.compile(r"((?<!`)`[^`]+`(?!`))")
+"""What stands between backticks; two or three in a row mean something else in Markdown."""
+
+_SIGNS = re.compile(
+    r"[\\*|`~]"
+    r"|<(?=[A-Za-z/!?])|&(?=#?\w+;)"  # tags, links and entities
+    r"|\](?=[(\[:])"  # the middle of a link
+    r"|(?<![^\W_])_|_(?![^\W_])"  # within a word it is a letter
+)
+_BEGINNING = re.compile(r"^(#+|[-+>=]+)(?=\s|$)|^(>)|^(\d{1,9})(?=[.)](?:\s|$))")
+"""What makes a paragraph a heading, a list or a quotation."""
+
+
+def markdown_text(text: str) -> str:
+    """`text` as a paragraph in which the signs of Markdown mean themselves, apart from the backticks around code."""
+    return _BEGINNING.sub(lambda found: f"{found[0]}\\" if found[3] else f"\\{found[0]}", _markdown_words(text))
+
+
+def _markdown_words(text: str) -> str:
+    parts = _CODE.split(" ".join(text.split()))
+    return "".join(part if n % 2 else _SIGNS.sub(r"\\\g<0>", part) for n, part in enumerate(parts))
 
 
 def _markdown_cell(text: str) -> str:
-    """The same for a cell of a table: on one line, and a bar in code is no border of a cell either."""
-    return re.sub(r"(?<!\\)\|", r"\|", _markdown(" ".join(text.split())))
+    """The same for a cell of a table: a bar in code is no border of a cell either, and no cell begins a list."""
+    return re.sub(r"(?<!\\)\|", r"\|", _markdown_words(text))
 
 
 def _with_code(text: str) -> Markup:
     """`text` as HTML, with what stands between backticks as code."""
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
+    return Markup(_CODE.sub(lambda found: f"<code>{found[0][1:-1]}</code>", str(escape(text))))
 
 
 _TEMPLATES = Environment(
@@ -134,4 +149,4 @@ _TEMPLATES = Environment(
     lstrip_blocks=True,
     keep_trailing_newline=True,
 )
-_TEMPLATES.filters |= {"markdown": _markdown, "markdown_cell": _markdown_cell, "with_code": _with_code}
+_TEMPLATES.filters |= {"markdown": markdown_text, "markdown_cell": _markdown_cell, "with_code": _with_code}

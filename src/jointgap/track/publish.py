@@ -12,6 +12,7 @@ from pathlib import Path
 
 from jointgap import __version__
 from jointgap.config import Scenario
+from jointgap.report.page import markdown_text
 from jointgap.track.mlflow_store import Store, StoredRun, address_for, opened, without_password
 from jointgap.track.run_record import Record
 from jointgap.track.scenario_runs import records
@@ -149,7 +150,7 @@ def _tags(shared: _Scenario, record: Record, parent: str | None) -> dict[str, st
         "mlflow.source.type": "LOCAL",
         "mlflow.source.git.commit": shared.commit,
         "mlflow.user": shared.user,
-        "mlflow.note.content": shared.description,
+        "mlflow.note.content": markdown_text(shared.description),
     }
     tags |= {f"jointgap.{name}": text for name, text in record.notes.items()}
     return tags | ({PARENT: parent} if record.nested else {})
