@@ -209,3 +209,66 @@ def test_a_run_that_was_killed_holds_up_no_other(slow_workflow):
     again = started(slow_workflow, *BY_MAKE)
     said = again.communicate(timeout=60)[0]
     assert "waiting" not in said and (slow_workflow / "made").exists(), said
+
+
+@pytest.fixture
+def project(tmp_path):
+    """A folder with a stand-in for Snakemake that writes the text in page.txt as its report, or stops half-way."""
+    stand_in = tmp_path / "bin" / "snakemake"
+    stand_in.parent.mkdir()
+    stand_in.write_text(
+        "#!/bin/sh\n"
+        'while [ "$#" -gt 1 ]; do if [ "$1" = --report ]; then report=$2; fi; shift; done\n'
+        'if [ -z "$report" ]; then exit; fi\n'
+        'head -c 4 page.txt > "$report"\n'
+        "if [ -e why.txt ]; then cat why.txt >&2; exit 1; fi\n"
+        'cp page.txt "$report"\n'
+    )
+    stand_in.chmod(0o755)
+    for folder in ("results", "config", "workflow"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "page.txt").write_text("<html>first</html>\n")
+    return tmp_path
+
+
+def written_report(project) -> subprocess.CompletedProcess:
+    environment = {"PATH": f"{project / 'bin'}:{os.environ['PATH']}"}
+    command = [SCRIPT, "results/report.html", "everything"]
+    return subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, check=False)
+
+
+def reports(project) -> dict[str, str]:
+    return {path.name: path.read_text() for path in (project / "results").iterdir()}
+
+
+def test_a_report_that_was_cut_short_is_written_again_and_a_whole_one_is_kept(project):
+    assert "writing" in written_report(project).stdout
+    assert reports(project) == {"report.html": "<html>first</html>\n"}
+    assert "writing" not in written_report(project).stdout
+    (project / "results/report.html").write_text("<html>fir")
+    assert "writing" in written_report(project).stdout
+    assert reports(project) == {"report.html": "<html>first</html>\n"}
+
+
+@pytest.mark.parametrize("before", [{}, {"report.html": "<html>first</html>\n"}])
+def test_a_full_disk_is_one_line_and_leaves_the_report_that_was_there(project, before):
+    if before:
+        written_report(project)
+        (project / "results/new.md").touch()
+    (project / "why.txt").write_text('Traceback\n  File "x", line 1\n\nOSError: [Errno 28] No space left on device\n')
+    failed = written_report(project)
+    assert failed.returncode == 1
+    assert failed.stderr == (
+        "results/report.html: cannot be written ([Errno 28] No space left on device); "
+        "check permission and space, then start again\n"
+    )
+    (project / "results/new.md").unlink(missing_ok=True)
+    assert reports(project) == before
+
+
+def test_why_there_is_no_report_is_said_whole(project):
+    (project / "why.txt").write_text("WorkflowError:\nsomething else is wrong\n")
+    failed = written_report(project)
+    assert failed.returncode == 1
+    assert "WorkflowError:\nsomething else is wrong\n" in failed.stderr
+    assert reports(project) == {}
