@@ -2,12 +2,15 @@
 
 import itertools
 import json
+import os
 import subprocess
 import sys
 import textwrap
 from pathlib import Path
 
 import click
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import yaml
 from click.testing import CliRunner
@@ -204,3 +207,34 @@ def test_a_law_that_delivers_another_restitution_says_so_with_the_number(simulat
     assert done.returncode == 0
     assert "crank_pin: lankarani_nikravesh delivers a restitution of 0.715 where 0.46 is asked for" in done.stderr
     assert "exact_restitution delivers what is asked" in done.stderr
+
+
+def test_describe_shows_what_stands_in_a_file_as_it_is(tmp_path):
+    """Brackets are units, not marks of colours, and the metadata of another program may be in any encoding."""
+    place = tmp_path / "a[b].parquet"
+    columns = [
+        pa.field("speed [m/s]", pa.float64(), metadata={"unit": "[m/s]", "description": "ends [/red] here"}),
+        pa.field("[bold]loud", pa.float64(), metadata={"unit": b"\xb0C", "description": "[link=file:///etc]x[/link]"}),
+    ]
+    pq.write_table(pa.table([[1.0], [2.0]], schema=pa.schema(columns)), place)
+    done = jointgap("describe", str(place), env={**os.environ, "COLUMNS": "200"})
+    assert done.returncode == 0, done.stderr
+    for text in (
+        "a[b].parquet",
+        "speed [m/s]",
+        "ends [/red] here",
+        "[bold]loud",
+        "\ufffdC",
+        "[link=file:///etc]x[/link]",
+    ):
+        assert text in done.stdout, text
+
+
+def test_describe_refuses_a_file_whose_names_are_no_text(tmp_path):
+    place = tmp_path / "table.parquet"
+    pq.write_table(pa.table({"speed": [1.0]}), place, store_schema=False)
+    place.write_bytes(place.read_bytes().replace(b"speed", b"sp\xff\xfed"))
+    done = jointgap("describe", str(place))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "table.parquet: cannot be read as Parquet" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -38,12 +38,13 @@ def describe(file: Path) -> None:
     """Show the columns of a Parquet FILE with their units and meaning."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     from jointgap.tables import describe
 
-    shown = Table("column", "unit", "description", title=str(file))
+    shown = Table("column", "unit", "description", title=Text(str(file)))
     for row in describe(file).itertuples(index=False):
-        shown.add_row(*row)
+        shown.add_row(*map(Text, row))  # of a plain string rich takes what stands in brackets for its own marks
     Console().print(shown)
 
 

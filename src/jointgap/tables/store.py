@@ -182,7 +182,7 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
         No such file, not Parquet, damaged, another table, other columns, or columns of another type.
     """
     arrow, has_digest = _open(pq.read_table, path, f"run the stage that writes table '{table.name}'")
-    held = (arrow.schema.metadata or {}).get(b"jointgap_table", b"?").decode()
+    held = _word((arrow.schema.metadata or {}).get(b"jointgap_table", b"?"))
     wanted = table.names
     if held != table.name:
         raise InputError(
@@ -240,12 +240,19 @@ def describe(path: Path | str) -> pd.DataFrame:
     InputError
         No such file, not Parquet, or damaged.
     """
-    schema = read_footer(path).schema.to_arrow_schema()
+    return _open(_columns, path, "check the path")[0]
+
+
+def _columns(path: Path | str) -> pd.DataFrame:
     rows = [
         {
             "column": field.name,
-            **{key: (field.metadata or {}).get(key.encode(), b"").decode() for key in ("unit", "description")},
+            **{key: _word((field.metadata or {}).get(key.encode(), b"")) for key in ("unit", "description")},
         }
-        for field in schema
+        for field in pq.read_schema(path)
     ]
     return pd.DataFrame(rows, columns=["column", "unit", "description"])
+
+
+def _word(metadata: bytes) -> str:
+    return metadata.decode(errors="replace")  # another program's may be in another encoding
