@@ -251,6 +251,13 @@ def test_a_box_set_to_null_is_taken_away_and_another_becomes_the_main_one():
     assert list(resolved({"optimise": {"boxes": {"paper": None, "own": own}}}).optimise.boxes) == ["wide", "own"]
 
 
+@pytest.mark.parametrize("name", ["wide (5 %)", "a/b", "..", "", "wide box", "a:b", "w" * 61])
+def test_a_box_whose_name_cannot_be_that_of_a_file_or_a_parameter_is_refused(name):
+    own = {"crank_length": ["145 mm", "155 mm"], "rod_length": ["560 mm", "570 mm"]}
+    with pytest.raises(InputError, match=r"optimise\.boxes\.[^\[]* = .*(use letters|60 letters|1 character)"):
+        resolved({"optimise": {"boxes": {name: own}}})
+
+
 def test_a_mistake_in_a_shared_contact_is_told_once():
     with pytest.raises(InputError) as caught:
         resolved({"mechanism": {"contacts": {"steel": {"restitution": 1.4}}}})
@@ -273,7 +280,9 @@ def test_every_mistake_is_told_in_one_go():
         ({"scenarios": {"a": {}}}, "'mechanism' is missing"),
         ({"scenarios": {"a": 5}}, "must be a mapping"),
         (SHIPPED | {"run": [["paper"]]}, "run names"),
-        (SHIPPED | {"run": ["a/b"], "scenarios": {"a/b": {}}}, "becomes a folder"),
+        (SHIPPED | {"run": ["a/b"], "scenarios": {"a/b": {}}}, "files or folders are called so"),
+        (SHIPPED | {"run": ["a" * 61], "scenarios": {"a" * 61: {}}}, "60 letters at most, not 61"),
+        (SHIPPED | {"run": ["campaigns"], "scenarios": {"campaigns": {}}}, "another kind have that folder"),
         (SHIPPED | {"run": ["a"], "scenarios": {"a": [1]}}, "must be a mapping"),
     ],
 )

@@ -70,7 +70,7 @@ def test_a_second_run_has_nothing_to_do_and_takes_less_than_ten_seconds(smoke):
         ("simulate/trajectory.parquet", {"simulate", "surrogate", "compare", "figures", "track"}),
         ("surrogate/r2/history.parquet", {"surrogate", "figures", "track"}),
         ("kinematics/contradictions.parquet", {"kinematics", "figures", "track"}),
-        ("figures/joint_paths.png", {"figures", "track"}),
+        ("figures/contact_forces.png", {"figures", "track"}),
         ("comparison.html", {"compare", "track"}),
     ],
 )

@@ -1,14 +1,14 @@
 """The campaign file: a mechanism, the runs measured on its rig, and how their columns map to channels."""
 
-import re
 from datetime import date as Date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, ValidationInfo, field_serializer, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_serializer, field_validator, model_validator
 
-from jointgap.config.channels import CHANNELS, UNITS, Channel, Name, channel_factor
+from jointgap.config.channels import CHANNELS, UNITS, Channel, channel_factor
 from jointgap.config.mechanism_config import Mechanism
+from jointgap.config.names import Word
 from jointgap.config.nuisance_bounds import (
     MOTOR_LINE,
     NEEDED_CHANNELS,
@@ -29,16 +29,6 @@ _STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 
 RESERVED_IDS = ("all", "look", "measured", "remarks", "contradictions", "config_snapshot")
 """No run may be called so: a sum over runs is, and the tables that stand beside the pictures of the runs are."""
-
-
-def _is_a_word(name: str) -> str:
-    if re.fullmatch(r"[A-Za-z0-9_-]+", name) is None:
-        raise ValueError("use letters, digits, '_' and '-' only, for files or folders are called so")
-    return name
-
-
-Word = Annotated[Name, AfterValidator(_is_a_word)]
-"""A name that files or folders get."""
 
 
 class Start(Section):

@@ -2,8 +2,9 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator
+from pydantic import Field, ValidationInfo, WithJsonSchema, field_validator
 
+from jointgap.config.names import Name, text_of
 from jointgap.quantities import quantity, to_si, unit_factor
 from jointgap.section import Section
 
@@ -48,15 +49,6 @@ _UNIT_HINTS = {
     "Hz": "Hz may or may not mean turns; write rpm, turn/s or rad/s",
 }
 
-
-def text_of(value: Any) -> Any:
-    """A whole number as the text that a user means by it, such as the run 1 or the column 3; all else as it is."""
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-Name = Annotated[
-    str, Field(min_length=1), BeforeValidator(text_of), WithJsonSchema({"type": ["string", "integer"], "minLength": 1})
-]
 
 _AMOUNT = [{"type": "number", "exclusiveMinimum": 0}, {"type": "string"}, {"type": "null"}]
 _AMOUNTS = [*_AMOUNT, {"type": "object", "additionalProperties": {"anyOf": _AMOUNT[:2]}}]

@@ -54,7 +54,7 @@ def _within(key: str, item: dict, deeper: int) -> tuple | None:
 
 def _complaint(item: dict, model: type[BaseModel]) -> str:
     location = item["loc"]
-    key = ".".join(str(step) for step in location)
+    key = ".".join(str(step) for step in location if step != "[key]")  # pydantic's mark: the key itself is wrong
     if item["type"] == "extra_forbidden":
         hint = did_you_mean(str(location[-1]), _model_at(model, location[:-1]).model_fields)
         return f"unknown key '{key}'; {hint}"

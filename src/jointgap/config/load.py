@@ -13,6 +13,7 @@ from jointgap.config.config_errors import complaints
 from jointgap.config.documents import parse_json, read_yaml
 from jointgap.config.layers import BASE, Layer, existing_file, leaves, mechanism_layers, merged, sources
 from jointgap.config.mechanism_config import Mechanism
+from jointgap.config.names import word
 from jointgap.config.nuisance_bounds import NUISANCES
 from jointgap.config.scenario import SECTIONS, Scenario
 from jointgap.counts import MOST_PARTS
@@ -64,6 +65,9 @@ def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...]) -> dict[st
     path = str(existing_file(file, folders, "simulate.drive.file"))
     return data | {"simulate": dict(simulate) | {"drive": dict(drive) | {"file": path}}}
 
+
+RESERVED_SCENARIOS = ("campaigns", "blind", "logs", "mlflow-artifacts")
+"""Folders of results that are no scenario's."""
 
 _NOT_OF_SCENARIOS = ("run", "scenarios", "campaigns", "fit_parts")
 
@@ -125,8 +129,12 @@ def scenario_layers(
         where = f"{source}, scenario {name}"
         if not isinstance(over, Mapping):
             raise InputError(f"{where}: = {over!r} must be a mapping of overrides")
-        if not str(name).replace("_", "").replace("-", "").isalnum():
-            raise InputError(f"{where}: use letters, digits, '_' and '-' only, for the name becomes a folder")
+        try:
+            word(str(name))
+        except ValueError as error:
+            raise InputError(f"{where}: {error}") from None
+        if str(name) in RESERVED_SCENARIOS:
+            raise InputError(f"{where}: results of another kind have that folder; choose another name")
         given = [Layer(source, base), Layer(where, over)]
         whole = next((layer for layer in reversed(given) if "mechanism" in layer.data), None)
         if whole is None:

@@ -15,6 +15,7 @@ from pydantic import (
 )
 
 from jointgap.config.mechanism_config import Mechanism
+from jointgap.config.names import Word
 from jointgap.counts import Iterations, Members, MembersToCompare, Seed, count
 from jointgap.errors import InputError
 from jointgap.quantities import (
@@ -272,7 +273,7 @@ class Optimise(Section):
     window: tuple[Angle, Angle] = Field(
         (0.0, 2 * math.pi), description="crank angles after the start that the error counts"
     )
-    boxes: Annotated[dict[str, Box], Field(min_length=1)] = Field(
+    boxes: Annotated[dict[Word, Box], Field(min_length=1)] = Field(
         {
             "paper": {"crank_length": (0.147, 0.153), "rod_length": (0.555, 0.564)},
             "wide": {"crank_length": (0.147, 0.153), "rod_length": (0.55272, 0.57528)},
