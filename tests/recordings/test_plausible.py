@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.recordings.plausibility import clipped
+from jointgap.recordings.plausibility import clipped, no_data, stuck
 from tests.recordings.rig import read_rig, samples, table
 
 UNITS = {
@@ -24,6 +24,17 @@ def full(rpm, noise=0.0, count=60, **factors):
         frame[name] = si[name] * factors.get(name, 1.0)
     for column in frame.columns[2:]:
         frame[column] += noise * frame[column].std() * rng.standard_normal(count)
+    return frame
+
+
+CHANNELS_OF_FILES = [("M", "crank_torque", "N*m"), ("x", "slider_position", "mm"), ("theta", "crank_angle", "deg")]
+
+
+def noisy():
+    """Six turns of the slow run with noise in its torque and position."""
+    rng, frame = np.random.default_rng(0), table(200, count=600, turns=6.0)
+    frame["M"] += 0.02 * rng.standard_normal(600)
+    frame["x"] += 0.05 * rng.standard_normal(600)
     return frame
 
 
@@ -100,7 +111,53 @@ def test_a_value_that_stands_for_no_data_is_named_with_its_row(tmp_path):
     given = table(200)
     given.loc[[50, 60], "M"] = -9999.0
     found = read_rig(tmp_path, slow=given).remarks
+    words = "column M, row 52: crank_torque is far from all else in 2 of 240 samples, which are -9999 N*m"
+    assert any(words in remark for remark in found)
+    given.loc[60, "M"] = -8888.0
+    found = read_rig(tmp_path, slow=given).remarks
     assert any("column M, row 52: -9999 N*m is far from all else (so are 2 samples)" in remark for remark in found)
+
+
+@pytest.mark.parametrize(("column", "name", "unit"), CHANNELS_OF_FILES)
+@pytest.mark.parametrize("step", [2, 4, 30])
+def test_a_mark_of_no_data_in_many_samples_is_told_with_how_many_and_where(tmp_path, column, name, unit, step):
+    given = noisy()
+    given.loc[1::step, column] = -9999.0
+    words = (
+        f"column {column}, row 3: {name} is far from all else in {600 // step} of 600 samples, which are -9999 {unit};"
+    )
+    assert any(words in remark for remark in read_rig(tmp_path, slow=given).remarks)
+
+
+@pytest.mark.parametrize(("column", "name", "unit"), CHANNELS_OF_FILES)
+@pytest.mark.parametrize(("first", "last", "value"), [(300, 599, None), (200, 280, None), (200, 260, 0.0)])
+def test_a_sensor_that_is_stuck_is_told_with_how_long_and_where(tmp_path, column, name, unit, first, last, value):
+    given = noisy()
+    given.loc[first:last, column] = given[column][first] if value is None else value
+    found = read_rig(tmp_path, slow=given)
+    words = f"column {column}, row {first + 2}: {name} is stuck: {last - first + 1} of 600 samples in a row are "
+    assert any(words in remark and f" {unit} while the crank turns" in remark for remark in found.remarks)
+    assert (name, "stuck") in {(one.channel, one.kind) for one in found.contradictions}
+
+
+def test_a_channel_that_stands_still_once_a_revolution_or_with_the_crank_is_not_stuck(tmp_path):
+    given = noisy()
+    given["M"] = np.where(given["M"] > 0.1, given["M"], 0.0)  # a force while there is contact
+    assert not any("stuck" in remark for remark in read_rig(tmp_path, slow=given).remarks)
+    turned = np.concatenate([np.zeros(300), np.linspace(0.0, 20.0, 300)])
+    position = 0.5 + 0.1 * np.cos(turned)
+    assert stuck(position, turned) is None
+    assert stuck(position, np.linspace(0.0, 40.0, 600)) == slice(0, 301)
+
+
+@pytest.mark.parametrize("levels", [3, 5, 12, 50])
+@pytest.mark.parametrize("count", [60, 600, 6000])
+def test_coarse_readings_are_not_stuck_and_lack_no_data(levels, count):
+    turned = np.linspace(0.0, 6.3 * 2.0 * np.pi, count)
+    for values in (np.cos(turned) + 0.27 * np.cos(2.0 * turned), np.sin(turned), np.abs(np.sin(turned))):
+        coarse = np.round(levels * values) / levels
+        assert stuck(coarse, turned) is None
+        assert no_data(coarse).size == 0
 
 
 def test_an_angle_that_the_encoder_misread_is_named_with_its_row(tmp_path):

@@ -21,6 +21,9 @@ from jointgap.recordings.inspection import cycle_scatter
 from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
 from jointgap.recordings.recording import Recording
 
+OF_SAMPLES = ("clipped", "stuck", "no_data")
+"""Kinds of contradictions that are told by a channel's samples alone; no gain or zero of a sensor undoes them."""
+
 
 @dataclass(frozen=True)
 class Contradiction:
@@ -31,7 +34,7 @@ class Contradiction:
     run, channel : str
         ``time`` also where it may be the run's speed that is wrong.
     kind : str
-        sign, scale, phase, swapped, unrelated, clipped, time or speed.
+        sign, scale, phase, swapped, unrelated, one of `OF_SAMPLES`, time or speed.
     remark : str
         In a sentence, without the place.
     other : str

@@ -32,6 +32,14 @@ class RecordingLimits:
     clipped_excess : float
         [1] How many times as often as the next value an extreme one occurs where it is clipped; a sine's rounded crest
         has 1.4.
+    no_data_count, no_data_ranges : int, float
+        samples and [1]: an extreme value that occurs so often, and is farther from the next one than so many times the
+        range of all others, stands for 'no data'.
+    stuck_count, stuck_excess : int, float
+        samples and [1]: a sensor that reads one value for so many samples in a row, and for so many times as long as
+        any other value, is stuck; a quantised sine stands about as long at its crest as in its trough.
+    stuck_turn_rad : float
+        [rad] So far has the crank to turn meanwhile: with the crank at rest all stands still.
     outlier_interquartile_ranges : float
         [1] A value farther from the median is doubted; impacts come some ten times less far.
     angle_outlier_rad : float
@@ -116,6 +124,11 @@ class RecordingLimits:
     clipped_share: float = 0.01
     clipped_count: int = 5
     clipped_excess: float = 6.0
+    no_data_count: int = 2
+    no_data_ranges: float = 10.0
+    stuck_count: int = 10
+    stuck_excess: float = 8.0
+    stuck_turn_rad: float = 0.1
     outlier_interquartile_ranges: float = 300.0
     angle_outlier_rad: float = 0.1
     angle_outlier_medians: float = 15.0

@@ -1,4 +1,6 @@
-"""Whether the samples of a channel can be right by themselves: clipped ones, and outliers."""
+"""Whether the samples of a channel can be right by themselves: clipped or stuck ones, marks of no data, outliers."""
+
+from math import tau
 
 import numpy as np
 
@@ -25,6 +27,57 @@ def clipped(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> str
                 "what lies beyond was not measured, so leave these cells empty"
             )
     return None
+
+
+def no_data(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> np.ndarray:
+    """Indices of samples that all have one extreme value far from the others, such as -9999 for 'no data'.
+
+    Parameters
+    ----------
+    values : (n,) array
+        [SI]; NaN in gaps.
+    limits : RecordingLimits
+    """
+    finite = values[np.isfinite(values)]
+    for level in (finite.min(), finite.max()) if finite.size else ():
+        others = finite[finite != level]
+        if finite.size - others.size < limits.no_data_count or others.size < limits.min_samples:
+            continue
+        if np.abs(others - level).min() > limits.no_data_ranges * np.ptp(others) > 0.0:
+            return np.flatnonzero(values == level)
+    return np.empty(0, dtype=int)
+
+
+def stuck(values: np.ndarray, turned: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> slice | None:
+    """The samples in a row at which a channel stands still while the crank turns; None where it does not.
+
+    Where it stands still once a revolution that is the motion's doing, or the channel is clipped.
+
+    Parameters
+    ----------
+    values : (n,) array
+        [SI]; NaN in gaps.
+    turned : (n,) array
+        [rad] How far the crank has turned, rising on the whole; NaN in gaps.
+    limits : RecordingLimits
+    """
+    starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)  # a gap, too, differs from its neighbours
+    lengths = np.diff(starts, append=values.size)
+    longest = int(np.argmax(lengths))
+    first, length = int(starts[longest]), int(lengths[longest])
+    here = values[starts] == values[first]
+    usual = int(lengths[~here].max(initial=0))
+    if length < max(limits.stuck_count, limits.stuck_excess * usual):
+        return None
+    meanwhile = _range(turned[first : first + length])
+    times = np.count_nonzero(here & (lengths > length / 2))
+    recurs = times >= max(2.0, _range(turned) / tau / 2.0) and meanwhile < tau
+    return None if recurs or meanwhile < limits.stuck_turn_rad else slice(first, first + length)
+
+
+def _range(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.ptp(finite)) if finite.size else 0.0
 
 
 def outliers(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> np.ndarray:

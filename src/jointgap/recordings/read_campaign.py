@@ -12,7 +12,7 @@ from jointgap.quantities import unit_factor
 from jointgap.recordings.contradictions import Contradiction, contradictions, sentences
 from jointgap.recordings.copies import check_copies
 from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
-from jointgap.recordings.plausibility import angle_outliers, clipped, outliers
+from jointgap.recordings.plausibility import angle_outliers, clipped, no_data, outliers, stuck
 from jointgap.recordings.recording import Measurements, Recording, noise_of
 from jointgap.recordings.rotation import RunFile, checked_rotation
 from jointgap.recordings.sample_file import Columns, read_columns
@@ -63,24 +63,45 @@ def read_measurements(
 
 
 def _recording(file: RunFile, columns: Columns, remarks: list[str], found: list[Contradiction]) -> Recording:
-    """The samples of a run; what is remarked of them is added to `remarks`, channels that are clipped to `found`."""
+    """The samples of a run; what is remarked of them is added to `remarks`, channels that are clipped, stuck or marked
+    as no data to `found`.
+    """
+
+    def tell(kind: str, name: str, remark: str, row: int | None = None) -> None:
+        remarks.append(f"{file.place(name, row)}: {name} {remark}")
+        found.append(Contradiction(file.run.id, name, kind, f"{name} {remark}"))
+
     campaign, run, limits = file.campaign, file.run, file.limits
     _check_units(file, columns, remarks)
     values, rows = _in_si(file, columns, remarks)
     if rows.size < limits.min_samples:
         raise InputError(f"{file.path}: {rows.size} samples are too few; give {limits.min_samples} at least")
+    absent = {name: no_data(samples, limits) for name, samples in values.items() if name != "time"}
+    for name, places in absent.items():
+        if places.size:
+            value = file.as_written(name, values[name][places[0]])
+            many = f"is far from all else in {places.size} of {rows.size} samples, which are {value}"
+            remark = f"{many}; leave the cells empty if that stands for 'no data'"
+            tell("no_data", name, remark, rows[places[0]])
     time, angle, turned = checked_rotation(file, values, rows)
     channels = {name: samples for name, samples in values.items() if name not in ("time", "crank_angle")}
     for name, samples in channels.items():
         _check_varies(file, name, samples)
-        if (remark := clipped(samples, limits)) is not None:
-            remarks.append(f"{file.place(name)}: {name} {remark}")
-            found.append(Contradiction(run.id, name, "clipped", f"{name} {remark}"))
+        samples = samples.copy()
+        samples[absent[name]] = np.nan
+        if (still := stuck(samples, angle if "crank_angle" in values else turned, limits)) is not None:
+            tell("stuck", name, _stands_still(file, name, samples, still), rows[still.start])
+        elif (remark := clipped(samples, limits)) is not None:
+            tell("clipped", name, remark)
         if (places := outliers(samples, limits)).size:
             remarks.append(
                 f"{file.place(name, rows[places[0]])}: {samples[places[0]]:g} {CHANNELS[name]} is far from all else "
                 f"(so {_are(places.size)}); leave the cell empty if it stands for 'no data'"
             )
+    # a crank that begins at rest may stand still itself
+    if run.start == "settled" and "crank_angle" in values and (still := stuck(angle, turned, limits)) is not None:
+        remark = _stands_still(file, "crank_angle", values["crank_angle"], still)
+        tell("stuck", "crank_angle", remark, rows[still.start])
     if "time" in values and "crank_angle" in values and (places := angle_outliers(time, angle, limits)).size:
         remarks.append(
             f"{file.place('crank_angle', rows[places[0]])}: the angle is far off its neighbours' "
@@ -89,6 +110,14 @@ def _recording(file: RunFile, columns: Columns, remarks: list[str], found: list[
     if remark := unsteady(campaign, run, time, angle, limits):
         remarks.append(f"{file.path}: {remark}")
     return Recording(run.id, time, angle, channels, noise_of(campaign, run.id), _held_out(file, turned))
+
+
+def _stands_still(file: RunFile, name: str, values: np.ndarray, still: slice) -> str:
+    count, value = still.stop - still.start, file.as_written(name, values[still.start])
+    return (
+        f"is stuck: {count} of {values.size} samples in a row are {value} while the crank turns; mend the sensor, or "
+        "leave these cells empty"
+    )
 
 
 def _held_out(file: RunFile, turned: np.ndarray) -> np.ndarray:

@@ -40,6 +40,11 @@ class RunFile:
         at = "" if row is None else f", row {row}"
         return f"{self.path}, column {self.campaign.channels[channel].column}{at}"
 
+    def as_written(self, channel: str, value: float) -> str:
+        """A `value` [SI] of `channel` as it stands in the file, with the stated unit."""
+        stated = self.campaign.channels[channel]
+        return f"{stated.sign * value / self.campaign.factor(channel):g} {stated.unit}"
+
     def in_unit(self, channel: str, unit: str) -> float:
         """Factor [1] that turns values of `channel`, read in its stated unit, into those read in `unit`."""
         return channel_factor(channel, unit) / self.campaign.factor(channel)

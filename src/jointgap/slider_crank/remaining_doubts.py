@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
 from jointgap.recordings import Measurements
-from jointgap.recordings.contradictions import contradictions
+from jointgap.recordings.contradictions import OF_SAMPLES, contradictions
 from jointgap.slider_crank.model import SliderCrankModel
 from jointgap.slider_crank.sensor_faults import Faults
 
@@ -41,8 +41,8 @@ def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list
         erring |= bool(faults)
     if not erring:
         return [found.channel for found in measurements.contradictions if found.doubtful]
-    # what is clipped cannot be undone: there any fault of that sensor counts
+    # what is clipped or stuck cannot be undone: there any fault of that sensor counts
     sites = {candidate.site for candidate in sensors}
-    clipped = [one for one in measurements.contradictions if one.kind == "clipped" and one.channel not in sites]
+    lost = [one for one in measurements.contradictions if one.kind in OF_SAMPLES and one.channel not in sites]
     left = contradictions(model.campaign, corrected, model.settings.recordings)
-    return [one.channel for one in (*clipped, *left) if one.doubtful]
+    return [one.channel for one in (*lost, *left) if one.doubtful]

@@ -66,7 +66,7 @@ CONTRADICTIONS = Table(
         _RUN,
         Column("channel", "", "channel in doubt; time also where it may be the stated speed that is wrong", "text"),
         Column("other", "", "channel that it is swapped with; else empty", "text"),
-        Column("kind", "", "sign, scale, phase, swapped, unrelated, clipped, time or speed", "text"),
+        Column("kind", "", "sign, scale, phase, swapped, unrelated, clipped, stuck, no_data, time or speed", "text"),
         Column("factor", "1", "measured over expected", nullable=True),
         Column("phase", "rad", "how far the channel is ahead of what is expected", nullable=True),
         Column("doubtful", "", "the channel's readings are in doubt, not only the stated speed", "bool"),
