@@ -115,5 +115,5 @@ def test_a_store_that_was_moved_with_its_folder_is_refused(simulated, tmp_path):
     moved = simulated["results_folder"].rename(tmp_path / "moved")
     files = {name: moved / "made_up" / f"{name}.parquet" for name in simulated["tables"]}
     elsewhere = simulated | {"tables": files, "figures": [], "benchmarks": [], "results_folder": moved}
-    with pytest.raises(InputError, match=r"mlflow\.db was made elsewhere.*delete the file and publish again"):
+    with pytest.raises(InputError, match=r"mlflow\.db was made elsewhere.*put it back there, or move the file away"):
         publish(**elsewhere)
