@@ -1,0 +1,1 @@
+"""What damaged, hostile and interrupted use does to the project: `make drill`. Every module with a `DRILL` is a drill."""
