@@ -1,0 +1,128 @@
+"""Pieces of the workflow that are over in seconds, and what each leaves when nothing disturbs it."""
+
+import csv
+import json
+import shutil
+import sqlite3
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.project import ROOT
+from drills.project import digests, snakemake_command
+
+TINY = {
+    "run": ["tiny"],
+    "campaigns": [],
+    "scenarios": {
+        "tiny": {
+            "description": "Every stage with a budget that is over in seconds.",
+            "simulate": {"revolutions": 2, "samples_per_revolution": 360},
+            "surrogate": {
+                "hidden": [4],
+                "training_points": 37,
+                "iterations": 20,
+                "seeds": [0, 1],
+                "seed_iterations": 10,
+                "clearance_sampling": 20,
+            },
+            "optimise": {"genetic": {"population": 8, "generations": 2}, "ensemble": {"members": 2, "settled_revolution": 2}},
+            "figures": {"animation_frames": 2},
+        }
+    },
+}
+_CAMPAIGN = {
+    "name": "small",
+    "mechanism": str(ROOT / "config/mechanisms/ideal_joints.yaml"),
+    "runs": [
+        {"id": "slow", "file": "slow.csv", "speed": "150 rpm", "role": "identify"},
+        {"id": "fast", "file": "fast.csv", "speed": "400 rpm", "role": "confirm"},
+    ],
+    "channels": {
+        "time": {"column": "t_ms", "unit": "ms"},
+        "crank_angle": {"column": "angle_deg", "unit": "deg", "noise": 0.1},
+        "crank_torque": {"column": "torque_Nm", "unit": "N*m"},
+    },
+}
+
+MAKE_STORE = "import sys; from pathlib import Path; from jointgap.track.mlflow_store import create_store; create_store(Path(sys.argv[1]))"
+"""Makes a new MLflow store in a folder."""
+
+
+def write_inputs(folder: Path) -> None:
+    """The configuration ``tiny.json``, the campaign ``small/small.json`` and the samples of its runs."""
+    (folder / "tiny.json").write_text(json.dumps(TINY))
+    own = folder / "small"
+    own.mkdir()
+    (own / "small.json").write_text(json.dumps(_CAMPAIGN))
+    for run in ("slow", "fast"):
+        rows = list(csv.reader((ROOT / f"config/campaigns/demonstration/{run}.csv").read_text().splitlines()))
+        with open(own / f"{run}.csv", "w", newline="") as file:
+            csv.writer(file).writerows(rows)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Something that is run, killed and run again.
+
+    Attributes
+    ----------
+    name : str
+    command : callable
+        From a number of cores to a command, run in a copy of the project with `write_inputs`.
+    left : callable
+        From the folder to what has to be the same after any run that ends well.
+    """
+
+    name: str
+    command: Callable[[int], list[str]]
+    left: Callable[[Path], dict[str, str]]
+
+
+def _results(folder: Path) -> dict[str, str]:
+    """Digests of the results but for hidden files, which a write leaves that is killed."""
+    found = digests(folder / "results") if (folder / "results").is_dir() else {}
+    return {path: digest for path, digest in found.items() if not any(part.startswith(".") for part in Path(path).parts)}
+
+
+def _store(folder: Path) -> dict[str, str]:
+    """Schema of the store, its version and its experiments; SQLite's own bytes depend on what was written when."""
+    with sqlite3.connect(folder / "results/mlflow.db") as database:
+        tables = database.execute("select name, sql from sqlite_master order by name").fetchall()
+        left = {name: str(sql) for name, sql in tables}
+        left["version"] = str(database.execute("select * from alembic_version").fetchall())
+        left["experiments"] = str(database.execute("select name from experiments order by name").fetchall())
+        left["integrity"] = str(database.execute("pragma integrity_check").fetchall())
+    database.close()
+    return left
+
+
+def _workflow(*targets: str) -> Callable[[int], list[str]]:
+    return lambda cores: snakemake_command("--configfile", "tiny.json", "--quiet", "all", "--", *targets, cores=cores)
+
+
+def _campaign(*targets: str) -> Callable[[int], list[str]]:
+    given = 'campaigns=["small/small.json"]'
+    return lambda cores: snakemake_command("--config", given, "--quiet", "all", "--", *targets, cores=cores)
+
+
+def hidden_files(folder: Path) -> list[str]:
+    """Hidden files among the results: what a killed write leaves beside the file that it was to become."""
+    return [path.name for path in (folder / "results").rglob(".*") if path.is_file() and not path.name.endswith(".lock")]
+
+
+def start_over(folder: Path) -> None:
+    """Remove all that runs have left."""
+    for name in ("results", ".snakemake"):
+        shutil.rmtree(folder / name, ignore_errors=True)
+
+
+STORE = Piece("the making of the MLflow store", lambda _: ["python", "-c", MAKE_STORE, "results"], _store)
+NETWORK = Piece("a scenario up to a network", _workflow("results/tiny/surrogate/r2/errors.parquet"), _results)
+SCENARIO = Piece(
+    "a scenario up to its optimum",
+    _workflow("results/tiny/optimise/optima.parquet", "results/tiny/kinematics/errors.parquet"),
+    _results,
+)
+SCREENED = Piece("a campaign up to screening", _campaign("results/campaigns/small/screen/ranking.parquet"), _results)
+CAMPAIGN = Piece("a campaign up to its verdict", _campaign("results/campaigns/small/verdict.json"), _results)
