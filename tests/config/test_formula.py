@@ -165,3 +165,8 @@ def test_the_deepest_formula_that_is_accepted_uses_the_whole_stack():
 @pytest.mark.parametrize("sign", ["+", "-"])
 def test_a_formula_may_have_as_many_terms_as_its_length_allows(sign):
     assert value(sign.join(["v"] * 500)) == pytest.approx(-1.3 * (500 if sign == "+" else -498))
+
+
+def test_the_sign_of_what_is_not_defined_is_not_defined():
+    assert math.isnan(value("sgn(log(v))"))
+    assert [value(text) for text in ("sgn(v)", "sgn(x)", "sgn(v - v)")] == [-1.0, 1.0, 0.0]

@@ -94,6 +94,8 @@ def _unary(code, a):
     if code == ABS:
         return abs(a)
     if code == SGN:
+        if math.isnan(a):
+            return a
         return math.copysign(1.0, a) if a != 0.0 else 0.0
     if code == SIN:
         return math.sin(a)
