@@ -41,6 +41,16 @@ def test_a_good_campaign_is_read_exactly_and_without_remarks(tmp_path):
         assert recording.noise == {"crank_angle": None, "slider_position": None, "crank_torque": 0.02}
 
 
+def test_a_changed_byte_in_a_parquet_file_with_checksums_is_refused(tmp_path):
+    path = write_rig(tmp_path, run_with(file="slow.parquet"))
+    table(SLOW).to_parquet(tmp_path / "slow.parquet", write_page_checksum=True, compression="none", use_dictionary=False)
+    content = bytearray((tmp_path / "slow.parquet").read_bytes())
+    content[len(content) // 2] ^= 1
+    (tmp_path / "slow.parquet").write_bytes(content)
+    with pytest.raises(InputError, match=r"slow\.parquet: cannot be read as Parquet .*write the file again"):
+        read_measurements(load_campaign(path))
+
+
 def test_csv_and_parquet_are_the_same_data(tmp_path):
     from_csv = read_rig(tmp_path).runs["slow"]
     table(SLOW).to_parquet(tmp_path / "slow.parquet")
