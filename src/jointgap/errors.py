@@ -1,11 +1,34 @@
 """Errors that a user can mend."""
 
 import difflib
+import unicodedata
 from collections.abc import Iterable
+
+_OBEYED = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+"""Categories of signs that a terminal obeys instead of showing them: control, direction of writing, breaks of lines."""
+
+
+def visible(text: str) -> str:
+    """`text` on one line, in which signs that a terminal would obey are written out, such as ``\\x1b``."""
+    return "".join(repr(sign)[1:-1] if unicodedata.category(sign) in _OBEYED else sign for sign in text)
 
 
 class InputError(ValueError):
-    """Something the user gave cannot be used; the message names it and says what to do."""
+    """Something the user gave cannot be used; each of its lines names it and says what to do.
+
+    What the user wrote is repeated in them, so they are made `visible`.
+
+    Parameters
+    ----------
+    *lines : str
+        Most errors have one.
+    """
+
+    def __init__(self, *lines: str):
+        super().__init__(*map(visible, lines))
+
+    def __str__(self) -> str:
+        return "\n".join(self.args)
 
 
 class SimulationError(RuntimeError):

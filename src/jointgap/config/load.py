@@ -35,7 +35,7 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise InputError("\n".join(f"{source}: {line}" for line in complaints(error, model))) from error
+        raise InputError(*(f"{source}: {line}" for line in complaints(error, model))) from error
 
 
 def load_mechanism(path: Path | str) -> Mechanism:
@@ -55,17 +55,20 @@ def _with_mechanism(data: dict[str, Any], folders: tuple[Path, ...], source: str
     return data | {"mechanism": _mechanism(data["mechanism"], folders, f"{source}mechanism")}
 
 
-def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...]) -> dict[str, Any]:
-    """`data` with the file of a measured drive looked for in `folders`."""
+def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...], source: str) -> dict[str, Any]:
+    """`data` of a `source` with the file of a measured drive looked for in `folders`."""
     simulate = data.get("simulate")
     drive = simulate.get("drive") if isinstance(simulate, Mapping) else None
     file = drive.get("file") if isinstance(drive, Mapping) else None
     if not isinstance(file, str):
         return data
-    path = str(existing_file(file, folders, "simulate.drive.file"))
+    path = str(existing_file(file, folders, f"{source}: simulate.drive.file"))
     return data | {"simulate": dict(simulate) | {"drive": dict(drive) | {"file": path}}}
 
 
+_DEFAULT_SECTIONS: dict[str, Any] = {
+    name: {} for name, field in Scenario.model_fields.items() if isinstance(field.default, BaseModel)
+}
 RESERVED_SCENARIOS = ("campaigns", "blind", "logs", "mlflow-artifacts")
 """Folders of results that are no scenario's."""
 
@@ -98,10 +101,12 @@ def resolve(
         Unknown scenario or key, wrong type, impossible value.
     """
     layers = scenario_layers(config, folders, source)
-    return {
-        name: validate(Scenario, _with_drive_file(merged(each), folders), f"{source}, scenario {name}")
-        for name, each in layers.items()
-    }
+    return {name: _scenario(merged(each), folders, f"{source}, scenario {name}") for name, each in layers.items()}
+
+
+def _scenario(data: dict[str, Any], folders: tuple[Path, ...], source: str) -> Scenario:
+    """The scenario in `data`; a section that it leaves to its defaults has to go with the others all the same."""
+    return validate(Scenario, _DEFAULT_SECTIONS | _with_drive_file(data, folders, source), source)
 
 
 def scenario_layers(
@@ -207,7 +212,7 @@ def parse_options(options: str) -> Scenario:
         return validate(Scenario, parse_json(options, "--options"), "--options")
     data = read_yaml(options)
     folders = (Path(), Path(options).parent)
-    return validate(Scenario, _with_drive_file(_with_mechanism(data, folders), folders), options)
+    return validate(Scenario, _with_drive_file(_with_mechanism(data, folders), folders, options), options)
 
 
 def json_schema() -> dict[str, Any]:
