@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run smoke study campaign blind report test test-slow lint bench dashboard clean set-up
+.PHONY: help run smoke study campaign blind report test test-slow lint bench drill dashboard clean set-up
 
 PROFILE ?= local
 SET ?= published
@@ -61,6 +61,9 @@ lint: set-up ## style of the Python code and of the workflow
 
 bench: set-up ## measure what the project promises, beside its peers
 	@scripts/in-venv python -m benchmarks $(ARGS)
+
+drill: set-up ## damaged, hostile and interrupted use: twenty minutes; ARGS='names --scale 0.1' for a part
+	@scripts/in-venv python -m drills $(ARGS)
 
 dashboard: set-up ## the runs side by side in the browser
 	@scripts/in-venv jointgap dashboard $(ARGS)

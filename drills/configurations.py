@@ -68,7 +68,11 @@ def _campaign(writer: Writer) -> Pairs:
     nuisances = schema("campaign")["properties"]["nuisance"]["propertyNames"]["enum"]
     if writer.chance(0.5):
         chosen = [str(name) for name in writer.random.permutation(nuisances)[:2]]
-        put(content, "nuisance", Pairs((name, writer.one_of(["5 %", "1 percent", "0.5%", "[0.1, 0.9]"])) for name in chosen))
+        put(
+            content,
+            "nuisance",
+            Pairs((name, writer.one_of(["5 %", "1 percent", "0.5%", "[0.1, 0.9]"])) for name in chosen),
+        )
     return content
 
 
@@ -138,7 +142,9 @@ def other_meaning(kind: str, path: Path, models: dict[str, Any]) -> Complaint | 
         held = model.model_dump(mode="json")
         for value in _written(kind, name, root):
             if complaint := _misread(value, held, model, root):
-                return Complaint(complaint.kind, f"{'.'.join(map(str, value.path))} = {value.text[:200]!r}: {complaint.details}")
+                return Complaint(
+                    complaint.kind, f"{'.'.join(map(str, value.path))} = {value.text[:200]!r}: {complaint.details}"
+                )
     return None
 
 
@@ -194,7 +200,11 @@ def _misread(value: reading.Written, held: Any, model: Any, root: yaml.Node) -> 
     if ours is _ABSENT:
         return Complaint("a value is passed over", "nothing of it is held")
     if isinstance(ours, dict | list):
-        return None if isinstance(ours, dict) and last in ("start", "drive") else Complaint("text became a mapping", repr(ours)[:200])
+        return (
+            None
+            if isinstance(ours, dict) and last in ("start", "drive")
+            else Complaint("text became a mapping", repr(ours)[:200])
+        )
     unit = _unit(value, root)
     if unit is not None:
         return _misread_quantity(value.text, unit, ours)
@@ -225,7 +235,9 @@ def _misread_quantity(text: str, unit: str, ours: Any) -> Complaint | None:
     if theirs.value is None:
         return Complaint("what is no number with a unit of that kind is accepted", f"held as {ours!r} {unit}")
     if not isinstance(ours, int | float) or not math.isclose(ours, theirs.value, rel_tol=_ROUNDING, abs_tol=5e-324):
-        return Complaint("a quantity is held with another size", f"held as {ours!r} {unit}, written is {theirs.value!r}")
+        return Complaint(
+            "a quantity is held with another size", f"held as {ours!r} {unit}, written is {theirs.value!r}"
+        )
     return None
 
 
@@ -255,7 +267,11 @@ def _misread_nuisance(value: reading.Written, model: Any) -> Complaint | None:
         return _misread_quantity(value.text, "", ours)
     if share.value is not None and unit:
         return Complaint("a number became an amount", f"held as {ours!r}")
-    return _misread_quantity(value.text, unit, (ours[1] - ours[0]) / 2.0) if isinstance(ours, tuple) and not math.isclose(sum(ours), 0.0) else None
+    return (
+        _misread_quantity(value.text, unit, (ours[1] - ours[0]) / 2.0)
+        if isinstance(ours, tuple) and not math.isclose(sum(ours), 0.0)
+        else None
+    )
 
 
 def _misread_plain(value: reading.Written, ours: Any) -> Complaint | None:

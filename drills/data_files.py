@@ -17,7 +17,12 @@ _TABLE = "a damaged table of results is refused or read as written"
 
 COUNT, SPEED = 96, 200.0  # samples; rpm
 HEADINGS = {"time": "t", "crank_angle": "theta", "slider_acceleration": "a", "crank_torque": "M"}
-UNITS = {"time": ("ms", 1e-3), "crank_angle": ("deg", math.pi / 180.0), "slider_acceleration": ("m/s^2", 1.0), "crank_torque": ("N*m", 1.0)}
+UNITS = {
+    "time": ("ms", 1e-3),
+    "crank_angle": ("deg", math.pi / 180.0),
+    "slider_acceleration": ("m/s^2", 1.0),
+    "crank_torque": ("N*m", 1.0),
+}
 
 _NUMBER = re.compile(r"[-+−]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?$", re.ASCII)
 _UNSURE = object()
@@ -71,7 +76,11 @@ class _Sheet:
     def text(self) -> str:
         lines = [self.separator.join(self.headings)]
         for cells in self.cells:
-            lines.append(self.separator.join(cell.replace(".", ",") if self.decimal == "," and _NUMBER.match(cell) else cell for cell in cells))
+            lines.append(
+                self.separator.join(
+                    cell.replace(".", ",") if self.decimal == "," and _NUMBER.match(cell) else cell for cell in cells
+                )
+            )
         for at, line in self.extra:
             lines.insert(min(at, len(lines)), line)
         return self.head + self.ending.join(lines) + self.ending
@@ -133,7 +142,9 @@ def _exchanged(sheet: _Sheet) -> None:
 
 
 def _heading(sheet: _Sheet) -> None:
-    sheet.headings[sheet.column()] = sheet.one_of(["t", "theta", " theta", "Theta", '"theta"', "theta [deg]", "", "x", "M\u00a0", "\ufeffM", "1.5", "M;"])
+    sheet.headings[sheet.column()] = sheet.one_of(
+        ["t", "theta", " theta", "Theta", '"theta"', "theta [deg]", "", "x", "M\u00a0", "\ufeffM", "1.5", "M;"]
+    )
 
 
 def _line(sheet: _Sheet) -> None:
@@ -144,7 +155,9 @@ def _line(sheet: _Sheet) -> None:
 
 
 def _endings(sheet: _Sheet) -> None:
-    sheet.ending = sheet.one_of(["\r\n", "\r", "\n\n", "\n\r", "\x0b", "\x0c", "\u2028", "\x85", f"{sheet.separator}\n"])
+    sheet.ending = sheet.one_of(
+        ["\r\n", "\r", "\n\n", "\n\r", "\x0b", "\x0c", "\u2028", "\x85", f"{sheet.separator}\n"]
+    )
 
 
 def _separator(sheet: _Sheet) -> None:
@@ -159,7 +172,9 @@ def _decimals(sheet: _Sheet) -> None:
 
 
 def _front(sheet: _Sheet) -> None:
-    sheet.head = sheet.one_of(["\ufeff", "\n\n", "sep=;\n", "Rig 7\n", "# Rig 7\n# 2026\n", "\ufeff\ufeff", " ", "PK", "PAR1"])
+    sheet.head = sheet.one_of(
+        ["\ufeff", "\n\n", "sep=;\n", "Rig 7\n", "# Rig 7\n# 2026\n", "\ufeff\ufeff", " ", "PK", "PAR1"]
+    )
 
 
 _DAMAGE: list[tuple[Callable[[_Sheet], None], float]] = [
@@ -184,7 +199,11 @@ def _csv(random: np.random.Generator) -> Case:
         content = sheet.text().encode(sheet.one_of(_ENCODINGS), "replace")
     if random.random() < 0.15:
         content, torn = _torn(content, random), True
-    truth = None if torn else {"headings": sheet.headings, "cells": sheet.cells, "separator": sheet.separator, "decimal": sheet.decimal}
+    truth = (
+        None
+        if torn
+        else {"headings": sheet.headings, "cells": sheet.cells, "separator": sheet.separator, "decimal": sheet.decimal}
+    )
     suffix = sheet.one_of(["csv", "csv", "csv", "txt", "parquet"] if random.random() < 0.1 else ["csv"])
     return {"kind": "csv", "suffix": suffix, "content": base64.b64encode(content).decode(), "truth": truth}
 
@@ -232,7 +251,9 @@ def _parquet(random: np.random.Generator) -> Case:
         table = table.drop_columns([name]) if random.random() < 0.5 else table.append_column(name, arrays["a"])
     stream = io.BytesIO()
     codec = ["none", "snappy", "zstd", "gzip"][int(random.integers(4))]
-    pq.write_table(table, stream, compression=codec, write_page_checksum=True, row_group_size=int(random.choice([20, 1000])))
+    pq.write_table(
+        table, stream, compression=codec, write_page_checksum=True, row_group_size=int(random.choice([20, 1000]))
+    )
     content, torn = stream.getvalue(), random.random() < 0.5
     if torn:
         content = _torn(content, random)
@@ -252,7 +273,11 @@ def _plain(table, heading: str) -> list[float | None] | None:
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
         return None
     values = [None if value is None else float(value) for value in column.to_pylist()]
-    return [None if value is None or math.isnan(value) else value for value in values] if not any(value in (math.inf, -math.inf) for value in values) else None
+    return (
+        [None if value is None or math.isnan(value) else value for value in values]
+        if not any(value in (math.inf, -math.inf) for value in values)
+        else None
+    )
 
 
 def _table(random: np.random.Generator) -> Case:
@@ -332,7 +357,9 @@ def _other(name: str, ours: np.ndarray, written: list, factor: float) -> Complai
         if name == "crank_angle":  # continuous, so whole turns are added
             off -= math.tau * round(off / math.tau)
         if abs(off) > 1e-9 * max(abs(wanted), abs(value)) + 1e-15:
-            return Complaint("a sample is read as another number", f"{name}, sample {row}: {value!r}, written {wanted!r}")
+            return Complaint(
+                "a sample is read as another number", f"{name}, sample {row}: {value!r}, written {wanted!r}"
+            )
     return None
 
 
@@ -362,7 +389,11 @@ def number(cell: str, decimal: str = "."):
         return None
     if text.count(",") == 1 and "." not in text and _NUMBER.match(text.replace(",", ".")):
         whole, _, part = text.partition(",")
-        return _UNSURE if len(part) == 3 and decimal == "." and whole.strip("+-") not in ("", "0") else float(text.replace(",", "."))
+        return (
+            _UNSURE
+            if len(part) == 3 and decimal == "." and whole.strip("+-") not in ("", "0")
+            else float(text.replace(",", "."))
+        )
     if re.fullmatch(r"[-+]?\d{1,3}([,' _]\d{3})+(\.\d*)?|[-+]?\d{1,3}(\.\d{3})+,\d*", text):
         return _UNSURE
     if not text.isascii():
@@ -382,8 +413,14 @@ def _judged_table(case: Case, folder: Path) -> Answers:
     from jointgap.errors import InputError
 
     random, path = np.random.default_rng(case["seed"]), folder / "trajectory.parquet"
-    kinds = {"float": lambda: random.normal(size=case["rows"]), "int": lambda: random.integers(0, 9, case["rows"]), "bool": lambda: [True] * case["rows"]}
-    frame = pd.DataFrame({column.name: kinds.get(column.kind, lambda: ["text"] * case["rows"])() for column in tables.TRAJECTORY.columns})
+    kinds = {
+        "float": lambda: random.normal(size=case["rows"]),
+        "int": lambda: random.integers(0, 9, case["rows"]),
+        "bool": lambda: [True] * case["rows"],
+    }
+    frame = pd.DataFrame(
+        {column.name: kinds.get(column.kind, lambda: ["text"] * case["rows"])() for column in tables.TRAJECTORY.columns}
+    )
     tables.write(tables.TRAJECTORY, frame, path)
     good = tables.read(tables.TRAJECTORY, path)
     path.write_bytes(_torn(path.read_bytes(), random))
@@ -393,7 +430,11 @@ def _judged_table(case: Case, folder: Path) -> Answers:
         return {_TABLE: unclear(str(error), path.name)}
     except Exception as error:
         return {_TABLE: crashed(error)}
-    return {_TABLE: None if read.equals(good) else Complaint("a damaged table is read as other numbers", f"{case['rows']} rows")}
+    return {
+        _TABLE: None
+        if read.equals(good)
+        else Complaint("a damaged table is read as other numbers", f"{case['rows']} rows")
+    }
 
 
 SWEEP = Sweep("data_files", 2000, make, judge, prepare)

@@ -18,7 +18,10 @@ def drill(sitting: Sitting) -> list[Row]:
 
 
 def _row(piece: Piece, folder: Path, sitting: Sitting) -> Row:
-    began, row = time.monotonic(), Row(f"determinism: {piece.name} on one core, on two, and killed between", seed=sitting.seed)
+    began, row = (
+        time.monotonic(),
+        Row(f"determinism: {piece.name} on one core, on two, and killed between", seed=sitting.seed),
+    )
     start_over(folder)
     wanted, seconds = undisturbed(piece, folder)
     share = float(sitting.random(piece.name, 0).uniform(0.2, 0.8))
@@ -29,10 +32,14 @@ def _row(piece: Piece, folder: Path, sitting: Sitting) -> Row:
             time.sleep(share * seconds / 2.0)
             kill(process)
         done = run(folder, *piece.command(2))
-        complaint = Complaint("a run fails", done.stderr[-500:]) if done.returncode else other(piece.left(folder), wanted)
+        complaint = (
+            Complaint("a run fails", done.stderr[-500:]) if done.returncode else other(piece.left(folder), wanted)
+        )
         row.count += 1
         if complaint is not None:
-            row.failures.append(Failure(row.what, complaint, n, {"piece": piece.name, "killed": killed, "share": share}))
+            row.failures.append(
+                Failure(row.what, complaint, n, {"piece": piece.name, "killed": killed, "share": share})
+            )
     row.seconds = time.monotonic() - began
     return row
 

@@ -111,7 +111,10 @@ class Writer:
             items = [option["items"] for option in options if isinstance(option.get("items"), dict)]
             prefix = next((option["prefixItems"] for option in options if "prefixItems" in option), [])
             entries = [prefix[place] if place < len(prefix) else next(iter(items), {}) for place in range(len(content))]
-            return [self.vary(value, branches(entry, self.root), more) for value, entry in zip(content, entries, strict=True)]
+            return [
+                self.vary(value, branches(entry, self.root), more)
+                for value, entry in zip(content, entries, strict=True)
+            ]
         unit = next((option["unit"] for option in options if "unit" in option), None)
         if unit is None or self.chance(0.4):
             return content
@@ -166,7 +169,9 @@ class Writer:
 
     def word(self, option: Schema) -> str:
         usual = option.get("default") or (option.get("examples") or [""])[0]
-        return json.dumps(usual) if isinstance(usual, str) and usual else self.one_of(["steel", "a word", "'3'", "über"])
+        return (
+            json.dumps(usual) if isinstance(usual, str) and usual else self.one_of(["steel", "a word", "'3'", "über"])
+        )
 
     def number(self, value: float) -> str:
         """A number in one of the notations that YAML and people have for it."""
@@ -257,7 +262,9 @@ def _replaced(choices: list[str]) -> Callable:
         leaves = [path for path in _paths(content) if isinstance(_at(content, path), str)]
         path = writer.one_of(leaves)
         old = _at(content, path).strip("'\"").split()
-        number = old[0] if old and old[0].replace(".", "").replace("-", "").isdigit() else writer.one_of(["7", "0.5", "120"])
+        number = (
+            old[0] if old and old[0].replace(".", "").replace("-", "").isdigit() else writer.one_of(["7", "0.5", "120"])
+        )
         text = writer.one_of(choices).replace("{n}", number)
         if writer.chance(0.25) and "\\" not in text and not text.startswith(("!", "&", "*", '"', "'")):
             text = json.dumps(text, ensure_ascii=False)
@@ -282,7 +289,9 @@ def _lost(writer: Writer, content: Pairs) -> None:
 
 def _renamed(writer: Writer, content: Pairs) -> None:
     """A key becomes unknown, or no text at all."""
-    parent = writer.one_of([content, *(e for path in _paths(content) if isinstance(e := _at(content, path), Pairs) and e)])
+    parent = writer.one_of(
+        [content, *(e for path in _paths(content) if isinstance(e := _at(content, path), Pairs) and e)]
+    )
     place = int(writer.random.integers(len(parent)))
     key, value = parent[place]
     names = [key[:-1] or "x", key + "s", key.upper(), key.replace("_", "-"), "1", "null", "true", "[a]", "{a: b}", "1.5",
@@ -302,13 +311,22 @@ def _nested(writer: Writer, content: Pairs) -> None:
     """Brackets in brackets, aliases of aliases, or one text without an end."""
     depth = int(writer.one_of([50, 400, 3000, 30000]))
     laughs = "[" + ", ".join(f"&l{n} [{', '.join([f'*l{n - 1}' if n else 'ha'] * 9)}]" for n in range(12)) + "]"
-    shapes = ["[" * depth + "]" * depth, "{a: " * depth + "1" + "}" * depth, "[" * depth, laughs, "7" * 30 * depth, "a" * 30 * depth]
+    shapes = [
+        "[" * depth + "]" * depth,
+        "{a: " * depth + "1" + "}" * depth,
+        "[" * depth,
+        laughs,
+        "7" * 30 * depth,
+        "a" * 30 * depth,
+    ]
     _set(content, writer.one_of(_paths(content)), writer.one_of(shapes))
 
 
 def _merged(writer: Writer, content: Pairs) -> None:
     parents = [content, *(e for path in _paths(content) if isinstance(e := _at(content, path), Pairs) and e)]
-    writer.one_of(parents).insert(0, ("<<", writer.one_of(["{length: 7 mm}", "[{mass: 3 kg}, {mass: 4 kg}]", "7", "{}"])))
+    writer.one_of(parents).insert(
+        0, ("<<", writer.one_of(["{length: 7 mm}", "[{mass: 3 kg}, {mass: 4 kg}]", "7", "{}"]))
+    )
 
 
 _OF_TREES = [

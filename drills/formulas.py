@@ -98,7 +98,22 @@ class _Author:
                 self.coefficients[name] = float(f"{self.random.normal() * 10.0 ** self.random.integers(-3, 4):.6g}")
             return name, name
         if choice < 0.55:
-            number = self.one_of(["0", "1", "2", "0.5", "3.", ".25", "1e3", "2.5E-2", "7", f"{self.random.random():.5f}", "1e-300", "1e300"])
+            number = self.one_of(
+                [
+                    "0",
+                    "1",
+                    "2",
+                    "0.5",
+                    "3.",
+                    ".25",
+                    "1e3",
+                    "2.5E-2",
+                    "7",
+                    f"{self.random.random():.5f}",
+                    "1e-300",
+                    "1e300",
+                ]
+            )
             return number, number
         inner, again = self.sum(depth - 1)
         if choice < 0.7:
@@ -120,7 +135,10 @@ def make(random: np.random.Generator) -> Case:
     ours, python = author.sum(int(random.integers(0, 6)))
     kind = random.random()
     if kind < 0.05:
-        depth, (opened, closed) = int(random.integers(2, 80)), author.one_of([("(", ")"), ("-", ""), ("sin(", ")"), ("2^", ""), ("1-(v*", ")")])
+        depth, (opened, closed) = (
+            int(random.integers(2, 80)),
+            author.one_of([("(", ")"), ("-", ""), ("sin(", ")"), ("2^", ""), ("1-(v*", ")")]),
+        )
         ours, python = opened * depth + ours + closed * depth, None
     elif kind < 0.07:
         ours, python = author.one_of(["+", "*", "|", "("]).join([ours] * int(random.integers(2, 200))), None
@@ -131,7 +149,9 @@ def make(random: np.random.Generator) -> Case:
         python = None
     coefficients = dict(author.coefficients)
     if random.random() < 0.03:
-        coefficients[author.one_of(["spare", "v", "sin", "a b", "", "1", "é", "x\n"])] = author.one_of([1.0, 0.0, 1e308])
+        coefficients[author.one_of(["spare", "v", "sin", "a b", "", "1", "é", "x\n"])] = author.one_of(
+            [1.0, 0.0, 1e308]
+        )
     return {"formula": ours, "python": python, "coefficients": coefficients}
 
 
@@ -146,14 +166,18 @@ def judge(case: Case, folder: Path) -> Answers:
     try:
         program = compile_formula(text, coefficients)
     except InputError as error:
-        return {_CLEAR: unclear(str(error), "'" if "coefficient" in str(error) else "formula")} | _refused(case, str(error))
+        return {_CLEAR: unclear(str(error), "'" if "coefficient" in str(error) else "formula")} | _refused(
+            case, str(error)
+        )
     except Exception as error:
         return {_CLEAR: crashed(error)}
     answers: Answers = {_CLEAR: None}
     if case["python"]:
         answers[_READ] = None
     if python is not None:
-        ours = np.array([evaluate(program.codes, program.numbers, *map(float, at)) for at in zip(*POINTS.values(), strict=True)])
+        ours = np.array(
+            [evaluate(program.codes, program.numbers, *map(float, at)) for at in zip(*POINTS.values(), strict=True)]
+        )
         answers[_VALUE] = _other_value(ours, python, coefficients)
     return answers
 
@@ -184,7 +208,9 @@ def _other_value(ours: np.ndarray, python: str, coefficients: dict[str, float]) 
     try:
         tree = ast.parse(python, mode="eval").body
         with np.errstate(all="ignore"):
-            theirs = np.broadcast_to(value_of(tree, names, lambda: 1.0 + noise * random.uniform(-1, 1, noise.shape)), noise.shape)
+            theirs = np.broadcast_to(
+                value_of(tree, names, lambda: 1.0 + noise * random.uniform(-1, 1, noise.shape)), noise.shape
+            )
             exact, spread = theirs[:, 0], np.max(np.abs(theirs[:, 1:] - theirs[:, :1]), axis=1)
             spread = np.where(np.isfinite(theirs).all(axis=1), spread, np.inf)
             both = np.isnan(ours) & np.isnan(exact)

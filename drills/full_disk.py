@@ -90,7 +90,10 @@ def drill(sitting: Sitting) -> list[Row]:
     with clean_folder(project=False) as folder:
         _prepare(folder)
         for name, count in _COUNTS.items():
-            began, row = time.monotonic(), Row(f"full_disk: {name}", seed=sitting.seed, remark="" if mounted else "by a limit of files' sizes")
+            began, row = (
+                time.monotonic(),
+                Row(f"full_disk: {name}", seed=sitting.seed, remark="" if mounted else "by a limit of files' sizes"),
+            )
             wanted, size = _undisturbed(folder, name, mounted)
             for n in range(sitting.of(count)):
                 room = 0 if n == 0 else int(sitting.random(f"disk {name}", n).uniform(0.0, 0.95) * size)
@@ -118,8 +121,8 @@ def _prepare(folder: Path) -> None:
 
 
 def _left(disk: Path) -> dict[str, str]:
-    """What is on the disk, but for logs of times and the store's own bytes."""
-    return {name: digest for name, digest in digests(disk).items() if name != "filling" and not name.endswith((".lock", "verdict.json"))}
+    """What is on the disk, but for the store's own bytes and what fills it."""
+    return {name: digest for name, digest in digests(disk).items() if name != "filling" and not name.endswith(".lock")}
 
 
 def _undisturbed(folder: Path, name: str, mounted: bool) -> tuple[dict[str, str], int]:
@@ -130,7 +133,9 @@ def _undisturbed(folder: Path, name: str, mounted: bool) -> tuple[dict[str, str]
         return _left(disk), sum(path.stat().st_size for path in disk.rglob("*") if path.is_file())
 
 
-def _one(folder: Path, name: str, room: int, read_only: bool, mounted: bool, wanted: dict[str, str]) -> Complaint | None:
+def _one(
+    folder: Path, name: str, room: int, read_only: bool, mounted: bool, wanted: dict[str, str]
+) -> Complaint | None:
     with _disk(folder, mounted) as disk:
         (disk / "results").mkdir()
         how = {} if read_only else _cramp(disk, room, mounted)
@@ -140,16 +145,26 @@ def _one(folder: Path, name: str, room: int, read_only: bool, mounted: bool, wan
         if read_only:
             subprocess.run(["mount", "-o", "remount,rw", str(disk)], check=True)
         if done.returncode == 0:
-            return None if _left(disk) == wanted else Complaint(f"success is told, but results differ: {name}", str(_left(disk)))
+            return (
+                None
+                if _left(disk) == wanted
+                else Complaint(f"success is told, but results differ: {name}", str(_left(disk)))
+            )
         if complaint := told(done.stdout + done.stderr):
-            return Complaint(f"{complaint.kind}: {name}", f"{room} bytes left, read-only {read_only}: {complaint.details}")
+            return Complaint(
+                f"{complaint.kind}: {name}", f"{room} bytes left, read-only {read_only}: {complaint.details}"
+            )
         if half := half_written(disk, wanted):
             return Complaint(f"something half-written stays: {name}", f"{room} bytes left: {half}")
         (disk / "filling").unlink(missing_ok=True)
         again = run(folder, *COMMANDS[name])
         if again.returncode:
             return Complaint(f"the next run fails: {name}", f"{room} bytes were left: {again.stderr[-500:]}")
-        return None if _left(disk) == wanted else Complaint(f"the next run has other results: {name}", f"{room} bytes were left")
+        return (
+            None
+            if _left(disk) == wanted
+            else Complaint(f"the next run has other results: {name}", f"{room} bytes were left")
+        )
 
 
 def told(said: str) -> Complaint | None:

@@ -70,11 +70,19 @@ def one(piece: Piece, folder: Path, moment: float, wanted: dict[str, str]) -> tu
     done = run(folder, *piece.command(1))
     if done.returncode:
         said = (done.stderr.strip() or done.stdout.strip())[-700:]
-        return Complaint(f"after a kill, the next run fails: {piece.name}", f"killed after {moment:.2f} s: {said}"), running, 0
+        return (
+            Complaint(f"after a kill, the next run fails: {piece.name}", f"killed after {moment:.2f} s: {said}"),
+            running,
+            0,
+        )
     try:
         left = piece.left(folder)
     except Exception as error:
-        return Complaint(f"after a kill, results cannot be read: {piece.name}", f"killed after {moment:.2f} s: {error}"), running, 0
+        return (
+            Complaint(f"after a kill, results cannot be read: {piece.name}", f"killed after {moment:.2f} s: {error}"),
+            running,
+            0,
+        )
     return other(left, wanted), running, len(hidden_files(folder))
 
 
@@ -99,7 +107,9 @@ def _row(piece: Piece, count: int, folders: list[Path], sitting: Sitting) -> Row
         return [(n, one(piece, folders[side], moments[n], wanted)) for n in range(side, count, len(folders))]
 
     with ThreadPoolExecutor(len(folders)) as pool:
-        found = sorted((each for part in pool.map(share, range(len(folders))) for each in part), key=lambda each: each[0])
+        found = sorted(
+            (each for part in pool.map(share, range(len(folders))) for each in part), key=lambda each: each[0]
+        )
     row.count = count
     for n, (complaint, _, _) in found:
         if complaint is not None:

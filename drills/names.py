@@ -95,7 +95,10 @@ def config(place: str, name: str) -> str:
         steel = {"restitution": 0.46}
         mechanism = {"base": mechanism, "contacts": {name: steel}, "joints": {"crank_pin": {"contact": name}}}
     if place in ("effect", "coefficient"):
-        formula = {"formula": "-a*v" if place == "coefficient" else name, "coefficients": {name if place == "coefficient" else "a": 1.0}}
+        formula = {
+            "formula": "-a*v" if place == "coefficient" else name,
+            "coefficients": {name if place == "coefficient" else "a": 1.0},
+        }
         mechanism = {"base": mechanism, "effects": [{"name": "discovered_slider_force", "parameters": formula}]}
     content = {"mechanism": mechanism, "scenarios": {name if place == "scenario" else "one": over}}
     if place == "run list":
@@ -108,7 +111,9 @@ def config(place: str, name: str) -> str:
 def _yaml(content: object) -> str:
     """JSON that YAML reads too: without pairs of surrogates, without signs that YAML refuses unescaped."""
     text = json.dumps(content, ensure_ascii=False)
-    return re.sub(r"[^\x20-\x7e\xa0-\ud7ff\ue000-\ufdff\U00010000-\U0010ffff]", lambda sign: f"\\u{ord(sign[0]):04x}", text)
+    return re.sub(
+        r"[^\x20-\x7e\xa0-\ud7ff\ue000-\ufdff\U00010000-\U0010ffff]", lambda sign: f"\\u{ord(sign[0]):04x}", text
+    )
 
 
 def campaign(place: str, name: str, folder: Path) -> str:
@@ -119,7 +124,9 @@ def campaign(place: str, name: str, folder: Path) -> str:
     for run in ("slow", "mid", "fast"):
         rows = list(csv.reader((where / f"{run}.csv").read_text().splitlines()))
         rows[0] = [heading if cell == "torque_Nm" else cell for cell in rows[0]]
-        rows[len(rows) // 2][rows[0].index(heading)] = "1e9" if run == "slow" else rows[len(rows) // 2][rows[0].index(heading)]
+        rows[len(rows) // 2][rows[0].index(heading)] = (
+            "1e9" if run == "slow" else rows[len(rows) // 2][rows[0].index(heading)]
+        )
         text = io.StringIO()
         csv.writer(text).writerows(rows)
         try:
@@ -185,7 +192,10 @@ def _comparison(scenario, name: str):
     from jointgap.paper.comparison_page import page
 
     row = {"unit": name, "paper": 1.0, "ours": 2.0, "ratio": 2.0, "verdict": "agrees", "sentence": f"In box {name}."}
-    rows = [{"kind": "number", "item": name} | row, {"kind": "claim", "item": f"L2, {name}"} | row | {"verdict": "holds"}]
+    rows = [
+        {"kind": "number", "item": name} | row,
+        {"kind": "claim", "item": f"L2, {name}"} | row | {"verdict": "holds"},
+    ]
     return page(pd.DataFrame(rows), scenario)
 
 
@@ -214,7 +224,9 @@ def _alive(page, harmless) -> Complaint | None:
     from jointgap.report.page import to_html, to_markdown
 
     shown = MarkdownIt("commonmark", {"html": True}).enable("table").render
-    return live(to_html(page), to_html(harmless)) or _in_markdown(shown(to_markdown(page)), shown(to_markdown(harmless)))
+    return live(to_html(page), to_html(harmless)) or _in_markdown(
+        shown(to_markdown(page)), shown(to_markdown(harmless))
+    )
 
 
 def _in_markdown(html: str, harmless: str) -> Complaint | None:
@@ -239,10 +251,16 @@ def _report(names: list[str]) -> dict[str, Complaint | None]:
             said = done.stdout + done.stderr
             wrong = crashed_in(said) or Complaint("the report is not written", said[-500:])
             return dict.fromkeys(names, wrong) if len(names) == 1 else {name: _report([name])[name] for name in names}
-        page = json.JSONDecoder().raw_decode((folder / "report.html").read_text(encoding="utf-8").partition("var workflow_desc = ")[2])[0]
+        page = json.JSONDecoder().raw_decode(
+            (folder / "report.html").read_text(encoding="utf-8").partition("var workflow_desc = ")[2]
+        )[0]
     items = re.split(r"<strong>s\d+</strong>", page)[1:]
     if len(items) != len(names):
-        return dict.fromkeys(names, Complaint("descriptions run into each other", f"{len(items)} of {len(names)}")) if len(names) == 1 else {name: _report([name])[name] for name in names}
+        return (
+            dict.fromkeys(names, Complaint("descriptions run into each other", f"{len(items)} of {len(names)}"))
+            if len(names) == 1
+            else {name: _report([name])[name] for name in names}
+        )
     plain = "<ul><li><p>x</p></li></ul><div><section><h1><a class=x></a></h1></section></div>"
     return {name: live(item, plain, CANARY) for name, item in zip(names, items, strict=True)}
 
@@ -265,7 +283,9 @@ def _analysed(name: str) -> Complaint | None:
             return crashed_in(done.stdout + done.stderr)
         pages = [path.read_text(encoding="utf-8") for path in (folder / "found").glob("*.html")]
         plain = "<html><head><body><meta><title></title><style></style></head><h1><h2><p><ul><li><table><thead><tbody><tr><th><td><b><i>"
-        found = [live(re.sub(r"<img alt='[^']*' src='data:image/png;base64,[^']*'>", "", page), plain) for page in pages]
+        found = [
+            live(re.sub(r"<img alt='[^']*' src='data:image/png;base64,[^']*'>", "", page), plain) for page in pages
+        ]
         return next(filter(None, found), None if pages else Complaint("there is no page", str(done.stdout[-300:])))
 
 
@@ -293,7 +313,17 @@ def _measured() -> str:
 
 
 _DESCRIPTIONS, _PER_REPORT, _WHOLE, _PATHS = 100, 25, 4, 8
-_SHELL_NAMES = [name for name in NAMES if _SHELL_FILE in name] + ["$HOME", "*", "{x}", "a b", "<b>", "'", '"', "😀", "-x"]
+_SHELL_NAMES = [name for name in NAMES if _SHELL_FILE in name] + [
+    "$HOME",
+    "*",
+    "{x}",
+    "a b",
+    "<b>",
+    "'",
+    '"',
+    "😀",
+    "-x",
+]
 
 
 def run(sitting: Sitting) -> list[Row]:

@@ -26,7 +26,10 @@ TINY = {
                 "seed_iterations": 10,
                 "clearance_sampling": 20,
             },
-            "optimise": {"genetic": {"population": 8, "generations": 2}, "ensemble": {"members": 2, "settled_revolution": 2}},
+            "optimise": {
+                "genetic": {"population": 8, "generations": 2},
+                "ensemble": {"members": 2, "settled_revolution": 2},
+            },
             "figures": {"animation_frames": 2},
         }
     },
@@ -82,7 +85,9 @@ class Piece:
 def _results(folder: Path) -> dict[str, str]:
     """Digests of the results but for hidden files, which a write leaves that is killed."""
     found = digests(folder / "results") if (folder / "results").is_dir() else {}
-    return {path: digest for path, digest in found.items() if not any(part.startswith(".") for part in Path(path).parts)}
+    return {
+        path: digest for path, digest in found.items() if not any(part.startswith(".") for part in Path(path).parts)
+    }
 
 
 def _store(folder: Path) -> dict[str, str]:
@@ -108,7 +113,9 @@ def _campaign(*targets: str) -> Callable[[int], list[str]]:
 
 def hidden_files(folder: Path) -> list[str]:
     """Hidden files among the results: what a killed write leaves beside the file that it was to become."""
-    return [path.name for path in (folder / "results").rglob(".*") if path.is_file() and not path.name.endswith(".lock")]
+    return [
+        path.name for path in (folder / "results").rglob(".*") if path.is_file() and not path.name.endswith(".lock")
+    ]
 
 
 def start_over(folder: Path) -> None:
@@ -124,5 +131,5 @@ SCENARIO = Piece(
     _workflow("results/tiny/optimise/optima.parquet", "results/tiny/kinematics/errors.parquet"),
     _results,
 )
-SCREENED = Piece("a campaign up to screening", _campaign("results/campaigns/small/screen/ranking.parquet"), _results)
+SCREENED = Piece("a campaign up to screening", _campaign("results/campaigns/small/screen/screened.parquet"), _results)
 CAMPAIGN = Piece("a campaign up to its verdict", _campaign("results/campaigns/small/verdict.json"), _results)

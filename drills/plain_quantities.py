@@ -49,7 +49,11 @@ _PREFIXED = {
 }
 _PREFIXES = {"": 1.0, "G": 1e9, "M": 1e6, "k": 1e3, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "n": 1e-9}
 UNITS = {
-    **{prefix + name: Unit(size * unit.factor, unit.powers) for name, unit in _PREFIXED.items() for prefix, size in _PREFIXES.items()},
+    **{
+        prefix + name: Unit(size * unit.factor, unit.powers)
+        for name, unit in _PREFIXED.items()
+        for prefix, size in _PREFIXES.items()
+    },
     "meter": Unit(1.0, _LENGTH),
     "metre": Unit(1.0, _LENGTH),
     "millimeter": Unit(1e-3, _LENGTH),
@@ -73,13 +77,19 @@ UNITS = {
 _MINUS = "−"
 _DOTS = str.maketrans({"·": "*", "⋅": "*"})
 _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
-_NUMBER = re.compile(r"([-+−]?)(0[xX][0-9a-fA-F]+|0[oO][0-7]+|0[bB][01]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+−]?\d+)?)", re.ASCII)
+_NUMBER = re.compile(
+    r"([-+−]?)(0[xX][0-9a-fA-F]+|0[oO][0-7]+|0[bB][01]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+−]?\d+)?)", re.ASCII
+)
 _TOKEN = re.compile(r"\s*(?:(?P<name>[^\W\d]\w*|[°%])|(?P<number>[-+]?\d+(?:\.\d+)?)|(?P<sign>\*\*|[*/^()]))")
 
 
 def read(text: str, wanted: str) -> Reading:
     """What `text` says in the SI unit `wanted`, of the table here, '' for a pure number."""
-    text = unicodedata.normalize("NFKC", text.translate(_DOTS).replace("²", "^2").replace("³", "^3")) if not text.isascii() else text
+    text = (
+        unicodedata.normalize("NFKC", text.translate(_DOTS).replace("²", "^2").replace("³", "^3"))
+        if not text.isascii()
+        else text
+    )
     text = _plain_digits(text.strip())
     found = _NUMBER.match(text)
     if found is None:

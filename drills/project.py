@@ -1,6 +1,7 @@
 """Clean copies of the project, commands in them, and what a run of them leaves."""
 
 import hashlib
+import json
 import os
 import shutil
 import subprocess
@@ -9,10 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pyarrow.parquet as pq
+
 from benchmarks.project import ROOT, copy_project, environment, in_venv
 
 _TIMED = ("benchmarks", "logs", "track")
-"""Folders of results that hold times."""
+"""Folders of results that hold nothing but times, or where these were published."""
 
 LIMIT_S = 300
 """No command of a drill takes longer."""
@@ -81,13 +84,25 @@ def snakemake(folder: Path, *options: str, cores: int = 1) -> subprocess.Complet
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """SHA-256 of every file below `folder` but those that hold times; hidden ones too, which nothing should leave."""
+    """SHA-256 of every file below `folder` but for what holds times; of hidden ones too, which nothing should leave."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
     return {
-        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        path.relative_to(folder).as_posix(): _digest(path)
         for path in files
         if not set(path.relative_to(folder).parts) & set(_TIMED) and not path.name.startswith("mlflow.db")
     }
+
+
+def _digest(path: Path) -> str:
+    """Of a file's content without the seconds that it took, which stand in a column, or under a key, of that name."""
+    content = path.read_bytes()
+    if path.suffix == ".parquet" and not path.name.startswith("."):
+        table = pq.read_table(path)
+        if "seconds" in table.column_names:
+            content = str(table.drop_columns(["seconds"]).to_pydict()).encode()
+    elif path.name == "verdict.json":
+        content = json.dumps({key: value for key, value in json.loads(content).items() if key != "seconds"}).encode()
+    return hashlib.sha256(content).hexdigest()
 
 
 def emptied(folder: Path) -> Path:

@@ -29,7 +29,10 @@ publish_records(name, "a drill", records, None, Path(sys.argv[2]))
 
 def drill(sitting: Sitting) -> list[Row]:
     """Rounds of `PROCESSES` processes, each into a store of its own."""
-    began, row = time.monotonic(), Row(f"publishers: {PROCESSES} processes publish into one new store", seed=sitting.seed)
+    began, row = (
+        time.monotonic(),
+        Row(f"publishers: {PROCESSES} processes publish into one new store", seed=sitting.seed),
+    )
     for number in range(sitting.of(ROUNDS)):
         with clean_folder(project=False) as folder:
             complaint = _round(folder)
@@ -69,7 +72,9 @@ def lost_or_twice(store: Path, names: set[str]) -> Complaint | None:
         for run, stage in ((name, "simulate"), (name, "optimise"), (f"{name} nested", "optimise")):
             times = found.pop((run, f"jointgap-{stage}", "FINISHED"), 0)
             if times != 1:
-                return Complaint("a run is lost" if times == 0 else "a run is there twice", f"{run} of {stage}, {times} times")
+                return Complaint(
+                    "a run is lost" if times == 0 else "a run is there twice", f"{run} of {stage}, {times} times"
+                )
     return Complaint("there are runs that nobody published", str(list(found)[:3])) if found else None
 
 

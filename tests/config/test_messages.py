@@ -9,7 +9,9 @@ from jointgap.errors import InputError
 from tests.config.mechanisms import PAPER
 
 
-@pytest.mark.parametrize("sign", ["\x1b[31m", "\n", "\r", "\x00", "\x85", "\N{RIGHT-TO-LEFT OVERRIDE}", "\N{LINE SEPARATOR}"])
+@pytest.mark.parametrize(
+    "sign", ["\x1b[31m", "\n", "\r", "\x00", "\x85", "\N{RIGHT-TO-LEFT OVERRIDE}", "\N{LINE SEPARATOR}"]
+)
 def test_signs_that_a_terminal_obeys_are_written_out(sign):
     (line,) = str(InputError(f"mine.yaml: unknown key 'a{sign}b'; remove it")).splitlines()
     assert repr(sign)[1:-1] in line

@@ -43,7 +43,9 @@ def test_a_good_campaign_is_read_exactly_and_without_remarks(tmp_path):
 
 def test_a_changed_byte_in_a_parquet_file_with_checksums_is_refused(tmp_path):
     path = write_rig(tmp_path, run_with(file="slow.parquet"))
-    table(SLOW).to_parquet(tmp_path / "slow.parquet", write_page_checksum=True, compression="none", use_dictionary=False)
+    table(SLOW).to_parquet(
+        tmp_path / "slow.parquet", write_page_checksum=True, compression="none", use_dictionary=False
+    )
     content = bytearray((tmp_path / "slow.parquet").read_bytes())
     content[len(content) // 2] ^= 1
     (tmp_path / "slow.parquet").write_bytes(content)
