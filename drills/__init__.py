@@ -1,1 +1,1 @@
-"""What damaged, hostile and interrupted use does to the project: `make drill`. Every module with a `DRILL` is a drill."""
+"""What damaged, hostile and interrupted use does to the project: `make drill`. A module with a `DRILL` is a drill."""

@@ -1,7 +1,6 @@
 """Random configurations and campaign files, read as users' files are: a clear error, or what is written."""
 
 import base64
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,9 +10,9 @@ import numpy as np
 import yaml
 
 from drills import written as reading
-from drills.documents import ROOT, Pairs, Tree, Writer, damaged, get, put, schema, shipped, written
+from drills.documents import ROOT, Pairs, Tree, Writer, damaged, put, schema, shipped, written
 from drills.harness import Answers, Case, Complaint, Sweep, crashed, unclear
-from drills.plain_quantities import parse_unit, read
+from drills.plain_quantities import read
 
 _ROUNDING = 1e-9  # relative, of products of factors
 

@@ -1,4 +1,4 @@
-"""Damaged files of samples, CSV and Parquet, and damaged tables of results: a clear error, or the numbers as written."""
+"""Damaged files of samples, CSV and Parquet, and damaged tables of results: a clear error, or numbers as written."""
 
 import base64
 import io
@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from drills.documents import ROOT
 from drills.harness import Answers, Case, Complaint, Sweep, crashed, unclear
+from drills.plain_quantities import read as read_quantity
 
 _CLEAR = "ends in a clear error or samples"
 _SAME = "samples that are read are those written"
@@ -86,9 +88,13 @@ class _Sheet:
         return self.head + self.ending.join(lines) + self.ending
 
 
-_CELLS = ["", " ", "nan", "NaN", "NA", "N/A", "null", "None", "-", "--", "?", "inf", "-inf", "1e400", "-9999", "-999.25", "9999", "1e30", "99999999",
-          "1,5", "1.5", "1,234.5", "1.234,5", "1 234.5", "1'234.5", "1_000", "−1.5", "–1.5", "1.5 mm", "1.5%", "0x10", "1d3", "1e3", "1E+2", "+1.5", ".5", "5.", "1.2.3",
-          "١٫٥", "１.5", "³", "x", "#REF!", "#", '"1.5"', '"1,5"', '"', "'1.5", "=1+1", "TRUE", "2026-03-01", "12:30:45", "1.5\u00a0", "\u00a01.5", "\u20091.5", "1.5\ufeff", "1.5;", "1.5\t", "\x00", "\x1b[31m"]  # fmt: skip
+_CELLS = [
+    "", " ", "nan", "NaN", "NA", "N/A", "null", "None", "-", "--", "?", "inf", "-inf", "1e400", "-9999", "-999.25",
+    "9999", "1e30", "99999999", "1,5", "1.5", "1,234.5", "1.234,5", "1 234.5", "1'234.5", "1_000", "−1.5", "–1.5",
+    "1.5 mm", "1.5%", "0x10", "1d3", "1e3", "1E+2", "+1.5", ".5", "5.", "1.2.3", "١٫٥", "１.5", "³", "x", "#REF!", "#",
+    '"1.5"', '"1,5"', '"', "'1.5", "=1+1", "TRUE", "2026-03-01", "12:30:45", "1.5\u00a0", "\u00a01.5", "\u20091.5",
+    "1.5\ufeff", "1.5;", "1.5\t", "\x00", "\x1b[31m",
+]  # fmt: skip
 
 
 def _cell(sheet: _Sheet) -> None:
@@ -99,7 +105,11 @@ def _cell(sheet: _Sheet) -> None:
 
 def _column_of(sheet: _Sheet) -> None:
     """A whole column in another notation."""
-    place, change = sheet.column(), sheet.one_of([lambda c: c.replace("-", "−"), lambda c: c + " mm", lambda c: c.replace(".", ","), lambda c: "1.0", lambda c: "", lambda c: f'"{c}"', lambda c: f"{float(c):e}" if _NUMBER.match(c) else c, lambda c: c.split(".")[0]])  # fmt: skip
+    place, change = sheet.column(), sheet.one_of([
+        lambda c: c.replace("-", "−"), lambda c: c + " mm", lambda c: c.replace(".", ","), lambda c: "1.0",
+        lambda c: "", lambda c: f'"{c}"', lambda c: f"{float(c):e}" if _NUMBER.match(c) else c,
+        lambda c: c.split(".")[0],
+    ])  # fmt: skip
     for cells in sheet.cells:
         if place < len(cells):
             cells[place] = change(cells[place])
@@ -150,7 +160,10 @@ def _heading(sheet: _Sheet) -> None:
 def _line(sheet: _Sheet) -> None:
     """A line that is no row of samples."""
     names = sheet.separator.join(sheet.headings)
-    line = sheet.one_of(["", "# note", names, f"#{names}", sheet.separator * 3, sheet.separator.join(["ms", "deg", "m/s^2", "N*m"]), sheet.separator.join(["s", "rad", "g_n", "mN*m"]), "end", "   ", "\x1a", "--"])  # fmt: skip
+    line = sheet.one_of([
+        "", "# note", names, f"#{names}", sheet.separator * 3, sheet.separator.join(["ms", "deg", "m/s^2", "N*m"]),
+        sheet.separator.join(["s", "rad", "g_n", "mN*m"]), "end", "   ", "\x1a", "--",
+    ])  # fmt: skip
     sheet.extra.append((sheet.one_of([0, 1, 2, sheet.row(), 10**6]), line))
 
 
@@ -178,8 +191,9 @@ def _front(sheet: _Sheet) -> None:
 
 
 _DAMAGE: list[tuple[Callable[[_Sheet], None], float]] = [
-    (_cell, 6), (_column_of, 2), (_lost_cell, 1), (_one_more, 1), (_doubled, 1), (_disordered, 1), (_reversed, 0.3), (_gone, 1), (_exchanged, 1),
-    (_heading, 1), (_line, 2), (_endings, 1), (_separator, 1), (_decimals, 1), (_front, 1),
+    (_cell, 6), (_column_of, 2), (_lost_cell, 1), (_one_more, 1), (_doubled, 1), (_disordered, 1), (_reversed, 0.3),
+    (_gone, 1), (_exchanged, 1), (_heading, 1), (_line, 2), (_endings, 1), (_separator, 1), (_decimals, 1),
+    (_front, 1),
 ]  # fmt: skip
 _ENCODINGS = ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "latin-1", "cp1252"]
 
@@ -311,8 +325,6 @@ def judge(case: Case, folder: Path) -> Answers:
 def _campaign(path: Path) -> dict:
     from jointgap.config.load import load_mechanism
 
-    from drills.documents import ROOT
-
     return {
         "name": "drill",
         "mechanism": load_mechanism(ROOT / "config/mechanisms/ideal_joints.yaml").model_dump(),
@@ -332,7 +344,7 @@ def compare(case: Case, recording) -> Complaint | None:
     truth = _of_cells(case["truth"]) if case["kind"] == "csv" else case["truth"]
     if isinstance(truth, Complaint):
         return truth
-    for name, column in HEADINGS.items():
+    for column in HEADINGS.values():
         if truth.get(column) is None:
             return Complaint("a column that holds no numbers is read", column)
     kept = [row for row, time in enumerate(truth["t"]) if time is not None]
@@ -397,9 +409,7 @@ def number(cell: str, decimal: str = "."):
     if re.fullmatch(r"[-+]?\d{1,3}([,' _]\d{3})+(\.\d*)?|[-+]?\d{1,3}(\.\d{3})+,\d*", text):
         return _UNSURE
     if not text.isascii():
-        from drills.plain_quantities import read
-
-        return value if (value := read(text, "").value) is not None else math.inf
+        return value if (value := read_quantity(text, "").value) is not None else math.inf
     if not _NUMBER.match(text):
         return math.inf
     return float(text)

@@ -208,33 +208,45 @@ TRAPS = [
 ]  # fmt: skip
 """What YAML 1.1 reads as something else than people, and what neither can read."""
 
-HUGE = ["1e300", "-1e300", "1e-300", "1e400", "-1e400", "1e-400", "9" * 400, "0." + "0" * 400 + "1", "9" * 5000, "1e999999999",
-        "1e300 mm", "9" * 400 + " mm", "1" + "0" * 20, "-1", "0", "-0.0", "1e-9", "1e9", "4.9e-324 m", "1e12", "100000000"]  # fmt: skip
+HUGE = [
+    "1e300", "-1e300", "1e-300", "1e400", "-1e400", "1e-400", "9" * 400, "0." + "0" * 400 + "1", "9" * 5000,
+    "1e999999999", "1e300 mm", "9" * 400 + " mm", "1" + "0" * 20, "-1", "0", "-0.0", "1e-9", "1e9", "4.9e-324 m",
+    "1e12", "100000000",
+]  # fmt: skip
 
 UNIT_TRAPS = [
-    "{n} kg", "{n} m", "{n} mm", "{n} s", "{n} rad", "{n} deg", "{n} Hz", "{n} 1/s", "{n} rpm", "{n} degC", "{n} dB", "{n} Mm", "{n} mmm",
-    "{n} m m", "{n} mm^2", "{n} m^0.5", "{n} m/s", "{n}mm", "{n} MM", "{n} Meter", "{n} mm mm", "mm {n}", "{n} *2 mm", "{n} * 2 mm",
-    "{n} + 1 mm", "2 {n} mm", "{n} 2 mm", "{n}/2 mm", "{n}/2", "{n} mm/2", "({n}) mm", "{n} (mm)", "[{n} mm]", "{n} +- 1 mm",
-    "{n} ± 1 mm", "{n}(1) mm", "{n} mm,", "{n} mm.", "{n};mm", "{n} mm # c", "{n} mm ...", "{n} mm -", "{n}^2 mm", "{n}**2 mm",
-    "{n} e mm", "{n} pi mm", "{n} %", "{n} percent", "{n} ppm", "{n} count", "{n} dimensionless", "{n} radian", "1 {n} mm",
-    "1 000 mm", "1'000 mm", "1 000.5 mm", "{n} mm or 3 mm", "{n} sqrt(mm)", "{n} abs(mm)", "nan mm", "inf mm", "-inf m",
-    "0x7 mm", "0b1 mm", "1_000 mm", "1e3 mm", "1.e3mm", "1e+3 mm", "1e 3 mm", "1 e3 mm", "1e3e3 mm", "1.2.3 mm", "..5 mm", "{n} m*", "{n} m/",
-    "{n} *m", "{n} /m", "{n} m//s", "{n} m^", "{n} m^^2", "{n} m^m", "{n} m^99999999", "{n}**99999999 mm", "9**9**9**9 mm", "{n} mm if 1 else 2",
-    "lambda: 0", "{n} []", "{n} __class__", "{n} mm\\n", "\"{n} mm\\0\"", "\"{n}\\tmm\"", "\"{n}\\nmm\"", "{n} 'mm'",
+    "{n} kg", "{n} m", "{n} mm", "{n} s", "{n} rad", "{n} deg", "{n} Hz", "{n} 1/s", "{n} rpm", "{n} degC", "{n} dB",
+    "{n} Mm", "{n} mmm", "{n} m m", "{n} mm^2", "{n} m^0.5", "{n} m/s", "{n}mm", "{n} MM", "{n} Meter", "{n} mm mm",
+    "mm {n}", "{n} *2 mm", "{n} * 2 mm", "{n} + 1 mm", "2 {n} mm", "{n} 2 mm", "{n}/2 mm", "{n}/2", "{n} mm/2",
+    "({n}) mm", "{n} (mm)", "[{n} mm]", "{n} +- 1 mm", "{n} ± 1 mm", "{n}(1) mm", "{n} mm,", "{n} mm.", "{n};mm",
+    "{n} mm # c", "{n} mm ...", "{n} mm -", "{n}^2 mm", "{n}**2 mm", "{n} e mm", "{n} pi mm", "{n} %", "{n} percent",
+    "{n} ppm", "{n} count", "{n} dimensionless", "{n} radian", "1 {n} mm", "1 000 mm", "1'000 mm", "1 000.5 mm",
+    "{n} mm or 3 mm", "{n} sqrt(mm)", "{n} abs(mm)", "nan mm", "inf mm", "-inf m", "0x7 mm", "0b1 mm", "1_000 mm",
+    "1e3 mm", "1.e3mm", "1e+3 mm", "1e 3 mm", "1 e3 mm", "1e3e3 mm", "1.2.3 mm", "..5 mm", "{n} m*", "{n} m/",
+    "{n} *m", "{n} /m", "{n} m//s", "{n} m^", "{n} m^^2", "{n} m^m", "{n} m^99999999", "{n}**99999999 mm",
+    "9**9**9**9 mm", "{n} mm if 1 else 2", "lambda: 0", "{n} []", "{n} __class__", "{n} mm\\n", "\"{n} mm\\0\"",
+    "\"{n}\\tmm\"", "\"{n}\\nmm\"", "{n} 'mm'",
 ]  # fmt: skip
 """Texts of numbers with units, {n} a number: wrong dimensions, arithmetic, marks for thousands, tolerances."""
 
 TYPOGRAPHIC = [
-    "\N{MINUS SIGN}{n}", "\N{MINUS SIGN}{n} mm", "\N{EN DASH}{n} mm", "\N{EM DASH}{n}", "\N{HYPHEN}{n} mm", "\N{NON-BREAKING HYPHEN}{n}",
-    "\N{SMALL HYPHEN-MINUS}{n} mm", "\N{FULLWIDTH HYPHEN-MINUS}{n} mm", "\N{SUPERSCRIPT MINUS}{n}", "\N{SOFT HYPHEN}{n} mm", "{n}\N{NO-BREAK SPACE}mm",
-    "{n}\N{THIN SPACE}mm", "{n}\N{NARROW NO-BREAK SPACE}mm", "{n}\N{ZERO WIDTH SPACE} mm", "\N{ZERO WIDTH NO-BREAK SPACE}{n} mm", "1\N{NO-BREAK SPACE}500 mm",
-    "1\N{NARROW NO-BREAK SPACE}500", "1\N{THIN SPACE}500 mm", "1\N{RIGHT SINGLE QUOTATION MARK}500 mm", "1\N{DOT ABOVE}5 mm",
-    "1\N{MIDDLE DOT}5 mm", "1\N{ARABIC DECIMAL SEPARATOR}5 mm", "{n} \N{MICRO SIGN}m", "{n} \N{GREEK SMALL LETTER MU}m", "{n} mm\N{SUPERSCRIPT TWO}",
-    "{n}\N{SUPERSCRIPT TWO} mm", "{n}\N{SUPERSCRIPT TWO}", "\N{VULGAR FRACTION ONE HALF} mm", "1\N{VULGAR FRACTION ONE HALF} mm", "{n} \N{MULTIPLICATION SIGN} 10 mm",
-    "{n}\N{MULTIPLICATION SIGN}10^3 mm", "{n} N\N{MIDDLE DOT}m", "{n} N\N{DOT OPERATOR}m", "{n} kg\N{MIDDLE DOT}m\N{SUPERSCRIPT TWO}", "{n}\N{DEGREE SIGN}", "{n} \N{DEGREE SIGN}C",
-    "{n} \N{PRIME}", "{n}\N{PER MILLE SIGN}", "\N{FULLWIDTH DIGIT SEVEN} mm", "\N{ARABIC-INDIC DIGIT THREE} mm", "\N{ARABIC-INDIC DIGIT THREE}", "\N{DEVANAGARI DIGIT FIVE} m",
-    "\N{RIGHT-TO-LEFT OVERRIDE}{n} mm", "{n} m\N{COMBINING LONG STROKE OVERLAY}m", "{n} \N{CYRILLIC SMALL LETTER ES}m", "{n} \N{SQUARE MM}", "{n} \N{GREEK SMALL LETTER OMEGA}", "\N{INFINITY}", "\N{INFINITY} m",
-    "{n} \N{EN DASH} 9 mm", "{n}\N{HORIZONTAL ELLIPSIS}9 mm", "\N{ALMOST EQUAL TO}{n} mm", "<{n} mm", "\N{LESS-THAN OR EQUAL TO}{n} mm", "~{n} mm",
+    "\N{MINUS SIGN}{n}", "\N{MINUS SIGN}{n} mm", "\N{EN DASH}{n} mm", "\N{EM DASH}{n}", "\N{HYPHEN}{n} mm",
+    "\N{NON-BREAKING HYPHEN}{n}", "\N{SMALL HYPHEN-MINUS}{n} mm", "\N{FULLWIDTH HYPHEN-MINUS}{n} mm",
+    "\N{SUPERSCRIPT MINUS}{n}", "\N{SOFT HYPHEN}{n} mm", "{n}\N{NO-BREAK SPACE}mm", "{n}\N{THIN SPACE}mm",
+    "{n}\N{NARROW NO-BREAK SPACE}mm", "{n}\N{ZERO WIDTH SPACE} mm", "\N{ZERO WIDTH NO-BREAK SPACE}{n} mm",
+    "1\N{NO-BREAK SPACE}500 mm", "1\N{NARROW NO-BREAK SPACE}500", "1\N{THIN SPACE}500 mm",
+    "1\N{RIGHT SINGLE QUOTATION MARK}500 mm", "1\N{DOT ABOVE}5 mm", "1\N{MIDDLE DOT}5 mm",
+    "1\N{ARABIC DECIMAL SEPARATOR}5 mm", "{n} \N{MICRO SIGN}m", "{n} \N{GREEK SMALL LETTER MU}m",
+    "{n} mm\N{SUPERSCRIPT TWO}", "{n}\N{SUPERSCRIPT TWO} mm", "{n}\N{SUPERSCRIPT TWO}",
+    "\N{VULGAR FRACTION ONE HALF} mm", "1\N{VULGAR FRACTION ONE HALF} mm", "{n} \N{MULTIPLICATION SIGN} 10 mm",
+    "{n}\N{MULTIPLICATION SIGN}10^3 mm", "{n} N\N{MIDDLE DOT}m", "{n} N\N{DOT OPERATOR}m",
+    "{n} kg\N{MIDDLE DOT}m\N{SUPERSCRIPT TWO}", "{n}\N{DEGREE SIGN}", "{n} \N{DEGREE SIGN}C", "{n} \N{PRIME}",
+    "{n}\N{PER MILLE SIGN}", "\N{FULLWIDTH DIGIT SEVEN} mm", "\N{ARABIC-INDIC DIGIT THREE} mm",
+    "\N{ARABIC-INDIC DIGIT THREE}", "\N{DEVANAGARI DIGIT FIVE} m", "\N{RIGHT-TO-LEFT OVERRIDE}{n} mm",
+    "{n} m\N{COMBINING LONG STROKE OVERLAY}m", "{n} \N{CYRILLIC SMALL LETTER ES}m", "{n} \N{SQUARE MM}",
+    "{n} \N{GREEK SMALL LETTER OMEGA}", "\N{INFINITY}", "\N{INFINITY} m", "{n} \N{EN DASH} 9 mm",
+    "{n}\N{HORIZONTAL ELLIPSIS}9 mm", "\N{ALMOST EQUAL TO}{n} mm", "<{n} mm", "\N{LESS-THAN OR EQUAL TO}{n} mm",
+    "~{n} mm",
 ]  # fmt: skip
 
 
@@ -294,8 +306,11 @@ def _renamed(writer: Writer, content: Pairs) -> None:
     )
     place = int(writer.random.integers(len(parent)))
     key, value = parent[place]
-    names = [key[:-1] or "x", key + "s", key.upper(), key.replace("_", "-"), "1", "null", "true", "[a]", "{a: b}", "1.5",
-             '""', "? [a, b]\n", "2026-03-01", "<<", json.dumps(key + "\u202e", ensure_ascii=True), json.dumps(key + "\x1b[31m"), key + " ", f"'{key}'"]  # fmt: skip
+    names = [
+        key[:-1] or "x", key + "s", key.upper(), key.replace("_", "-"), "1", "null", "true", "[a]", "{a: b}", "1.5",
+        '""', "? [a, b]\n", "2026-03-01", "<<", json.dumps(key + "\u202e", ensure_ascii=True),
+        json.dumps(key + "\x1b[31m"), key + " ", f"'{key}'",
+    ]  # fmt: skip
     parent[place] = (writer.one_of(names), value)
 
 

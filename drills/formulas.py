@@ -124,9 +124,12 @@ class _Author:
         return f"{name}{self.one_of(['', ' '])}({inner})", f"{name}({again})"
 
 
-_JUNK = [*"+-*/^()|.,;:=<>!?@#$%&_~\\'\"[]{} \t\n\0", "**", "//", "^^", "||", "e", "E", "1e", "1e999", "0x10", "1_000", "j", "1j",
-         "nan", "inf", "v", "vv", "import os", "__import__('os')", "lambda", "π", "θ", "×", "·", "−", "²", "٣", "１", "\u202e", "😀",
-         "abs", "sin", "max(", "if", "2v", ")(", "9^9^9^9", "exp(exp(exp(9)))", "1/0", "log(0)", "0^-1", "sqrt(-1)"]  # fmt: skip
+_JUNK = [
+    *"+-*/^()|.,;:=<>!?@#$%&_~\\'\"[]{} \t\n\0", "**", "//", "^^", "||", "e", "E", "1e", "1e999", "0x10", "1_000",
+    "j", "1j", "nan", "inf", "v", "vv", "import os", "__import__('os')", "lambda", "π", "θ", "×", "·", "−", "²", "٣",
+    "１", "\u202e", "😀", "abs", "sin", "max(", "if", "2v", ")(", "9^9^9^9", "exp(exp(exp(9)))", "1/0", "log(0)",
+    "0^-1", "sqrt(-1)",
+]  # fmt: skip
 
 
 def make(random: np.random.Generator) -> Case:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from drills.harness import Complaint, Drill, Failure, Row, Sitting, unclear
 from drills.names import crashed_in
-from drills.pieces import write_inputs
+from drills.pieces import MAKE_STORE, write_inputs
 from drills.project import clean_folder, digests, emptied, run
 
 _SIZE = 64 * 2**20
@@ -21,21 +21,11 @@ COMMANDS = {
     "simulate": ["jointgap", "simulate", "--options", _OPTIONS, "--results", "disk/results"],
     "measure": ["jointgap", "measure", "small/small.json", "--folder", "disk/results"],
     "analyse": ["jointgap", "analyse", "small/small.json", "--folder", "disk/results"],
+    "store": ["python", "-c", MAKE_STORE, "disk/results"],
     "schema": ["jointgap", "schema", "--write", "disk/results/schema.json"],
 }
 """What is run, by the name of its row."""
 
-_GUARDED = """
-import sys
-from pathlib import Path
-from jointgap.errors import InputError
-from jointgap.track.mlflow_store import create_store
-try:
-    create_store(Path(sys.argv[1]))
-except InputError as error:
-    sys.exit(f"jointgap: error: {error}")
-"""
-COMMANDS["store"] = ["python", "-c", _GUARDED, "disk/results"]
 _COUNTS = {"simulate": 8, "measure": 6, "store": 8, "schema": 3, "analyse": 3}
 
 
@@ -109,11 +99,10 @@ def drill(sitting: Sitting) -> list[Row]:
 
 
 def _prepare(folder: Path) -> None:
-    from jointgap.config import resolve
-    from jointgap.config.load import options_for
-
     from drills.documents import ROOT
     from drills.pieces import TINY
+    from jointgap.config import resolve
+    from jointgap.config.load import options_for
 
     write_inputs(folder)
     scenario = resolve({"mechanism": str(ROOT / "config/mechanisms/erkaya2009.yaml"), **TINY})["tiny"]

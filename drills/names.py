@@ -26,18 +26,28 @@ _ANALYSED = "the pages of a campaign hold no markup of its headings and files"
 _SHELL = "no shell obeys the path of a campaign or of its files"
 
 NAMES = [
-    "<script>alert(1)</script>", "<img src=x onerror=alert(1)>", "<svg/onload=alert(1)>", "</title><script>alert(1)</script>", "</script><script>alert(1)</script>",
-    "<iframe src=javascript:alert(1)>", "\" onmouseover=\"alert(1)", "' onmouseover='alert(1)", "<a href='javascript:alert(1)'>x</a>", "<!--", "-->", "<![CDATA[<b>]]>",
-    "&lt;script&gt;alert(1)&lt;/script&gt;", "&#60;b&#62;", "`<b>x</b>`", "``<b>x</b>``", "`a` `<script>alert(1)</script>`", "`", "a`b", "**bold**", "*it*", "__x__", "# head", "- point",
-    "1. point", "| a | b |", "[x](javascript:alert(1))", "![x](http://example.org/x.png)", "<http://example.org>", "<javascript:alert(1)>", "[x]: javascript:alert(1)", "\\<b>", "\\\\<b>x", "\\`<b>`",
-    ".. raw:: html\n\n   <script>alert(1)</script>", "x\n\n.. raw:: html\n\n   <script>alert(1)</script>\n\ny", f"x\n\n.. include:: {_CANARY_FILE}\n", f"x\n\n.. raw:: html\n   :file: {_CANARY_FILE}\n",
-    f"x\n\n.. literalinclude:: {_CANARY_FILE}\n", f"x\n\n.. csv-table::\n   :file: {_CANARY_FILE}\n", "`x <javascript:alert(1)>`_", "|x|\n\n.. |x| raw:: html\n\n   <script>alert(1)</script>", ":raw:`x`",
-    "x\n\n.. role:: r(raw)\n   :format: html\n\n:r:`<script>alert(1)</script>`", ".. image:: javascript:alert(1)", "=====\nHead\n=====", "::\n\n   x", "x_", "|x|", "[1]_",
-    "{{ 7 * 7 }}", "{% for x in () %}", "{{ snakemake.config }}", "{% raw %}", "{# x #}", "{{", "{x}", "{0}", "{", "}", "%s", "%(x)s", "${x}", "$HOME",
-    f"$(touch {_SHELL_FILE})", f"`touch {_SHELL_FILE}`", f"; touch {_SHELL_FILE} #", f"' ; touch {_SHELL_FILE} ; '", f'" ; touch {_SHELL_FILE} ; "', f"| touch {_SHELL_FILE}", f"&& touch {_SHELL_FILE}", f"\n touch {_SHELL_FILE}\n",
-    "-rf", "--help", "-", "~", "*", "?", "!", "#", "..", ".", "../../etc/passwd", "/etc/passwd", "con", "nul", "a/b", "a\\b", " ", "  x  ", "\t", "a\tb", "a\nb", "a\r\nb", "\x00", "a\x00b", "\x1b[31mred", "\x07", "\x7f",
-    "\u202egnp.exe", "\u200f\u05e9\u05dc\u05d5\u05dd", "\u0645\u0631\u062d\u0628\u0627", "😀", "👩‍🔬", "e\u0301", "\ufeffx", "\u200b", "\u2028", "\x85", "\ufffe", "𝕏", "ſ", "İ", "ß", "Ω", "z" * 255, "z" * 300, "z" * 5000, "<b>" * 2000,
-    "$x^2$", "$\\frac{1}{0}$", "\\input{x}", "$", "$$", "_", "^", "null", "true", "1", "1.5", "01", "2026-03-01", "yes", "", "all", "look", "=1+1", "@x", "+x",
+    "<script>alert(1)</script>", "<img src=x onerror=alert(1)>", "<svg/onload=alert(1)>",
+    "</title><script>alert(1)</script>", "</script><script>alert(1)</script>", "<iframe src=javascript:alert(1)>",
+    "\" onmouseover=\"alert(1)", "' onmouseover='alert(1)", "<a href='javascript:alert(1)'>x</a>", "<!--", "-->",
+    "<![CDATA[<b>]]>", "&lt;script&gt;alert(1)&lt;/script&gt;", "&#60;b&#62;", "`<b>x</b>`", "``<b>x</b>``",
+    "`a` `<script>alert(1)</script>`", "`", "a`b", "**bold**", "*it*", "__x__", "# head", "- point", "1. point",
+    "| a | b |", "[x](javascript:alert(1))", "![x](http://example.org/x.png)", "<http://example.org>",
+    "<javascript:alert(1)>", "[x]: javascript:alert(1)", "\\<b>", "\\\\<b>x", "\\`<b>`",
+    ".. raw:: html\n\n   <script>alert(1)</script>", "x\n\n.. raw:: html\n\n   <script>alert(1)</script>\n\ny",
+    f"x\n\n.. include:: {_CANARY_FILE}\n", f"x\n\n.. raw:: html\n   :file: {_CANARY_FILE}\n",
+    f"x\n\n.. literalinclude:: {_CANARY_FILE}\n", f"x\n\n.. csv-table::\n   :file: {_CANARY_FILE}\n",
+    "`x <javascript:alert(1)>`_", "|x|\n\n.. |x| raw:: html\n\n   <script>alert(1)</script>", ":raw:`x`",
+    "x\n\n.. role:: r(raw)\n   :format: html\n\n:r:`<script>alert(1)</script>`", ".. image:: javascript:alert(1)",
+    "=====\nHead\n=====", "::\n\n   x", "x_", "|x|", "[1]_", "{{ 7 * 7 }}", "{% for x in () %}",
+    "{{ snakemake.config }}", "{% raw %}", "{# x #}", "{{", "{x}", "{0}", "{", "}", "%s", "%(x)s", "${x}", "$HOME",
+    f"$(touch {_SHELL_FILE})", f"`touch {_SHELL_FILE}`", f"; touch {_SHELL_FILE} #", f"' ; touch {_SHELL_FILE} ; '",
+    f'" ; touch {_SHELL_FILE} ; "', f"| touch {_SHELL_FILE}", f"&& touch {_SHELL_FILE}", f"\n touch {_SHELL_FILE}\n",
+    "-rf", "--help", "-", "~", "*", "?", "!", "#", "..", ".", "../../etc/passwd", "/etc/passwd", "con", "nul", "a/b",
+    "a\\b", " ", "  x  ", "\t", "a\tb", "a\nb", "a\r\nb", "\x00", "a\x00b", "\x1b[31mred", "\x07", "\x7f",
+    "\u202egnp.exe", "\u200f\u05e9\u05dc\u05d5\u05dd", "\u0645\u0631\u062d\u0628\u0627", "😀", "👩‍🔬", "e\u0301",
+    "\ufeffx", "\u200b", "\u2028", "\x85", "\ufffe", "𝕏", "ſ", "İ", "ß", "Ω", "z" * 255, "z" * 300, "z" * 5000,
+    "<b>" * 2000, "$x^2$", "$\\frac{1}{0}$", "\\input{x}", "$", "$$", "_", "^", "null", "true", "1", "1.5", "01",
+    "2026-03-01", "yes", "", "all", "look", "=1+1", "@x", "+x",
 ]  # fmt: skip
 """Texts that some reader of text obeys."""
 
@@ -282,9 +292,8 @@ def _analysed(name: str) -> Complaint | None:
         if done.returncode:
             return crashed_in(done.stdout + done.stderr)
         pages = [path.read_text(encoding="utf-8") for path in (folder / "found").glob("*.html")]
-        plain = "<html><head><body><meta><title></title><style></style></head><h1><h2><p><ul><li><table><thead><tbody><tr><th><td><b><i>"
         found = [
-            live(re.sub(r"<img alt='[^']*' src='data:image/png;base64,[^']*'>", "", page), plain) for page in pages
+            live(re.sub(r"<img alt='[^']*' src='data:image/png;base64,[^']*'>", "", page), _PAGE) for page in pages
         ]
         return next(filter(None, found), None if pages else Complaint("there is no page", str(done.stdout[-300:])))
 
@@ -311,6 +320,12 @@ def _measured() -> str:
 
     return f"results/campaigns/mine/{next(iter(CAMPAIGN_STAGES['measure'].outputs()))}"
 
+
+_PAGE = (
+    "<html><head><meta><title></title><style></style></head><body><h1><h2><p><ul><li>"
+    "<table><thead><tbody><tr><th><td><b><i>"
+)
+"""Elements that a campaign's page has of its own."""
 
 _DESCRIPTIONS, _PER_REPORT, _WHOLE, _PATHS = 100, 25, 4, 8
 _SHELL_NAMES = [name for name in NAMES if _SHELL_FILE in name] + [

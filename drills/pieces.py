@@ -48,8 +48,16 @@ _CAMPAIGN = {
     },
 }
 
-MAKE_STORE = "import sys; from pathlib import Path; from jointgap.track.mlflow_store import create_store; create_store(Path(sys.argv[1]))"
-"""Makes a new MLflow store in a folder."""
+MAKE_STORE = """
+import sys
+from pathlib import Path
+from jointgap.errors import InputError
+from jointgap.track.mlflow_store import create_store
+try:
+    create_store(Path(sys.argv[1]))
+except InputError as error:
+    sys.exit(f"jointgap: error: {error}")
+"""
 
 
 def write_inputs(folder: Path) -> None:

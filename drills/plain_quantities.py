@@ -1,4 +1,4 @@
-"""A reading of numbers with units that shares nothing with the package's: one number and one unit, or it cannot be read.
+"""A reading of numbers with units that shares nothing with the package's: one number with one unit, or none at all.
 
 It reads what people write: a typographic minus is a minus, a raised 2 a power, the middle dot a product. What it cannot
 read has no meaning that everybody agrees on.

@@ -64,7 +64,8 @@ def lost_or_twice(store: Path, names: set[str]) -> Complaint | None:
     """Whether the store holds each of three runs of every name exactly once, finished."""
     with sqlite3.connect(store) as database:
         rows = database.execute(
-            "select r.name, e.name, r.status from runs r join experiments e using (experiment_id) where r.lifecycle_stage = 'active'"
+            "select r.name, e.name, r.status from runs r join experiments e using (experiment_id) "
+            "where r.lifecycle_stage = 'active'"
         ).fetchall()
     database.close()
     found = Counter(rows)

@@ -47,7 +47,7 @@ def branches(schema: Schema, root: Schema) -> list[Schema]:
 
 
 def fitting(options: list[Schema], keys: dict[str, str], root: Schema) -> Schema | None:
-    """The mapping among `options` that `keys` with the texts of their values tell of; all together where none is told."""
+    """The mapping among `options` that `keys` with the texts of their values tell of; all together where none does."""
     mappings = [option for option in options if option.get("type") == "object" or "properties" in option]
 
     def told(option: Schema) -> int:
