@@ -8,8 +8,15 @@ _OBEYED = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 """Categories of signs that a terminal obeys instead of showing them: control, direction of writing, breaks of lines."""
 
 
+_LONGEST = 2000  # [characters] of a line: a value that fills pages is not repeated whole
+
+
 def visible(text: str) -> str:
-    """`text` on one line, in which signs that a terminal would obey are written out, such as ``\\x1b``."""
+    """`text` on one line, without its middle where it is long; signs that a terminal would obey are written out, such
+    as ``\\x1b``.
+    """
+    if len(text) > _LONGEST:  # what to do stands at the end
+        text = f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 4 :]}"
     return "".join(repr(sign)[1:-1] if unicodedata.category(sign) in _OBEYED else sign for sign in text)
 
 
@@ -35,14 +42,14 @@ class SimulationError(RuntimeError):
     """A simulation could not go on; the message holds time, crank angle and state."""
 
 
-def did_you_mean(word: str, accepted: Iterable[str]) -> str:
+def did_you_mean(word: object, accepted: Iterable[object]) -> str:
     """A hint at the nearest known name, or the list of known names when none is near.
 
     Parameters
     ----------
-    word : str
-        What the user wrote.
-    accepted : iterable of str
+    word : object
+        What the user wrote; YAML reads some words as numbers, truths or days.
+    accepted : iterable of object
         What would have been accepted.
 
     Returns
@@ -50,8 +57,8 @@ def did_you_mean(word: str, accepted: Iterable[str]) -> str:
     str
         A sentence such as ``did you mean 'friction'?``.
     """
-    names = sorted(accepted)
-    near = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
+    names = sorted(map(str, accepted))
+    near = difflib.get_close_matches(str(word), names, n=1, cutoff=0.6)
     if near:
         return f"did you mean '{near[0]}'?"
     return f"known here: {', '.join(names)}"

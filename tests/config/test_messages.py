@@ -52,3 +52,23 @@ def test_a_drive_whose_file_is_missing_names_the_configuration():
 def test_a_section_that_is_left_to_its_defaults_has_to_go_with_the_others(over):
     with pytest.raises(InputError, match=r"^mine\.yaml, scenario one: "):
         resolve({"mechanism": str(PAPER), "scenarios": {"one": over}}, source="mine.yaml")
+
+
+def test_a_value_that_fills_pages_is_not_repeated_whole():
+    (line,) = str(InputError(f"mine.yaml: speed = '{'7' * 10**6}' is no number; correct it")).splitlines()
+    assert len(line) < 2000
+    assert line.startswith("mine.yaml: speed = '777")
+    assert line.endswith("777' is no number; correct it")
+
+
+@pytest.mark.parametrize("name", [7, 1.5, True])
+def test_a_kind_that_is_no_text_is_refused(name):
+    config = {"mechanism": {"base": str(PAPER), "effects": [{"name": name}]}, "scenarios": {"one": {}}}
+    with pytest.raises(InputError, match=r"mechanism\.effects\.0\.name = .*no such effect"):
+        resolve(config, source="mine.yaml")
+
+
+def test_contacts_whose_names_are_not_all_text_are_refused_with_a_hint():
+    mechanism = {"base": str(PAPER), "contacts": {1: {"restitution": 0.5}}, "joints": {"crank_pin": {"contact": "stel"}}}
+    with pytest.raises(InputError, match=r"joints\.crank_pin\.contact names 'stel', .*did you mean 'steel'"):
+        resolve({"mechanism": mechanism, "scenarios": {"one": {}}}, source="mine.yaml")

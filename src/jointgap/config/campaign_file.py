@@ -148,7 +148,7 @@ class Campaign(Section):
             raise ValueError("must map channels to their columns, e.g. 'crank_angle: {column: theta, unit: deg}'")
         for name in given:
             if name not in CHANNELS:
-                raise ValueError(f"unknown channel '{name}'; {did_you_mean(str(name), CHANNELS)}")
+                raise ValueError(f"unknown channel '{name}'; {did_you_mean(name, CHANNELS)}")
             unit = given[name].get("unit") if isinstance(given[name], dict) else None
             if isinstance(unit, str) and not unit.strip():
                 raise ValueError(f"{name}.unit is empty; write that of the column: {', '.join(UNITS[CHANNELS[name]])}")

@@ -56,7 +56,7 @@ def _complaint(item: dict, model: type[BaseModel]) -> str:
     location = item["loc"]
     key = ".".join(str(step) for step in location if step != "[key]")  # pydantic's mark: the key itself is wrong
     if item["type"] == "extra_forbidden":
-        hint = did_you_mean(str(location[-1]), _model_at(model, location[:-1]).model_fields)
+        hint = did_you_mean(location[-1], _model_at(model, location[:-1]).model_fields)
         return f"unknown key '{key}'; {hint}"
     if item["type"] == "missing":
         also = _LAID_OVER if "mechanism" in location[-2:-1] else ""

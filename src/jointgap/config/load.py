@@ -116,7 +116,7 @@ def scenario_layers(
     allowed = {*_NOT_OF_SCENARIOS, *Scenario.model_fields}
     for key in config:
         if key not in allowed:
-            raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(str(key), allowed)}")
+            raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(key, allowed)}")
     scenarios = config.get("scenarios") or {}
     if not isinstance(scenarios, Mapping) or not scenarios:
         raise InputError(
@@ -129,7 +129,7 @@ def scenario_layers(
     layers = {}
     for name in names:
         if not isinstance(name, str | int) or name not in scenarios:
-            raise InputError(f"{source}: run names '{name}'; {did_you_mean(str(name), map(str, scenarios))}")
+            raise InputError(f"{source}: run names '{name}'; {did_you_mean(name, scenarios)}")
         over = scenarios[name] or {}
         where = f"{source}, scenario {name}"
         if not isinstance(over, Mapping):

@@ -158,7 +158,7 @@ def check_keys(given: Mapping[str, Any]) -> None:
     """ValueError on unknown keys, and on a quantity given for both pins and for one."""
     for key in given:
         if key not in _RANGES:
-            raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(str(key), _RANGES)}")
+            raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(key, _RANGES)}")
     for shared in SHARED:
         own = [f"{shared}_{pin}" for pin in PINS if f"{shared}_{pin}" in given]
         if shared in given and own:
