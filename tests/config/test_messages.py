@@ -69,6 +69,10 @@ def test_a_kind_that_is_no_text_is_refused(name):
 
 
 def test_contacts_whose_names_are_not_all_text_are_refused_with_a_hint():
-    mechanism = {"base": str(PAPER), "contacts": {1: {"restitution": 0.5}}, "joints": {"crank_pin": {"contact": "stel"}}}
+    mechanism = {
+        "base": str(PAPER),
+        "contacts": {1: {"restitution": 0.5}},
+        "joints": {"crank_pin": {"contact": "stel"}},
+    }
     with pytest.raises(InputError, match=r"joints\.crank_pin\.contact names 'stel', .*did you mean 'steel'"):
         resolve({"mechanism": mechanism, "scenarios": {"one": {}}}, source="mine.yaml")

@@ -162,9 +162,7 @@ def _holder(data: Any, path: tuple[str, ...], key: str) -> tuple[Any, Any]:
                 if path[:depth] == ("mechanism", "effects")
                 else ""
             )
-            raise InputError(
-                f"ensemble.vary.{key}: {place} has no '{step}'; {did_you_mean(step, entries)}{folded}"
-            )
+            raise InputError(f"ensemble.vary.{key}: {place} has no '{step}'; {did_you_mean(step, entries)}{folded}")
         if depth == len(path) - 1:
             if isinstance(data, list | tuple):
                 raise InputError(
