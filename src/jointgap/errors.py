@@ -15,9 +15,10 @@ def visible(text: str) -> str:
     """`text` on one line, without its middle where it is long; signs that a terminal would obey are written out, such
     as ``\\x1b``.
     """
-    if len(text) > _LONGEST:  # what to do stands at the end
-        text = f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 4 :]}"
-    return "".join(repr(sign)[1:-1] if unicodedata.category(sign) in _OBEYED else sign for sign in text)
+    shown = "".join(repr(sign)[1:-1] if unicodedata.category(sign) in _OBEYED else sign for sign in text)
+    if len(shown) <= _LONGEST:
+        return shown
+    return f"{shown[: _LONGEST // 2]} ... {shown[-_LONGEST // 4 :]}"  # what to do stands at the end
 
 
 class InputError(ValueError):
