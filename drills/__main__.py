@@ -7,10 +7,11 @@ import pkgutil
 import shutil
 import sys
 import time
+import traceback
 from pathlib import Path
 
 import drills
-from drills.harness import Drill, Row, Sitting, keep
+from drills.harness import Complaint, Drill, Failure, Row, Sitting, keep
 
 FOLDER = Path("results/drills")
 """Of the table and of the failures; git ignores it."""
@@ -21,6 +22,18 @@ def found() -> dict[str, Drill]:
     modules = (importlib.import_module(f"drills.{module.name}") for module in pkgutil.iter_modules(drills.__path__))
     found = (getattr(module, "DRILL", None) for module in modules if module.__name__ != "drills.__main__")
     return {drill.name: drill for drill in found if drill is not None}
+
+
+def gone_through(drill: Drill, sitting: Sitting) -> list[Row]:
+    """Rows of a drill; one with a failure where it broke off, so that the others go on."""
+    try:
+        return drill.run(sitting)
+    except Exception as error:
+        traceback.print_exc()
+        what = f"{drill.name}: goes through to its end"
+        return [
+            Row(what, 1, [Failure(what, Complaint("a drill breaks off", str(error)[:1000]), 0, {})], seed=sitting.seed)
+        ]
 
 
 def page(rows: list[Row], kept: dict[str, list[Path]]) -> str:
@@ -80,7 +93,7 @@ def main() -> None:
             continue
         print(f"drill {name} ...", flush=True)
         began = time.monotonic()
-        own = drill.run(sitting)
+        own = gone_through(drill, sitting)
         kept |= keep(name, own, given.seed, FOLDER / "failures")
         failures = sum(len(row.failures) for row in own)
         print(f"drill {name}: {failures} failures, {time.monotonic() - began:.0f} s", flush=True)

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from drills.__main__ import found, page, replay
+from drills.__main__ import found, gone_through, page, replay
 from drills.harness import ENDS, Complaint, Drill, Failure, Row, Sitting, Sweep, keep, unclear
 
 PLANTED = {3: "KeyError", 5: "hang", 7: "memory", 9: "dies", 11: "wrong"}
@@ -112,3 +112,12 @@ def test_an_error_that_is_not_clear_is_told(message, kind):
 
 def test_a_clear_error_is_one():
     assert unclear("mine.yaml: key 'speed' is missing; add it", "mine.yaml") is None
+
+
+def test_a_drill_that_breaks_off_is_a_failure_and_the_others_go_on(capsys):
+    def broken(sitting):
+        raise RuntimeError("planted")
+
+    (row,) = gone_through(Drill("broken", broken), Sitting())
+    assert row.failures[0].complaint == ("a drill breaks off", "planted")
+    assert "RuntimeError: planted" in capsys.readouterr().err
