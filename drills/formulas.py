@@ -216,12 +216,12 @@ def _other_value(ours: np.ndarray, python: str, coefficients: dict[str, float]) 
             )
             exact, spread = theirs[:, 0], np.max(np.abs(theirs[:, 1:] - theirs[:, :1]), axis=1)
             spread = np.where(np.isfinite(theirs).all(axis=1), spread, np.inf)
-            both = np.isnan(ours) & np.isnan(exact)
             near = np.abs(ours - exact) <= 30.0 * spread + 1e-13 * np.abs(exact) + 1e-300
             sure = np.isnan(theirs).all(axis=1) | (theirs == theirs[:, :1]).all(axis=1)  # noise changes nothing
+            torn = ~np.isfinite(theirs).all(axis=1) & ~sure  # it is noise that tells whether there is a number at all
     except (SyntaxError, ValueError, KeyError, RecursionError) as error:
         return Complaint("what Python cannot read is accepted", f"{python!r}: {error}")
-    alike = both | near | (sure & (ours == exact))
+    alike = near | torn | (ours == exact) | (np.isnan(ours) & np.isnan(exact))
     if alike.all():
         return None
     at = int(np.flatnonzero(~alike)[0])
