@@ -22,7 +22,6 @@ def _row(piece: Piece, folder: Path, sitting: Sitting) -> Row:
         time.monotonic(),
         Row(f"determinism: {piece.name} on one core, on two, and killed between", seed=sitting.seed),
     )
-    start_over(folder)
     wanted, seconds = undisturbed(piece, folder)
     share = float(sitting.random(piece.name, 0).uniform(0.2, 0.8))
     for n, killed in enumerate((False, True), 1):

@@ -41,6 +41,7 @@ def undisturbed(piece: Piece, folder: Path) -> tuple[dict[str, str], float]:
     RuntimeError
         It does not even end so.
     """
+    start_over(folder)
     began = time.monotonic()
     done = run(folder, *piece.command(1))
     if done.returncode:
