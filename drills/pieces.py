@@ -52,9 +52,10 @@ MAKE_STORE = """
 import sys
 from pathlib import Path
 from jointgap.errors import InputError
-from jointgap.track.mlflow_store import create_store
+from jointgap.track.mlflow_store import default_address, opened
 try:
-    create_store(Path(sys.argv[1]))
+    with opened(default_address(Path(sys.argv[1]))):
+        pass
 except InputError as error:
     sys.exit(f"jointgap: error: {error}")
 """

@@ -164,6 +164,8 @@ def test_a_folder_and_a_file_that_is_not_there_are_refused(tmp_path):
         (f'{{"a": {"[" * 60}{"]" * 60}}}', "is nested more than 50 deep"),
         (f'{{"a": {"9" * 5000}}}', "a number of 5000 digits is too large"),
         ('{"a": NaN}', "holds NaN"),
+        ('{"a": ["\\ud800"]}', "holds the character #xd800"),
+        ('{"\\u0000": 1}', "holds the character #x0000"),
         ('{"a": ', "is not JSON"),
     ],
     ids=lambda text: text[:30],

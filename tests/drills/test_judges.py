@@ -4,6 +4,8 @@ import base64
 import json
 import math
 import sqlite3
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from drills.harness import Sitting
 from drills.kills import other
 from drills.names import crashed_in
 from drills.pages import live
+from drills.pieces import MAKE_STORE
 from drills.plain_quantities import read
 from drills.publishers import lost_or_twice
 from jointgap.recordings.recording import Recording
@@ -219,6 +222,11 @@ def test_a_half_written_file_is_found(tmp_path):
     (tmp_path / "mine.json").unlink()
     (tmp_path / ".mine-x1.json").touch()
     assert half_written(tmp_path, {}) == ".mine-x1.json"
+
+
+def test_the_piece_that_makes_a_store_makes_one(tmp_path):
+    subprocess.run([sys.executable, "-c", MAKE_STORE, tmp_path], check=True, timeout=100)
+    assert (tmp_path / "mlflow.db").exists()
 
 
 def test_a_run_that_is_lost_or_there_twice_is_found(tmp_path):

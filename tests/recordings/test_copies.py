@@ -2,12 +2,17 @@
 
 import os
 import shutil
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 from jointgap.recordings import read_measurements
+from jointgap.recordings.copies import check_copies
+from jointgap.recordings.limits import DEFAULT_LIMITS
+from jointgap.recordings.sample_file import Columns
 from tests.recordings.rig import CAMPAIGN, table, write_rig
 
 SAME_SPEED = [run | {"speed": "200 rpm"} for run in CAMPAIGN["runs"]]
@@ -55,6 +60,14 @@ def test_a_copy_in_another_format_and_with_another_stated_speed_is_refused_too(t
     file = write_rig(tmp_path, {"runs": [CAMPAIGN["runs"][0], CAMPAIGN["runs"][1] | {"file": "fast.parquet"}]})
     table(200.0).to_parquet(tmp_path / "fast.parquet")
     assert "the run 'fast' has the samples of the run 'slow'" in refusal(file)
+
+
+def test_runs_that_are_rounded_until_cycles_are_alike_are_no_copies_of_each_other(tmp_path):
+    angle = np.tile(np.arange(0.0, 360.0), 4)  # of an encoder that asks for the samples, and no time
+    values = {"theta": angle, "x": np.round(np.cos(np.radians(angle)), 2)}
+    columns = Columns(values, np.arange(angle.size), {})
+    files = {run: (SimpleNamespace(path=f"{run}.csv"), columns) for run in ("slow", "fast")}
+    check_copies(files, DEFAULT_LIMITS)
 
 
 def test_two_runs_at_one_speed_from_another_angle_are_no_copies(tmp_path):

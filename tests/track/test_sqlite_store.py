@@ -130,16 +130,27 @@ def test_a_store_of_another_version_that_holds_runs_is_left_as_it_is(simulated, 
     assert content(results / "mlflow.db") == before
 
 
-def test_another_program_s_database_is_not_taken_for_a_store(simulated, results):
+@pytest.mark.parametrize(
+    "statements",
+    [
+        ["CREATE TABLE birds (name TEXT)", "INSERT INTO birds VALUES ('wren')"],
+        ["CREATE TABLE birds (name TEXT)"],
+        ["CREATE TABLE workspaces (name TEXT)", "INSERT INTO workspaces VALUES ('wren')"],
+        ["CREATE TABLE birds (name TEXT)", "CREATE TABLE alembic_version (version_num TEXT)"],
+    ],
+    ids=["rows", "empty", "tables called alike", "alembic"],
+)
+def test_another_program_s_database_is_not_taken_for_a_store(simulated, results, statements):
     (results / "mlflow.db").unlink()
     connection = sqlite3.connect(results / "mlflow.db")
-    connection.execute("CREATE TABLE birds (name TEXT)")
-    connection.execute("INSERT INTO birds VALUES ('wren')")
+    for statement in statements:
+        connection.execute(statement)
     connection.commit()
     connection.close()
-    with pytest.raises(InputError, match=r"mlflow\.db: is a database, but no MLflow store; move it away"):
+    held = (results / "mlflow.db").read_bytes()
+    with pytest.raises(InputError, match=r"mlflow\.db: is a database, but no MLflow store|and holds runs"):
         publish(**simulated)
-    assert any("wren" in line for line in content(results / "mlflow.db"))
+    assert (results / "mlflow.db").read_bytes() == held
 
 
 def test_a_file_that_is_no_database_is_named_with_the_mend(simulated, results):

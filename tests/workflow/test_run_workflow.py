@@ -147,17 +147,17 @@ def test_the_path_of_a_campaign_reaches_the_configuration_as_it_is_written(tmp_p
 
 @pytest.fixture
 def slow_workflow(tmp_path) -> Path:
-    """A folder with a workflow of one job that takes seconds, and notes when it begins and ends."""
+    """A folder with a workflow of one job that goes on until there is a file `end`, and notes when it begins, ends."""
     lock = ROOT / "workflow" / "rules" / "run_lock.smk"
-    job = "echo begins >> noted; sleep {config[seconds]}; echo ends >> noted; touch {output}"
+    job = "echo begins >> noted; until [ -e end ]; do sleep 0.05; done; echo ends >> noted; touch {output}"
     (tmp_path / "Snakefile").write_text(f"include: {str(lock)!r}\nrule slow:\n    output: 'made'\n    shell: {job!r}\n")
     return tmp_path
 
 
-def started(folder: Path, *command: str, seconds: float = 0) -> subprocess.Popen:
-    """A run in `folder` whose job takes `seconds`."""
+def started(folder: Path, *command: str) -> subprocess.Popen:
+    """A run in `folder`."""
     return subprocess.Popen(
-        [*command, "--cores", "1", "--forceall", "--quiet", "all", "--config", f"seconds={seconds}"],
+        [*command, "--cores", "1", "--forceall", "--quiet", "all"],
         cwd=folder,
         env=environment(),
         stdout=subprocess.PIPE,
@@ -179,33 +179,36 @@ BY_MAKE, BY_ITSELF = (str(SCRIPT), "report.html"), ("snakemake",)
 
 @pytest.mark.parametrize("first", [BY_MAKE, BY_ITSELF], ids=["make", "snakemake"])
 def test_snakemake_refuses_while_another_run_works_in_the_folder(slow_workflow, first):
-    working = started(slow_workflow, *first, seconds=4)
+    working = started(slow_workflow, *first)
     wait_until_it_begins(slow_workflow)
     refused = started(slow_workflow, "snakemake", "--nolock")
     said = refused.communicate(timeout=60)[0]
     assert refused.returncode == 1 and "error: another run works in this folder" in said
     assert "Traceback" not in said
     assert (slow_workflow / "noted").read_text() == "begins\n"
+    (slow_workflow / "end").touch()
     working.communicate(timeout=60)
     assert (slow_workflow / "noted").read_text() == "begins\nends\n"
 
 
 def test_make_waits_for_the_end_of_a_run_of_snakemake(slow_workflow):
-    working = started(slow_workflow, *BY_ITSELF, seconds=3)
+    working = started(slow_workflow, *BY_ITSELF)
     wait_until_it_begins(slow_workflow)
     waiting = started(slow_workflow, *BY_MAKE)
-    said = waiting.communicate(timeout=60)[0]
-    assert "waiting for the end of another run" in said
+    assert "waiting for the end of another run" in waiting.stdout.readline()
+    (slow_workflow / "end").touch()
     working.communicate(timeout=60)
+    waiting.communicate(timeout=60)
     assert working.returncode == 0
     assert (slow_workflow / "noted").read_text() == "begins\nends\n" * 2
 
 
 def test_a_run_that_was_killed_holds_up_no_other(slow_workflow):
-    killed = started(slow_workflow, *BY_ITSELF, seconds=60)
+    killed = started(slow_workflow, *BY_ITSELF)
     wait_until_it_begins(slow_workflow)
     os.killpg(killed.pid, signal.SIGKILL)
     killed.communicate(timeout=60)
+    (slow_workflow / "end").touch()
     again = started(slow_workflow, *BY_MAKE)
     said = again.communicate(timeout=60)[0]
     assert "waiting" not in said and (slow_workflow / "made").exists(), said

@@ -14,6 +14,8 @@ run_lock_held = []  # an open file that nobody keeps is closed
 
 def hold_run_lock():
     """Hold the lock of the folder until the end of this process, or refuse to go on."""
+    if run_lock_held:
+        return
     RUN_LOCK.parent.mkdir(exist_ok=True)
     lock = open(RUN_LOCK, "a")
     run_lock_held.append(lock)

@@ -217,7 +217,8 @@ def parse_json(text: str, source: str) -> Any:
     Raises
     ------
     InputError
-        No JSON, a NaN, a key that is given twice, a number of too many digits, nested too deep; it names its `source`.
+        No JSON, a NaN, a key that is given twice, a number of too many digits, nested too deep, a character that no
+        text has; it names its `source`.
     """
 
     def refuse(constant: str) -> float:
@@ -245,6 +246,8 @@ def parse_json(text: str, source: str) -> Any:
         raise InputError(too_deep) from error
     level = [content]
     for _ in range(DEEPEST_NESTING):
+        if strange := next(filter(None, (_NO_TEXT.search(part) for part in level if isinstance(part, str))), None):
+            raise InputError(f"{source}: holds the character #x{ord(strange[0]):04x}, which no text has; remove it")
         level = [part for outer in level for part in _parts(outer)]
     if level:
         raise InputError(too_deep)
@@ -253,5 +256,5 @@ def parse_json(text: str, source: str) -> Any:
 
 def _parts(content: Any) -> list[Any]:
     if isinstance(content, dict):
-        return list(content.values())
+        return [*content, *content.values()]
     return content if isinstance(content, list) else []

@@ -69,7 +69,7 @@ def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...], source: st
 _DEFAULT_SECTIONS: dict[str, Any] = {
     name: {} for name, field in Scenario.model_fields.items() if isinstance(field.default, BaseModel)
 }
-RESERVED_SCENARIOS = ("campaigns", "blind", "logs", "mlflow-artifacts")
+RESERVED_SCENARIOS = ("campaigns", "blind", "drills", "logs", "mlflow-artifacts")
 """Folders of results that are no scenario's."""
 
 _NOT_OF_SCENARIOS = ("run", "scenarios", "campaigns", "fit_parts")

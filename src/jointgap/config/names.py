@@ -5,8 +5,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 
-MOST_LETTERS = 60
-"""Of a name that files or folders get: with an ending and four bytes a letter it is still a file's name."""
+MOST_LETTERS, MOST_BYTES = 60, 180
+"""Of a name that files or folders get: with what stands before and behind it, it is still a file's name (255 bytes)."""
 
 
 def text_of(value: Any) -> Any:
@@ -23,8 +23,11 @@ def word(name: str) -> str:
     """`name`, which files, folders and MLflow's parameters can have in theirs; ValueError for any other."""
     if re.fullmatch(r"[\w-]+", name) is None:
         raise ValueError("use letters, digits, '_' and '-' only, for files or folders are called so")
-    if len(name) > MOST_LETTERS:
-        raise ValueError(f"use {MOST_LETTERS} letters at most, not {len(name)}, for files or folders are called so")
+    if len(name) > MOST_LETTERS or len(name.encode()) > MOST_BYTES:
+        raise ValueError(
+            f"use {MOST_LETTERS} letters at most, not {len(name)}, and fewer of alphabets other than Latin, for files "
+            "or folders are called so"
+        )
     return name
 
 

@@ -92,13 +92,13 @@ def fit_shape(
     start = {name: value for name, value in found.mapping.items() if not name.startswith(prefix)}
     start |= {f"{family.law.label}.{name}": value for name, value in family.values(own).items()}
     fits: list[Fit] = []
-    shapes = sorted(family.in_use, key=lambda shape: abs(shape - family.own))
-    for shape in shapes[1:] if family.idle_at_own else shapes:
+    shapes = [shape for shape in family.in_use if not (family.idle_at_own and shape == family.own)]
+    for shape in sorted(shapes, key=lambda shape: abs(shape - family.own)):
         for guess in family.law.initial_guesses or ({},):
-            own = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
-            fits.append(fit_hypothesis(problem, hypothesis, start | own, differences=differences, refresh=True))
-        if any(fit.status == CONVERGED for fit in fits):
-            break
+            at_guess = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
+            fits.append(fit_hypothesis(problem, hypothesis, start | at_guess, differences=differences, refresh=True))
+        if converged := [fit for fit in fits if fit.status == CONVERGED]:
+            return min(converged, key=lambda fit: fit.chi2)
     return min(fits, key=lambda fit: fit.chi2)
 
 

@@ -248,7 +248,7 @@ class _Contestant:
         )
 
     def _nearby(self, fit: Fit) -> dict[str, float]:
-        """The best of points drawn about a fit, for the samples: values by key [SI], its nuisances stay."""
+        """The best of points drawn about a fit, for the samples: values by key [SI]; what is not searched stays."""
         problem, centre = self._baseline.problem, self._box.place(fit.mapping)
         nearby, best, least = self._settings.nearby_spread, fit.mapping, fit.chi2
         for place in centre + nearby * self._generator.standard_normal((self._settings.points, centre.size)):

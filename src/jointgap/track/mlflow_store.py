@@ -95,7 +95,8 @@ def opened(address: str) -> Iterator["Store"]:
         lock = file.with_name(f".{file.name}.lock")
     try:
         lock.parent.mkdir(parents=True, exist_ok=True)
-        handle = open(lock, "w")
+        # no link that another user laid there is followed, and nothing is emptied
+        handle = open(os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600))
     except OSError as error:
         raise InputError(f"{lock}: cannot be written ({error.strerror}); check permission and space") from error
     with handle:
@@ -162,7 +163,7 @@ class Store:
 
     def _trouble(self, error: Exception) -> str:
         """What `error` means, and what to do."""
-        said = without_password((str(error).strip() or repr(error)).splitlines()[0][:300])
+        said = without_password((str(error).strip() or repr(error)).splitlines()[0])[:300]
         if isinstance(error, ModuleNotFoundError):
             package = _PACKAGES.get(error.name, error.name)
             return f"needs the package {package}, which is not installed; pip install {package}, or {_DEFAULT}"

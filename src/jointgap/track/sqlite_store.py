@@ -15,6 +15,7 @@ _LONGEST_WAIT = 20.0  # s, for another program that is writing; as long as MLflo
 _BESIDE = ("-journal", "-wal", "-shm")  # files of SQLite's own, by what they add to the name of the database
 # a new store holds rows in these: its version, the experiment 'Default' and the workspace 'default'
 _OF_A_NEW_STORE = ("alembic_version", "experiments", "workspaces")
+_WHILE_MADE = "_alembic_tmp_"  # tables that are rewritten have such names meanwhile
 
 
 class Holds(Enum):
@@ -44,14 +45,15 @@ def look(file: Path) -> Holds:
         # as_uri escapes what has a meaning in an address
         connection = sqlite3.connect(f"{file.absolute().as_uri()}?mode=rw", uri=True, timeout=_LONGEST_WAIT)
         try:
-            version, held = _version(connection), _holds_rows(connection)
+            version = _version(connection)
+            held = version is not None and _holds_rows(connection, version)
         finally:
             connection.close()
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror}); check permission") from error
     except sqlite3.Error as error:
         raise InputError(f"{file}: {trouble(error)}") from error
-    if version is None and held:
+    if version is None:
         raise InputError(f"{file}: is a database, but no MLflow store; move it away, or name another file")
     if version == _version_wanted():
         return Holds.STORE
@@ -66,24 +68,35 @@ def look(file: Path) -> Holds:
 def _version(connection: sqlite3.Connection) -> str | None:
     """The version of the database's schema; empty if the making did not come to it, ``None`` if it is not MLflow's."""
     tables = _tables(connection)
+    whole = {"alembic_version", "experiments", "runs"} <= tables  # with more tables, if it is of a later MLflow
+    if not whole and any(not name.startswith(_WHILE_MADE) for name in tables - _tables_of_mlflow()):
+        return None
     row = (
         connection.execute("SELECT version_num FROM alembic_version").fetchone()
         if "alembic_version" in tables
         else None
     )
-    if row is None:
-        return "" if not tables or {"experiments", "runs"} & tables else None
-    return row[0]
+    return row[0] if row else ""
 
 
 def _tables(connection: sqlite3.Connection) -> set[str]:
     return {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
 
 
-def _holds_rows(connection: sqlite3.Connection) -> bool:
-    """Whether anything was put into it since it was made."""
-    asked = [f'SELECT 1 FROM "{table}" LIMIT 1' for table in _tables(connection) - set(_OF_A_NEW_STORE)]
-    if "experiments" in _tables(connection):
+def _tables_of_mlflow() -> set[str]:
+    with quiet():
+        import mlflow.store.model_registry.dbmodels.models  # these two declare the tables
+        import mlflow.store.tracking.dbmodels.models  # noqa: F401
+        from mlflow.store.db.base_sql_model import Base
+
+    return {"alembic_version", *Base.metadata.tables}
+
+
+def _holds_rows(connection: sqlite3.Connection, version: str) -> bool:
+    """Whether anything was put into it since it was made; before it has a `version` the making puts nothing in."""
+    rows_of_the_making = set(_OF_A_NEW_STORE) if version else set()
+    asked = [f'SELECT 1 FROM "{table}" LIMIT 1' for table in _tables(connection) - rows_of_the_making]
+    if version and "experiments" in _tables(connection):
         asked.append("SELECT 1 FROM experiments WHERE name <> 'Default' LIMIT 1")
     return any(connection.execute(question).fetchone() for question in asked)
 

@@ -213,8 +213,7 @@ SHAPES: dict[tuple[str, str], float] = {
     ("slider_power_drag", "fifth_power_drag"): 5.0,
     ("slider_nonlinear_spring", "cubic_spring"): 1.0,
     ("slider_stribeck_friction", "stribeck_friction"): 1.0,
-    ("slider_position_friction", "friction_by_position"): 1.0,
-    ("crank_angle_friction", "crank_friction_by_angle"): 1.0,
+    ("slider_position_friction", "friction_by_position"): 1.0,  # but for its period, which is 4.7 % longer
 }
 """The shape [1] at which the law of a family is an effect, by the law and the effect."""
 

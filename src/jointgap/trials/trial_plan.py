@@ -10,6 +10,7 @@ from pydantic import Field
 
 from jointgap import counts
 from jointgap.config import read_yaml, validate
+from jointgap.config.names import Word
 from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import JOINTS, PINS
 from jointgap.section import Section
@@ -71,7 +72,7 @@ class TrialSet(Section):
 class Sets(Section):
     """The content of ``config/blind.yaml``."""
 
-    sets: dict[str, TrialSet] = Field(description="sets of trials by name")
+    sets: dict[Word, TrialSet] = Field(description="sets of trials by name")
 
 
 @dataclass(frozen=True)
