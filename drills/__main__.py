@@ -88,6 +88,8 @@ def main() -> None:
     sitting, rows, kept = Sitting(given.seed, given.scale), [], {}
     if not given.names:
         shutil.rmtree(FOLDER, ignore_errors=True)
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    table = FOLDER / ("table.md" if not given.names else f"{'-'.join(given.names)}.md")
     for name, drill in known.items():
         if given.names and name not in given.names:
             continue
@@ -98,11 +100,8 @@ def main() -> None:
         failures = sum(len(row.failures) for row in own)
         print(f"drill {name}: {failures} failures, {time.monotonic() - began:.0f} s", flush=True)
         rows += own
-    text = page(rows, kept)
-    print(text, end="")
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    table = FOLDER / ("table.md" if not given.names else f"{'-'.join(given.names)}.md")
-    table.write_text(text, encoding="utf-8")
+        table.write_text(page(rows, kept), encoding="utf-8")  # what is found so far outlives a drill that is stopped
+    print(page(rows, kept), end="")
     print(f"written to {table}")
     sys.exit(any(row.failures for row in rows))
 
