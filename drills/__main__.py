@@ -36,7 +36,7 @@ def gone_through(drill: Drill, sitting: Sitting) -> list[Row]:
         ]
 
 
-def page(rows: list[Row], kept: dict[str, list[Path]]) -> str:
+def page(rows: list[Row], kept: dict[tuple[str, str], list[Path]]) -> str:
     """The table of all rows, and the kinds of failures with the files of their inputs, as Markdown."""
     lines = ["| drill | cases | failures | seconds | seed |", "| --- | ---: | ---: | ---: | ---: |"]
     for row in rows:
@@ -46,9 +46,10 @@ def page(rows: list[Row], kept: dict[str, list[Path]]) -> str:
     if failed:
         lines += ["", "| failures | kind | input |", "| ---: | --- | --- |"]
     for row in failed:
+        drill = row.what.partition(":")[0]
         for kind, count in row.kinds.most_common():
-            files = ", ".join(f"`{file}`" for file in kept.get(kind, ()))
-            lines.append(f"| {count} | {row.what.partition(':')[0]}: {_cell(kind)} | {files} |")
+            files = ", ".join(f"`{file}`" for file in kept.get((drill, kind), ()))
+            lines.append(f"| {count} | {drill}: {_cell(kind)} | {files} |")
     return "\n".join(lines) + "\n"
 
 

@@ -263,13 +263,13 @@ def unclear(message: str, names: str) -> Complaint | None:
     return None
 
 
-def keep(drill: str, rows: list[Row], seed: int, folder: Path) -> dict[str, list[Path]]:
-    """Write the input of failures into `folder`, some of each kind; the files by kind."""
+def keep(drill: str, rows: list[Row], seed: int, folder: Path) -> dict[tuple[str, str], list[Path]]:
+    """Write the input of failures into `folder`, some of each kind; the files by drill and kind."""
     own = folder / drill
     shutil.rmtree(own, ignore_errors=True)
-    kept: dict[str, list[Path]] = {}
+    kept: dict[tuple[str, str], list[Path]] = {}
     for failure in (failure for row in rows for failure in row.failures):
-        files = kept.setdefault(failure.complaint.kind, [])
+        files = kept.setdefault((drill, failure.complaint.kind), [])
         if len(files) == KEPT_OF_A_KIND:
             continue
         own.mkdir(parents=True, exist_ok=True)

@@ -59,7 +59,7 @@ def test_the_same_seed_makes_the_same_cases_and_another_one_others():
 def test_inputs_of_failures_are_kept_some_of_each_kind_and_judged_again(tmp_path, capsys):
     failures = [Failure("it is right", Complaint("another number", "7"), n, {"draw": 11}) for n in range(5)]
     kept = keep("planted", [Row("planted: it is right", 5, failures)], 1, tmp_path)
-    files = kept["another number"]
+    files = kept["planted", "another number"]
     assert len(files) == 3
     assert all(path.is_file() for path in files)
     assert not replay(files[:1], {"planted": SWEEP.drill()})
@@ -70,7 +70,7 @@ def test_inputs_of_failures_are_kept_some_of_each_kind_and_judged_again(tmp_path
 
 def test_a_failure_without_an_input_says_how_to_go_through_it_again(tmp_path, capsys):
     failure = Failure("?", Complaint("a publisher fails", "?"), 0, {})
-    (file,) = keep("publishers", [Row("?", 1, [failure])], 7, tmp_path)["a publisher fails"]
+    (file,) = keep("publishers", [Row("?", 1, [failure])], 7, tmp_path)["publishers", "a publisher fails"]
     assert not replay([file], {"publishers": Drill("publishers", lambda sitting: [])})
     assert "python -m drills publishers --seed 7" in capsys.readouterr().out
 
