@@ -6,6 +6,7 @@ A key that is new in a schema is written here by itself.
 import json
 import math
 from collections.abc import Callable
+from copy import deepcopy
 from functools import cache
 from pathlib import Path
 
@@ -290,7 +291,7 @@ def _duplicated(writer: Writer, content: Pairs) -> None:
     parents = [content, *(each for path in _paths(content) if isinstance(each := _at(content, path), Pairs) and each)]
     parent = writer.one_of(parents)
     key, value = writer.one_of(list(parent))
-    other = writer.one_of(["7 mm", "0.5", "{}", "ideal", "3"]) if writer.chance(0.5) else value
+    other = writer.one_of(["7 mm", "0.5", "{}", "ideal", "3"]) if writer.chance(0.5) else deepcopy(value)
     parent.insert(int(writer.random.integers(len(parent) + 1)), (key, other))
 
 
@@ -319,7 +320,7 @@ def _moved(writer: Writer, content: Pairs) -> None:
     paths = _paths(content)
     path, other = writer.one_of(paths), writer.one_of(paths)
     if other[: len(path)] != path and path[: len(other)] != other:
-        _set(content, path, _at(content, other))
+        _set(content, path, deepcopy(_at(content, other)))  # shared, it could be put into itself next
 
 
 def _nested(writer: Writer, content: Pairs) -> None:
