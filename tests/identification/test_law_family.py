@@ -15,8 +15,8 @@ from jointgap.identification.law_family import (
     FamilyInterval,
     ShapeProfile,
     fit_shape,
-    interval_rise,
     profile_shape,
+    shape_interval,
     with_families,
 )
 from jointgap.identification.model_selection import select_hypothesis
@@ -96,11 +96,15 @@ def test_intervals_of_90_and_99_percent_hold_the_exponent_that_often():
         assert least <= sum(low <= 3.0 <= high for low, high in ends) <= most
 
 
-def test_what_is_idle_at_the_effects_own_shape_widens_the_interval_of_the_shape():
-    model = toy(seed=3)
-    problem = Problem(model, stated_noise(model))
-    assert interval_rise(problem, DRAG) == pytest.approx(RISE, abs=1e-3)
-    assert interval_rise(problem, replace(DRAG, idle_at_own=1)) == pytest.approx(9.21, abs=1e-2)
+@pytest.mark.parametrize(("away", "held"), [(2.5, True), (2.8, True), (3.1, False)])
+def test_more_excludes_the_effects_own_shape_where_something_of_the_law_is_idle_there(away, held):
+    shapes = np.linspace(0.0, 6.0, 601)
+    parabola = ShapeProfile(shapes, 100.0 + (shapes - 2.0 - away) ** 2)
+    low, high = shape_interval(parabola, replace(DRAG, idle_at_own=1), 0.99)
+    assert high == pytest.approx(min(2.0 + away + np.sqrt(RISE), 6.0), abs=0.01)
+    assert (low <= DRAG.own) == held
+    assert low == pytest.approx(DRAG.own if held and away > np.sqrt(RISE) else 2.0 + away - np.sqrt(RISE), abs=0.01)
+    assert shape_interval(parabola, DRAG, 0.99)[0] == pytest.approx(2.0 + away - np.sqrt(RISE), abs=0.01)
 
 
 def test_half_of_a_parabola_has_the_ends_that_it_has_on_paper():

@@ -116,7 +116,8 @@ def test_friction_of_the_crank_that_varies_with_its_angle_is_named_with_the_shar
 
 
 def test_coulomb_friction_that_shows_well_keeps_its_name(tmp_path):
-    verdict, _ = analysed(tmp_path, {"name": "slider_coulomb_friction", "parameters": {"force_N": 5.0}})
+    # of 5 N a half that falls within a tenth of the usual speed would still be possible
+    verdict, _ = analysed(tmp_path, {"name": "slider_coulomb_friction", "parameters": {"force_N": 10.0}})
     (found,) = verdict["effects"]
     assert (verdict["verdict"], found["name"]) == ("named", "slider_coulomb_friction")
     assert {family["law"]: family["named"] for family in found["families"]} == {

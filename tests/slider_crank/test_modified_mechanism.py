@@ -342,6 +342,7 @@ SIDELESS = set(EFFECTS) - {
     "speed_fluctuation",
     "crank_unbalance",
     "crank_periodic_torque",
+    "crank_angle_friction",
     "slider_offset",
     "discovered_slider_force",
     "discovered_crank_torque",

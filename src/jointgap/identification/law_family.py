@@ -126,7 +126,7 @@ def profile_shape(
     centre, variance = float(free.values[place]), free.covariance(released=(place,))[place, place]
     step = float(np.clip(np.sqrt(variance), settings.least_step, settings.largest_step))
     vary = tuple(p for p in free.parameters if p.key != shape.key)
-    chi2, rise = {centre: free.chi2}, interval_rise(problem, family)
+    chi2, rise = {centre: free.chi2}, rise_to_exclude(family, settings.level)
     for sign, end in ((-1.0, shape.low), (1.0, shape.high)):
         before, value = free, centre
         while value != end and chi2[value] <= min(chi2.values()) + rise * free.inflation:
@@ -141,13 +141,37 @@ def profile_shape(
     return ShapeProfile(shapes, np.array([chi2[value] for value in shapes]) / free.inflation)
 
 
-def interval_rise(problem: Problem, family: LawFamily) -> float:
-    """By which chi2 rises along the shape of a `family` to the ends of its interval.
+def shape_interval(profile: ShapeProfile, family: LawFamily, level: float) -> tuple[float, float]:
+    """The interval of the shape [1], with that of the effect in it unless the data exclude it.
 
-    Where the shape is the effect's own, what is idle there is fitted to noise beside it: chi2 falls as with so many
-    degrees of freedom more (R. B. Davies, Biometrika 74 (1987) 33-43, has the exact law, a little above that).
+    chi2 rises to its ends as of one parameter. Where the shape is the effect's own, what is idle there is fitted to
+    noise beside it: chi2 falls as with so many degrees of freedom more (R. B. Davies, Biometrika 74 (1987) 33-43, has
+    the exact law, a little above that).
+
+    Parameters
+    ----------
+    profile : ShapeProfile
+        As far as `rise_to_exclude`.
+    family : LawFamily
+    level : float
+        [1] Of the interval.
     """
-    return float(chi_squared.ppf(problem.settings.family.level, 1 + family.idle_at_own))
+    low, high = profile.interval(float(chi_squared.ppf(level, 1)))
+    least, most = profile.interval(rise_to_exclude(family, level))
+    if least <= family.own <= most:
+        low, high = min(low, family.own), max(high, family.own)
+    return low, high
+
+
+def rise_to_exclude(family: LawFamily, level: float) -> float:
+    """By which chi2 has to rise where the shape is the effect's own, for the data to exclude it at a `level` [1].
+
+    Parameters
+    ----------
+    family : LawFamily
+    level : float
+    """
+    return float(chi_squared.ppf(level, 1 + family.idle_at_own))
 
 
 def _place(free: Fit, family: LawFamily) -> int:
@@ -330,7 +354,7 @@ def _asked(
     if not profile:
         return fit, None
     fit, place = with_intervals(problem, fit, baseline.differences), _place(fit, family)
-    low, high = profile.interval(interval_rise(problem, family))
+    low, high = shape_interval(profile, family, problem.settings.family.level)
     moved = 0.0 if fit.shifts is None else float(np.abs(fit.shifts[:, place]).max(initial=0.0))
     p = fit.parameters[place]
     low, high = max(p.low, min(low - moved, *rivals, low)), min(p.high, max(high + moved, *rivals, high))
