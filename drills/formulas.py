@@ -187,7 +187,7 @@ def judge(case: Case, folder: Path) -> Answers:
 
 def _refused(case: Case, message: str) -> Answers:
     """Whether a formula that the grammar allows was refused without a reason."""
-    used = set(re.findall(r"\w+", case["python"] or "")) - {*POINTS, *_FUNCTIONS}
+    used = set(re.findall(r"[^\W\d]\w*", case["python"] or "")) - {*POINTS, *_FUNCTIONS}
     if case["python"] is None or not case["coefficients"].keys() <= used:
         return {}
     if any(excuse in message for excuse in _EXCUSES):
@@ -221,7 +221,8 @@ def _other_value(ours: np.ndarray, python: str, coefficients: dict[str, float]) 
             torn = ~np.isfinite(theirs).all(axis=1) & ~sure  # it is noise that tells whether there is a number at all
     except (SyntaxError, ValueError, KeyError, RecursionError) as error:
         return Complaint("what Python cannot read is accepted", f"{python!r}: {error}")
-    alike = near | torn | (ours == exact) | (np.isnan(ours) & np.isnan(exact))
+    # where powers are beyond all numbers, rounding tells an infinity from what is not a number
+    alike = near | torn | (ours == exact) | (~np.isfinite(ours) & ~np.isfinite(exact))
     if alike.all():
         return None
     at = int(np.flatnonzero(~alike)[0])

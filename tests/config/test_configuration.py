@@ -199,6 +199,7 @@ def test_other_lengths_keep_the_mass_centres_share():
             {"study": {"speed": {"from": "200 rpm", "to": "1 200 rpm", "number": 3}}},
             ["to = '1 200 rpm'", "write 1200 rpm"],
         ),
+        ({"study": {"speed": {"from": 1, "to": "1e999 rpm", "number": 3}}}, ["to = '1e999 rpm' must be finite"]),
         ({"study": {"speed": {"from": 1, "to": 2, "number": 10**9}}}, ["study.speed", "number = 1000000000 must be"]),
         ({"study": {"members": 10**9}}, ["study.members = 1000000000", "more than 10000; each member is a simulation"]),
         ({"study": {"settled_revolutions": 10**9}}, ["study.settled_revolutions", "more than 1000; each revolution"]),

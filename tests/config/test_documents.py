@@ -60,6 +60,7 @@ def test_a_key_may_be_laid_over_that_of_an_alias(content_of):
     [
         ("0600", "write 600, or"),
         ("-0600", "write -600, or"),
+        ("-0", "write a plain decimal number, or"),
         ("1_000", "write 1000, or"),
         ("10:30", "write a plain decimal number, or"),
         ("1:30.5", "write a plain decimal number, or"),

@@ -77,3 +77,12 @@ def test_contacts_whose_names_are_not_all_text_are_refused_with_a_hint():
     }
     with pytest.raises(InputError, match=r"joints\.crank_pin\.contact names 'stel', .*did you mean 'steel'"):
         resolve({"mechanism": mechanism, "scenarios": {"one": {}}}, source="mine.yaml")
+
+
+def test_an_error_has_at_most_so_many_lines_as_one_reads():
+    boxes = {f"b{n}": {"crank_length": "x"} for n in range(60)}
+    with pytest.raises(InputError) as caught:
+        resolve({"mechanism": str(PAPER), "optimise": {"boxes": boxes}, "scenarios": {"one": {}}})
+    lines = str(caught.value).splitlines()
+    assert len(lines) <= 21
+    assert "and 100 more" in lines[-1]

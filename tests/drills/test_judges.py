@@ -174,6 +174,13 @@ def test_a_formula_with_another_value_is_found():
     assert formulas._other_value(right, "-v * abs(v) + sin(theta)", {}) is None
     assert "another value" in formulas._other_value(-right, "-v * abs(v) + sin(theta)", {}).kind
     assert "cannot read" in formulas._other_value(right, "__import__('os')", {}).kind
+    assert formulas._other_value(right * math.inf, "sqrt(0 - 1) + v * 0", {}) is None
+    assert "another value" in formulas._other_value(right, "sqrt(0 - 1) + v * 0", {}).kind
+
+
+def test_a_coefficient_that_is_called_as_a_number_may_be_refused():
+    case = {"formula": "v/1", "python": "v / 1", "coefficients": {"1": 2.0}}
+    assert formulas._refused(case, "coefficient '1' cannot be told from the formula's own words") == {}
 
 
 # ----------------------------------------------------------------------------------------------------------------------

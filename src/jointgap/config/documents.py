@@ -26,7 +26,7 @@ DEEPEST_NESTING = 50
 MOST_DIGITS = 310
 """Of a whole number: the largest float has as many."""
 
-_WHOLE = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
+_WHOLE = re.compile(r"0|[-+]?[1-9][0-9]*")
 _LEADING_ZEROS = re.compile(r"(?<![0-9])0+(?=[0-9])")
 _TRUE_OR_FALSE = re.compile(r"true|True|TRUE|false|False|FALSE")
 _NO_TEXT = re.compile("[\\x00-\\x08\\x0b\\x0c\\x0e-\\x1f\\ud800-\\udfff]")

@@ -19,6 +19,9 @@ from jointgap.config.scenario import SECTIONS, Scenario
 from jointgap.counts import MOST_PARTS
 from jointgap.errors import InputError, did_you_mean
 
+_MOST_LINES = 20
+"""Of an error: who has mended these sees the others."""
+
 
 def validate(model: type[BaseModel], data: Any, source: str) -> Any:
     """`data` as a `model`, or one InputError that names every wrong key.
@@ -35,7 +38,9 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise InputError(*(f"{source}: {line}" for line in complaints(error, model))) from error
+        lines = complaints(error, model)
+        more = [f"and {len(lines) - _MOST_LINES} more"] if len(lines) > _MOST_LINES else []
+        raise InputError(*(f"{source}: {line}" for line in [*lines[:_MOST_LINES], *more])) from error
 
 
 def load_mechanism(path: Path | str) -> Mechanism:

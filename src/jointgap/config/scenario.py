@@ -350,9 +350,12 @@ def spread(values: Any) -> Any:
 def _end(key: str, value: Any) -> tuple[str, str]:
     """The number and the unit at one end of a span."""
     try:
-        return split_quantity(str(value))
+        number, unit = split_quantity(str(value))
     except ValueError as error:
         raise ValueError(f"{key} = {value!r} {error}") from error
+    if not math.isfinite(float(number)):
+        raise ValueError(f"{key} = {value!r} must be finite")
+    return number, unit
 
 
 def _list_of(kind: Any) -> Any:
