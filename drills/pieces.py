@@ -103,7 +103,8 @@ def _store(folder: Path) -> dict[str, str]:
     """Schema of the store, its version and its experiments; SQLite's own bytes depend on what was written when."""
     with sqlite3.connect(folder / "results/mlflow.db") as database:
         tables = database.execute("select name, sql from sqlite_master order by name").fetchall()
-        left = {name: str(sql) for name, sql in tables}
+        # MLflow writes the constraints of a table in another order each time
+        left = {name: str(sorted(line.strip(" \t,") for line in str(sql).splitlines())) for name, sql in tables}
         left["version"] = str(database.execute("select * from alembic_version").fetchall())
         left["experiments"] = str(database.execute("select name from experiments order by name").fetchall())
         left["integrity"] = str(database.execute("pragma integrity_check").fetchall())
