@@ -177,7 +177,7 @@ def judge(case: Case, folder: Path) -> Answers:
             return {_CLEAR: None, _DEAD: _of_campaign(place, name, folder)}
         return {_CLEAR: None, _DEAD: _of_config(place, name, folder)}
     except InputError as error:
-        return {_CLEAR: unclear(str(error), "drill.yaml" if "drill.yaml" in str(error) else str(folder))}
+        return {_CLEAR: unclear(str(error), _file_in(str(error), case["name"], folder))}
     except Exception as error:
         return {_CLEAR: crashed(error)}
 
@@ -248,6 +248,11 @@ def _in_markdown(html: str, harmless: str) -> Complaint | None:
 # the workflow itself, run as users run it
 
 
+def _file_in(message: str, name: str, folder: Path) -> str:
+    """What an error has to name: the configuration, or the file that it was told to read."""
+    return next((file for file in ("drill.yaml", name) if file and file in message), str(folder))
+
+
 def _report(names: list[str]) -> dict[str, Complaint | None]:
     """The report's own page with each of the `names` as the description of a scenario, in one run of Snakemake."""
     with clean_folder() as folder:
@@ -259,6 +264,9 @@ def _report(names: list[str]) -> dict[str, Complaint | None]:
         done = snakemake(folder, "--configfile", "drill.yaml", "--report", "report.html", target)
         if done.returncode:
             said = done.stdout + done.stderr
+            refused = "drill.yaml, line" in said or ", scenario s0: description = " in said
+            if len(names) == 1 and refused and not crashed_in(said):
+                return dict.fromkeys(names)
             wrong = crashed_in(said) or Complaint("the report is not written", said[-500:])
             return dict.fromkeys(names, wrong) if len(names) == 1 else {name: _report([name])[name] for name in names}
         page = json.JSONDecoder().raw_decode(

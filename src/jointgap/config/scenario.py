@@ -434,7 +434,7 @@ class Study(Section):
 class Scenario(Section):
     """A mechanism and what is done with it: the input of every stage."""
 
-    description: str = Field("", description="one sentence for the report: what this scenario is for")
+    description: str = Field("", max_length=1000, description="one sentence for the report: what this scenario is for")
     mechanism: Mechanism
     simulate: Simulate = Simulate()
     surrogate: Surrogate = Surrogate()
