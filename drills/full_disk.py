@@ -47,7 +47,8 @@ def _mount(place: Path, size: int) -> bool:
 
 
 def _unmount(place: Path) -> None:
-    subprocess.run(["umount", str(place)], capture_output=True, check=False)
+    """Take the disk away at once, even where a process that is about to end still holds a file on it."""
+    subprocess.run(["umount", "--lazy", str(place)], capture_output=True, check=True)
 
 
 @contextmanager
