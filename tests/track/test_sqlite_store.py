@@ -153,6 +153,15 @@ def test_another_program_s_database_is_not_taken_for_a_store(simulated, results,
     assert (results / "mlflow.db").read_bytes() == held
 
 
+def test_a_lock_that_is_a_link_to_another_file_is_not_followed(simulated, results, tmp_path):
+    (tmp_path / "precious").write_text("mine")
+    (results / ".mlflow.db.lock").unlink(missing_ok=True)
+    (results / ".mlflow.db.lock").symlink_to(tmp_path / "precious")
+    with pytest.raises(InputError, match=r"\.mlflow\.db\.lock: cannot be written"):
+        publish(**simulated)
+    assert (tmp_path / "precious").read_text() == "mine"
+
+
 def test_a_file_that_is_no_database_is_named_with_the_mend(simulated, results):
     (results / "mlflow.db").write_text("not a database, but long enough to be read as one" * 10)
     with pytest.raises(InputError, match=r"mlflow\.db: is no MLflow store .*delete it to publish from nothing"):
