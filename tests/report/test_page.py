@@ -1,16 +1,20 @@
 """A page says the same in Markdown and in HTML, and no text of it is taken for markup."""
 
 import base64
+import re
 from html.parser import HTMLParser
+from io import BytesIO
 
 import pytest
 from markdown_it import MarkdownIt
+from PIL import Image
 
 from jointgap.report.page import (
     Bullets,
     Cell,
     FigureBlock,
     Heading,
+    Link,
     Page,
     Paragraph,
     TableBlock,
@@ -26,7 +30,7 @@ PAGE = Page(
         Heading("Where"),
         Bullets(("one <b>", "see `a*b|c`")),
         TableBlock(("what", "value"), (("x | y\nz", "1.5"), ("`p|q`", Cell("missed", "bad"))), "lr"),
-        FigureBlock("gaps", "Gap before & after"),
+        FigureBlock("gaps", "Gap before & after", "One is noise."),
     ),
 )
 
@@ -38,7 +42,8 @@ def test_markdown_has_every_block_with_its_signs_escaped_outside_code():
         "## Where\n\n"
         "- one \\<b>\n- see `a*b|c`\n\n"
         "| what | value |\n| --- | ---: |\n| x \\| y z | 1.5 |\n| `p\\|q` | missed |\n\n"
-        "![Gap before & after](pictures/gaps.svg)\n"
+        "![Gap before & after](pictures/gaps.svg)\n\n"
+        "*Figure 1. Gap before & after. One is noise.*\n"
     )
 
 
@@ -120,9 +125,51 @@ def test_what_a_user_wrote_is_shown_as_text_and_is_never_markup(text, form):
 
 def test_html_takes_in_the_figures_that_were_drawn_and_leaves_out_the_others(tmp_path):
     assert "<img" not in to_html(PAGE, tmp_path)
-    (tmp_path / "gaps.png").write_bytes(b"a picture")
-    image = base64.b64encode(b"a picture").decode()
-    assert f"<img alt='Gap before &amp; after' src='data:image/png;base64,{image}'>" in to_html(PAGE, tmp_path)
+    Image.new("RGB", (2, 1), "red").save(tmp_path / "gaps.png")
+    page = to_html(PAGE, tmp_path)
+    taken_in = page.partition("src='data:image/png;base64,")[2].partition("'")[0]
+    with Image.open(BytesIO(base64.b64decode(taken_in))) as image:
+        assert image.convert("RGB").getpixel((1, 0)) == (255, 0, 0)
+    assert "<img alt='Gap before &amp; after'" in page
+    assert "<b>Figure 1. Gap before &amp; after.</b> One is noise.</figcaption>" in page
+
+
+def test_a_page_fits_a_phone_names_its_language_and_scrolls_wide_tables_in_their_own_box():
+    page = to_html(PAGE)
+    assert "<html lang='en'>" in page
+    assert "<meta name='viewport' content='width=device-width, initial-scale=1'>" in page
+    assert page.count("<div class='box'") == page.count("<table>") == 1
+
+
+def test_a_page_of_many_sections_has_a_table_of_contents_whose_links_lead_to_places_on_it():
+    assert "<nav" not in to_html(PAGE)
+    page = to_html(Page("A", tuple(Heading(text) for text in ("One", "Two & a half", "One", "<b>"))))
+    places = re.findall(r"<h2 id='([^']*)'", page)
+    assert places == ["one", "two-a-half", "one-2", "b"]
+    assert re.findall(r"href='#([^']*)'", page) == places
+
+
+def test_figures_and_tables_with_captions_are_numbered_each_by_itself():
+    table = TableBlock(("a",), (("1",),), caption="First things.")
+    text = to_markdown(Page("A", (table, FigureBlock("x", "X"), table, FigureBlock("y", "Y", moving=True))))
+    for part in ("Table 1. First", "Figure 1. X.", "Table 2. First", "![Y](figures/y.gif)", "Figure 2. Y."):
+        assert part in text, part
+
+
+def test_a_link_leads_to_a_file_beside_the_page_whatever_that_is_called():
+    blocks = (
+        Bullets((Link("the run", "my run/summary.html", "is `new`"),)),
+        TableBlock(("where",), ((Link("a]b", "javascript:alert(1)"),), (Link("below", "#where"),))),
+    )
+    page = Page("A", blocks)
+    for part in (
+        "<li><a href='./my%20run/summary.html'>the run</a> is <code>new</code></li>",
+        "<a href='./javascript%3Aalert%281%29'>a]b</a>",
+        "<a href='#where'>below</a>",
+    ):
+        assert part in to_html(page), part
+    for part in ("- [the run](./my%20run/summary.html) is `new`", r"[a\]b](./javascript%3Aalert%281%29)"):
+        assert part in to_markdown(page), part
 
 
 def test_names_of_joints_channels_and_effects_read_as_words():

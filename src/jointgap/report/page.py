@@ -1,25 +1,32 @@
 """A page, written once and shown twice: as Markdown, and as one HTML file that needs nothing beside it.
 
 A page is a title and a row of blocks. What a block looks like stands in ``templates/``, a template for each of the two
-forms.
+forms. The HTML fits any screen: images scale, a table wider than the screen scrolls in its own box, and a page of many
+sections has a table of contents.
 """
 
-import base64
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, NamedTuple
+from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from jointgap.report.images import data_address
+
+_CONTENTS_FROM = 4  # sections; a page with fewer is read as it is
+
 
 @dataclass(frozen=True)
 class Heading:
-    """Heading of a section."""
+    """Heading of a section (`level` 2) or of a part of one (3)."""
 
     kind: ClassVar = "heading"
     text: str
+    level: int = 2
 
 
 @dataclass(frozen=True)
@@ -33,12 +40,31 @@ class Paragraph:
     strong: bool = False
 
 
+class Link(NamedTuple):
+    """A way to another file, or to a place on the page (``#...``), as a point of a list or a cell of a table.
+
+    `target` is a path relative to the page, as it is on the disk; `then` follows the words of the link.
+    """
+
+    text: str
+    target: str
+    then: str = ""
+
+    @property
+    def address(self) -> str:
+        """The target as an address: whatever a path holds is a path, and no address of another kind."""
+        if self.target.startswith("#"):
+            return f"#{quote(self.target[1:])}"
+        path = quote(self.target, safe="/#")
+        return path if path.startswith((".", "/")) else f"./{path}"
+
+
 @dataclass(frozen=True)
 class Bullets:
     """A list of points."""
 
     kind: ClassVar = "bullets"
-    points: tuple[str, ...]
+    points: tuple[str | Link, ...]
 
 
 class Cell(NamedTuple):
@@ -50,12 +76,16 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class TableBlock:
-    """A table: texts of its head and of its rows, and for each column ``l`` or ``r`` (numbers stand to the right)."""
+    """A table: texts of its head and of its rows, and for each column ``l`` or ``r`` (numbers stand to the right).
+
+    One with a `caption` has a number on its page.
+    """
 
     kind: ClassVar = "table"
     heads: tuple[str, ...]
-    rows: tuple[tuple[str | Cell, ...], ...]
+    rows: tuple[tuple[str | Cell | Link, ...], ...]
     align: str = ""
+    caption: str = ""
 
     @property
     def rules(self) -> list[str]:
@@ -63,22 +93,35 @@ class TableBlock:
         return ["---:" if side == "r" else "---" for side in self.align.ljust(len(self.heads), "l")]
 
     @property
-    def lines(self) -> list[list[tuple[str, str]]]:
+    def lines(self) -> list[list[tuple[str | Link, str]]]:
         """Rows of (text, CSS class)."""
         sides = ["n" if rule.endswith(":") else "" for rule in self.rules]
-        cells = [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
         return [
-            [(c.text, f"v {c.tone}" if c.tone else side) for c, side in zip(row, sides, strict=True)] for row in cells
+            [
+                (cell.text, f"v {cell.tone}" if cell.tone else side) if isinstance(cell, Cell) else (cell, side)
+                for cell, side in zip(row, sides, strict=True)
+            ]
+            for row in self.rows
         ]
 
 
 @dataclass(frozen=True)
 class FigureBlock:
-    """A saved figure by the stem of its files. HTML leaves it out where it was not drawn."""
+    """A saved figure by the stem of its files, relative to the folder of figures, with its title and what it shows.
+
+    HTML leaves it out where it was not drawn. A `moving` one is a GIF, a still one PNG and SVG.
+    """
 
     kind: ClassVar = "figure"
     stem: str
     title: str
+    caption: str = ""
+    moving: bool = False
+
+    @property
+    def image(self) -> str:
+        """The file that HTML takes in, relative to the folder of figures."""
+        return f"{self.stem}.{'gif' if self.moving else 'png'}"
 
 
 Block = Heading | Paragraph | Bullets | TableBlock | FigureBlock
@@ -86,26 +129,87 @@ Block = Heading | Paragraph | Bullets | TableBlock | FigureBlock
 
 @dataclass(frozen=True)
 class Page:
-    """A title and what stands below it; `width` [CSS length] is the most that HTML takes of the screen."""
+    """A title and what stands below it.
+
+    Attributes
+    ----------
+    title : str
+        The page's answer, or what it is about.
+    blocks : tuple of blocks
+    subject : str
+        What the page is about, where the title is the answer; stands above it.
+    footer : str
+        Of what and by what the page was written.
+    width : str
+        The most that HTML takes of the screen [CSS length].
+    """
 
     title: str
     blocks: tuple[Block, ...]
+    subject: str = ""
+    footer: str = ""
     width: str = "75rem"
+
+    @property
+    def name(self) -> str:
+        """Of the window, and the first line in Markdown."""
+        return f"{self.subject}: {self.title}" if self.subject else self.title
+
+
+class _Shown(NamedTuple):
+    """A block with its number among its kind and the name of its place (headings alone)."""
+
+    block: Block
+    number: int = 0
+    place: str = ""
+    image: str = ""
 
 
 def to_markdown(page: Page, figures: str = "figures") -> str:
-    """The page as Markdown; `figures` is the folder of the figures' SVG files, relative to the page."""
-    return _TEMPLATES.get_template("page.md.j2").render(page=page, figures=figures)
+    """The page as Markdown; `figures` is the folder of the figures' files, relative to the page."""
+    shown = tuple(_numbered(page.blocks))
+    return _TEMPLATES.get_template("page.md.j2").render(page=page, shown=shown, figures=figures)
 
 
 def to_html(page: Page, figures: Path | str = "figures") -> str:
-    """The page as one HTML file; `figures` is the folder of the figures' PNG files, which it takes in."""
-    images = {
-        block.stem: base64.b64encode(path.read_bytes()).decode()
-        for block in page.blocks
-        if isinstance(block, FigureBlock) and (path := Path(figures, f"{block.stem}.png")).exists()
-    }
-    return _TEMPLATES.get_template("page.html.j2").render(page=page, images=images)
+    """The page as one HTML file; `figures` is the folder of the figures' image files, which it takes in."""
+    there = [
+        block for block in page.blocks if not isinstance(block, FigureBlock) or Path(figures, block.image).exists()
+    ]
+    shown = tuple(
+        one._replace(image=data_address(Path(figures, one.block.image))) if isinstance(one.block, FigureBlock) else one
+        for one in _numbered(there)
+    )
+    sections = [one for one in shown if isinstance(one.block, Heading)]
+    return _TEMPLATES.get_template("page.html.j2").render(
+        page=page, shown=shown, contents=sections if len(sections) >= _CONTENTS_FROM else []
+    )
+
+
+def _numbered(blocks) -> Iterator[_Shown]:
+    """The blocks with numbers of figures and of tables with captions, and names of the places of headings."""
+    figures = tables = 0
+    places: set[str] = set()
+    for block in blocks:
+        if isinstance(block, FigureBlock):
+            figures += 1
+            yield _Shown(block, figures)
+        elif isinstance(block, TableBlock) and block.caption:
+            tables += 1
+            yield _Shown(block, tables)
+        elif isinstance(block, Heading):
+            name = place = place_of(block.text)
+            while place in places:
+                place = f"{name}-{len(places)}"
+            places.add(place)
+            yield _Shown(block, place=place)
+        else:
+            yield _Shown(block)
+
+
+def place_of(heading: str) -> str:
+    """The name of the place on a page of the first section with this `heading`: ``where-it-shows``."""
+    return "-".join(re.findall(r"\w+", heading.lower())) or "section"
 
 
 _CODE = re.compile(r"((?<!`)`[^`]+`(?!`))")
@@ -136,6 +240,23 @@ def _markdown_cell(text: str) -> str:
     return re.sub(r"(?<!\\)\|", r"\|", _markdown_words(text))
 
 
+def _markdown_point(point: str | Link, of_cell: bool = False) -> str:
+    """A point of a list or, with `of_cell`, a cell of a table."""
+    escaped = _markdown_cell if of_cell else markdown_text
+    if not isinstance(point, Link):
+        return escaped(point)
+    words = re.sub(r"(?<!\\)([\[\]])", r"\\\1", _markdown_cell(point.text))
+    return f"[{words}]({point.address})" + (f" {_markdown_cell(point.then)}" if point.then else "")
+
+
+def _html_point(point: str | Link) -> Markup:
+    """A point of a list or a cell of a table."""
+    if not isinstance(point, Link):
+        return _with_code(point)
+    then = f" {_with_code(point.then)}" if point.then else ""
+    return Markup(f"<a href='{escape(point.address)}'>{_with_code(point.text)}</a>{then}")
+
+
 def _with_code(text: str) -> Markup:
     """`text` as HTML, with what stands between backticks as code."""
     return Markup(_CODE.sub(lambda found: f"<code>{found[0][1:-1]}</code>", str(escape(text))))
@@ -149,4 +270,10 @@ _TEMPLATES = Environment(
     lstrip_blocks=True,
     keep_trailing_newline=True,
 )
-_TEMPLATES.filters |= {"markdown": markdown_text, "markdown_cell": _markdown_cell, "with_code": _with_code}
+_TEMPLATES.filters |= {
+    "markdown": markdown_text,
+    "markdown_cell": lambda cell: _markdown_point(cell, of_cell=True),
+    "markdown_point": _markdown_point,
+    "html_point": _html_point,
+    "with_code": _with_code,
+}
