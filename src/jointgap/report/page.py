@@ -180,9 +180,13 @@ def to_html(page: Page, figures: Path | str = "figures") -> str:
         one._replace(image=data_address(Path(figures, one.block.image))) if isinstance(one.block, FigureBlock) else one
         for one in _numbered(there)
     )
+    ahead = next((n for n, one in enumerate(shown) if isinstance(one.block, Heading)), len(shown))
     sections = [one for one in shown if isinstance(one.block, Heading)]
     return _TEMPLATES.get_template("page.html.j2").render(
-        page=page, shown=shown, contents=sections if len(sections) >= _CONTENTS_FROM else []
+        page=page,
+        first=shown[:ahead],
+        rest=shown[ahead:],
+        contents=sections if len(sections) >= _CONTENTS_FROM else [],
     )
 
 
