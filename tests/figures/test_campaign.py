@@ -39,7 +39,21 @@ def made_up(size=4.0):
             frame = frame.assign(augmented=2.0 + 0.1 * missing, spread=0.1)
             series.append(frame.assign(whitened_base=missing + noise, whitened_augmented=noise))
     samples = pd.concat(series, ignore_index=True)
-    return {"residuals": samples} | located(samples) | fitted() | planned() | after(samples)
+    frames = {"residuals": samples, "channel_errors": errors_of(samples)}
+    return frames | located(samples) | fitted() | planned() | after(samples)
+
+
+def errors_of(samples):
+    """Table channel_errors, the torque in N*cm."""
+    rows = []
+    for (run, channel, held_out), own in samples.groupby(["run", "channel", "held_out"], sort=False):
+        unit, factor = ("N*cm", 0.01) if channel == "crank_torque" else ("m/s^2", 1.0)
+        row = {"run": run, "speed": 20.0, "channel": channel, "held_out": held_out, "samples": len(own)}
+        row |= {"unit": unit, "si_per_unit": factor, "noise": 0.1 / factor}
+        for when, model in (("before", "base"), ("after", "augmented")):
+            row[when] = np.sqrt(np.mean((own["measured"] - own[model]) ** 2)) / factor
+        rows.append(row)
+    return pd.DataFrame(rows, columns=files.CHANNEL_ERRORS.names)
 
 
 def located(samples):
@@ -171,6 +185,24 @@ def test_the_map_shows_the_mean_of_every_bin(drawings, tables):
     assert np.allclose(np.sort(shown["value"].astype(float)), np.sort(tables["map_bins"]["mean"]))
 
 
+def test_measured_and_predicted_are_shown_in_the_columns_unit_held_out_runs_and_the_channel_missed_most_first(drawings):
+    drawing = drawings["measured_against_model"]
+    first, below = drawing.figure.axes[:2]
+    assert first.get_title(loc="left") == "crank torque\ncheck, 191 rpm, held out"
+    assert first.get_ylabel() == "torque [N cm]"
+    assert re.fullmatch(r"RMS 4\d\.\d → \d\.\d\d N cm", below.get_title(loc="left"))
+    shown = drawing.data.query("series == 'measured' and y_unit == 'N cm'")
+    assert shown["y"].mean() == pytest.approx(200.0, abs=5.0)
+
+
+def test_of_a_measured_crank_angle_its_departure_from_steady_rotation_is_shown(tables):
+    angle = tables["residuals"].query("channel == 'slider_acceleration'").assign(channel="crank_angle")
+    angle = angle.assign(**{name: angle["crank_angle"] + 0.01 for name in ("measured", "base", "augmented")})
+    given = {"residuals": angle, "channel_errors": errors_of(angle)}
+    data = campaign.draw("measured_against_model", given, VERDICT).data
+    assert np.allclose(data.query("series == 'measured'")["y"], 0.01)
+
+
 def test_the_explanation_of_the_verdict_stands_first_and_failed_fits_are_left_out(drawings):
     data = drawings["ranking"].data
     behind = data[data["panel"] == "behind the best"].set_index("label")
@@ -212,9 +244,10 @@ def test_large_residuals_are_drawn_on_a_scale_that_is_linear_in_the_noise_and_lo
 def test_a_model_that_nothing_was_added_to_has_no_after(tables):
     samples = tables["residuals"].assign(augmented=tables["residuals"]["base"])
     gaps = tables["gaps"].assign(after=tables["gaps"]["before"])
-    for name in ("residuals", "gaps"):
-        drawing = campaign.draw(name, {"residuals": samples, "gaps": gaps}, VERDICT | {"effects": []})
-        assert not drawing.data["series"].str.startswith("after").any()
+    given = {"residuals": samples, "gaps": gaps, "channel_errors": tables["channel_errors"]}
+    for name in ("residuals", "gaps", "measured_against_model"):
+        drawing = campaign.draw(name, given, VERDICT | {"effects": []})
+        assert not drawing.data["series"].str.contains("after").any()
 
 
 def test_an_effect_that_is_no_force_has_none_to_show(tables):

@@ -14,9 +14,24 @@ from jointgap.figures.catalogue import FigureSpec
 if TYPE_CHECKING:
     from jointgap.figures.style import Drawing
 
-_WHERE, _WHAT, _BETTER, _PLAN = "Where", "What is missing", "What it brings", "What could be found"
+_FIRST, _WHERE, _WHAT = "Measured and predicted", "Where", "What is missing"
+_BETTER, _PLAN = "What it brings", "What could be found"
 
 CATALOGUE = {
+    "measured_against_model": FigureSpec(
+        "Measured against the model",
+        _FIRST,
+        "measured_figures:measured_against_model",
+        ("residuals", "channel_errors"),
+        "One revolution of each channel, in the unit of its column: as measured, as the model predicts it before "
+        "anything was added, and after. Below each: measured less predicted, with the root mean square of the whole "
+        "run in the title, and as grey band the noise, two standard deviations to each side. Held-out runs, which "
+        "took no part in fitting or choosing, come first, three runs at most, and the channel that the model missed by "
+        "most; numbers of all: table channel_errors. A crank angle is shown as its departure from steady rotation. "
+        "Without an effect of the verdict, after is the best explanation known; where there is none, there is no "
+        "after.",
+        nothing="no sample could be compared with the model",
+    ),
     "disagreement": FigureSpec(
         "Map of disagreement",
         _WHERE,

@@ -1,5 +1,6 @@
 """Names and numbers as a reader meets them in sentences, tables and legends."""
 
+import re
 from collections.abc import Iterable
 from math import floor, log10
 
@@ -28,6 +29,19 @@ def with_error(value: float | str | None, error: float | None) -> tuple[str, str
         return number(value), number(error)
     digits = 2 + floor(log10(abs(value))) - floor(log10(error))
     return f"{value:#.{max(digits, 2)}g}".rstrip("."), f"{error:#.2g}".rstrip(".")
+
+
+_SHOWN_UNITS = {"um": "µm", "us": "µs", "g_n": "g"}
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def unit_in_words(unit: str) -> str:
+    """``N m`` of ``N*m``, ``m/s²`` of ``m/s^2`` or ``m/s**2``, ``g`` of ``g_n``: a pint name for the eye."""
+    shown = []
+    for part in re.split(r"([*/ ])", unit.replace("**", "^")):
+        name, _, power = part.partition("^")
+        shown.append(_SHOWN_UNITS.get(name, name) + power.translate(_RAISED))
+    return "".join(shown).replace("*", " ")
 
 
 def with_unit(value: str, unit: str) -> str:

@@ -13,6 +13,7 @@ from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
 from jointgap.stages.record import Stages
 from jointgap.tables import (
     ADVICE,
+    CHANNEL_ERRORS,
     CONFIG_SNAPSHOT,
     CONFUSABILITY,
     CONTRADICTIONS,
@@ -280,9 +281,10 @@ def regress(state: "CampaignState") -> None:
 _REGRESSED = (*_DECIDED, *CAMPAIGN_STAGES.written_by("regress"))
 
 
-@CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(RESIDUALS, GAPS, *_of("verdict", OUTCOME_TABLES)))
+@CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(RESIDUALS, CHANNEL_ERRORS, GAPS, *_of("verdict", OUTCOME_TABLES)))
 def confirm(state: "CampaignState") -> None:
     """Predict the held-out runs with and without what was found, and come to the final verdict."""
+    from jointgap.campaign.channel_errors import channel_errors
     from jointgap.campaign.clockwise import residuals_as_read
     from jointgap.campaign.tables_of_identification import with_places
     from jointgap.identification import confirmation
@@ -294,7 +296,9 @@ def confirm(state: "CampaignState") -> None:
     prediction = confirmation.confirm(
         state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings
     )
-    state.folder.write(RESIDUALS, residuals_as_read(prediction.residuals, state.clockwise))
+    residuals = residuals_as_read(prediction.residuals, state.clockwise)
+    state.folder.write(RESIDUALS, residuals)
+    state.folder.write(CHANNEL_ERRORS, channel_errors(residuals, state.campaign))
     state.folder.write(GAPS, prediction.gaps)
     doubted = state.remaining_doubts(outcome.equivalent or [outcome.chosen])
     final = final_verdict(outcome, prediction, doubted, state.settings.decision)

@@ -291,6 +291,30 @@ RESIDUALS = Table(
     path="confirm/residuals.parquet",
 )
 
+CHANNEL_ERRORS = Table(
+    "channel_errors",
+    "How far measured and predicted are apart in each channel's own unit, before and after the effect was added",
+    (
+        _RUN,
+        Column("speed", "rad/s", "nominal speed of the crank"),
+        _CHANNEL,
+        _HELD_OUT,
+        Column("samples", "1", "samples compared", "int"),
+        Column("unit", "", "unit of the channel as the campaign file states it", "text"),
+        Column("si_per_unit", "SI", "how much of the channel's SI unit one of these units is"),
+        Column("noise", "as unit says", "root mean square of the noise's standard deviation, that of numerics with it"),
+        Column("before", "as unit says", "root mean square of measured less predicted, no effect added"),
+        Column(
+            "after",
+            "as unit says",
+            "the same with the effects of the verdict, or with the best explanation known where none is named; before "
+            "again where there is neither; null where they cannot be simulated",
+            nullable=True,
+        ),
+    ),
+    path="confirm/channel_errors.parquet",
+)
+
 MISSING_FORCE = Table(
     "missing_force",
     "What the named effects push the slider and turn the crank with, over one revolution of each run",
