@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from jointgap.config import Box, Optimise, load_mechanism
+from jointgap.link_lengths.objective import frozen_objective
+from jointgap.link_lengths.region import Region
 from jointgap.mechanism import clearance_lift
-from jointgap.optimise.objective import frozen_objective
-from jointgap.optimise.region import Region
 
 
 @pytest.fixture(scope="session")

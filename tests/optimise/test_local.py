@@ -1,8 +1,8 @@
 import numpy as np
 
-from jointgap.optimise import local
-from jointgap.optimise.local import search, search_from_all, starting_points
-from jointgap.optimise.objective import Objective
+from jointgap.link_lengths import local
+from jointgap.link_lengths.local import search, search_from_all, starting_points
+from jointgap.link_lengths.objective import Objective
 
 
 def multipliers_are_right(objective, region, lengths):

@@ -4,8 +4,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jointgap.config import Box
-from jointgap.optimise.genetic import feasible_mutation, intermediate_crossover, rank_expectation, stochastic_uniform
-from jointgap.optimise.region import Region
+from jointgap.link_lengths.genetic import (
+    feasible_mutation,
+    intermediate_crossover,
+    rank_expectation,
+    stochastic_uniform,
+)
+from jointgap.link_lengths.region import Region
 
 REGION = Region.of(Box(crank_length=(0.147, 0.153), rod_length=(0.555, 0.564)), 0.27)
 

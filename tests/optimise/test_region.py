@@ -3,7 +3,7 @@ import pytest
 
 from jointgap.config import Box
 from jointgap.errors import InputError
-from jointgap.optimise.region import Region
+from jointgap.link_lengths.region import Region
 
 REGION = Region.of(Box(crank_length=(0.147, 0.153), rod_length=(0.555, 0.564)), 0.27)
 

@@ -4,8 +4,8 @@ import pytest
 from jointgap.config import Ensemble, Optimise, Simulate, load_mechanism
 from jointgap.dynamics import simulate
 from jointgap.joints import PINS
-from jointgap.optimise.objective import MEASURES, Measures, measure
-from jointgap.optimise.resimulate import (
+from jointgap.link_lengths.objective import MEASURES, Measures, measure
+from jointgap.link_lengths.resimulate import (
     Resimulation,
     compare,
     perturbations,

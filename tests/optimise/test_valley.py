@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from jointgap.optimise import valley
-from jointgap.optimise.local import search_from_all
-from jointgap.optimise.objective import MEASURES
+from jointgap.link_lengths import valley
+from jointgap.link_lengths.local import search_from_all
+from jointgap.link_lengths.objective import MEASURES
 
 
 @pytest.fixture(scope="module")

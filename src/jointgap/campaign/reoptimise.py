@@ -9,8 +9,8 @@ from jointgap.config import Box, Ensemble, Genetic, Mechanism, Optimise, Simulat
 from jointgap.dynamics import simulate
 from jointgap.errors import InputError, SimulationError
 from jointgap.joints import JOINT_NUMBERS
+from jointgap.link_lengths.optimise_stage import optimise
 from jointgap.mechanism import Fit
-from jointgap.optimise.optimise_stage import optimise
 from jointgap.slider_crank.channel_kinematics import tolerance_for
 
 NETWORK = "network"

@@ -146,7 +146,7 @@ def kinematics(results: "ScenarioResults") -> None:
 )
 def optimise(results: "ScenarioResults") -> None:
     """Search the link lengths for the transmission angle, and simulate again what was found."""
-    from jointgap.optimise.optimise_stage import optimise as optimised
+    from jointgap.link_lengths.optimise_stage import optimise as optimised
     from jointgap.stages.trained_surrogates import trained_surrogates
 
     scenario = results.scenario

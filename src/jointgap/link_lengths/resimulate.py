@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
 from jointgap.dynamics.parallel_runs import simulate_ensemble
 from jointgap.dynamics.solver.initial_state import perturbed_start
+from jointgap.link_lengths.objective import MEASURES, Measures, evaluation_samples, measure
 from jointgap.mechanism import transmission_angle
-from jointgap.optimise.objective import MEASURES, Measures, evaluation_samples, measure
 
 LOW, HIGH = 0.05, 0.95  # quantiles that bound a spread
 

@@ -8,11 +8,11 @@ import pandas as pd
 
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.joints import JOINT_NUMBERS
+from jointgap.link_lengths import search as searching
+from jointgap.link_lengths.objective import Objective, frozen_objective
+from jointgap.link_lengths.resimulate import Resimulation, compare, resimulate, sample_ranges
+from jointgap.link_lengths.search import Point, printed_points
 from jointgap.mechanism import Fit, clearance_lift, ideal_cycle
-from jointgap.optimise import search as searching
-from jointgap.optimise.objective import Objective, frozen_objective
-from jointgap.optimise.resimulate import Resimulation, compare, resimulate, sample_ranges
-from jointgap.optimise.search import Point, printed_points
 
 DIGITS = 6  # lengths are simulated again to the micrometre; points that agree so far are simulated once
 

@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Optimise, Simulate
-from jointgap.optimise import local, valley
-from jointgap.optimise.genetic import GeneticResult, evaluations_until, evolve
-from jointgap.optimise.local import LocalResult
-from jointgap.optimise.objective import MEASURES, Objective
-from jointgap.optimise.region import Region
+from jointgap.link_lengths import local, valley
+from jointgap.link_lengths.genetic import GeneticResult, evaluations_until, evolve
+from jointgap.link_lengths.local import LocalResult
+from jointgap.link_lengths.objective import MEASURES, Objective
+from jointgap.link_lengths.region import Region
 from jointgap.paper.printed import OPTIMA, departures
 
 

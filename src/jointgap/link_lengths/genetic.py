@@ -28,8 +28,8 @@ from pymoo.core.survival import Survival
 from pymoo.termination.max_gen import MaximumGenerationTermination
 
 from jointgap.config import Genetic
-from jointgap.optimise.objective import Objective
-from jointgap.optimise.region import Region
+from jointgap.link_lengths.objective import Objective
+from jointgap.link_lengths.region import Region
 
 
 def rank_expectation(values: np.ndarray) -> np.ndarray:

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import minimize_scalar
 
-from jointgap.optimise.objective import MEASURES, Objective
-from jointgap.optimise.region import Region
+from jointgap.link_lengths.objective import MEASURES, Objective
+from jointgap.link_lengths.region import Region
 
 CRANK_LENGTHS, ROD_LENGTHS = 61, 37  # points of the grid: every 0.1 mm by 0.25 mm in the paper's box
 

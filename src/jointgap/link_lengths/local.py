@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from jointgap.optimise.objective import Objective
-from jointgap.optimise.region import Region
+from jointgap.link_lengths.objective import Objective
+from jointgap.link_lengths.region import Region
 
 TOLERANCES = tuple(10.0**-exponent for exponent in range(1, 13))  # swept to show what stopping early does
 
