@@ -1,5 +1,6 @@
 """Typed, frozen, validated configuration; SI inside."""
 
+from jointgap.config.change import change
 from jointgap.config.documents import read_yaml
 from jointgap.config.joint_config import Contact, Joint, Joints, hertz_stiffness
 from jointgap.config.load import json_schema, load_mechanism, options_for, parse_options, resolve, validate
@@ -47,6 +48,7 @@ __all__ = [
     "Slider",
     "Study",
     "Surrogate",
+    "change",
     "check_drive",
     "check_tolerance",
     "hertz_stiffness",

@@ -7,9 +7,9 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from jointgap.complaints import complaints
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS
-from jointgap.config.config_errors import complaints
 from jointgap.config.documents import parse_json, read_yaml
 from jointgap.config.layers import BASE, Layer, existing_file, leaves, mechanism_layers, merged, sources
 from jointgap.config.mechanism_config import Mechanism

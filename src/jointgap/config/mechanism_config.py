@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from jointgap.config.config_errors import complaints
+from jointgap.complaints import complaints
 from jointgap.config.joint_config import Contact, Joint, Joints
 from jointgap.effects import AnyEffect
 from jointgap.errors import InputError, did_you_mean

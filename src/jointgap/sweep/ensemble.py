@@ -15,15 +15,15 @@ import pyarrow as pa
 
 from jointgap import tables
 from jointgap.config import Mechanism, Scenario, Simulate, validate
+from jointgap.config.change import OF_LOOSE_JOINTS, loose_paths, radius_with
 from jointgap.config.scenario import Runs
 from jointgap.dynamics.parallel_runs import Outcome, Run, crank_speeds, rod_and_slider, simulate_runs
 from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, MODES, mode_numbers
 from jointgap.dynamics.solver.initial_state import perturbed_start
 from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import JOINTS
-from jointgap.quantities import to_si
 
-VARIED_BY_WORD = {"speed": "rad/s", "clearance": "m", "friction": "1", "restitution": "1"}
+VARIED_BY_WORD = {"speed": "rad/s"} | OF_LOOSE_JOINTS
 """What can be varied by a word, with its unit: the crank's speed, and the data of every loose joint."""
 
 ROWS = 50_000
@@ -124,11 +124,8 @@ def _paths(data: dict, key: str) -> list[tuple[str, ...]]:
     if key == "speed":
         return [("simulate", "speed")]
     if key in VARIED_BY_WORD:
-        joints = [name for name, joint in data["mechanism"]["joints"].items() if joint != "ideal" and joint["loose"]]
-        if not joints:
-            raise InputError(f"ensemble.vary.{key}: the mechanism has no loose joint to vary it in; make one loose")
-        inside = ("bearing_radius",) if key == "clearance" else ("contact", key)
-        return [("mechanism", "joints", joint, *inside) for joint in joints]
+        inside = loose_paths(data["mechanism"], key, f"ensemble.vary.{key}")
+        return [("mechanism", *path[:-1], "bearing_radius" if key == "clearance" else key) for path in inside]
     path = tuple(key.split("."))
     if path[:2] == ("mechanism", "contacts"):
         raise InputError(
@@ -175,12 +172,7 @@ def _holder(data: Any, path: tuple[str, ...], key: str) -> tuple[Any, Any]:
 
 def _value_in_place(holder: dict, key: str, value: Any) -> Any:
     """The value as the scenario holds it: of a clearance the bearing's radius."""
-    if key != "clearance":
-        return value
-    try:
-        return holder["journal_radius"] + to_si(value, "m")
-    except ValueError as error:
-        raise InputError(f"ensemble.vary.clearance = {value!r}: {error}") from error
+    return radius_with(holder, value, "ensemble.vary.clearance") if key == "clearance" else value
 
 
 def _stored_value(scenario: Scenario, key: str, value: Any) -> float | int | str | bool | None:
