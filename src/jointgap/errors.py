@@ -2,7 +2,8 @@
 
 import difflib
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 _OBEYED = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 """Categories of signs that a terminal obeys instead of showing them: control, direction of writing, breaks of lines."""
@@ -37,6 +38,37 @@ class InputError(ValueError):
 
     def __str__(self) -> str:
         return "\n".join(self.args)
+
+
+class MissingPackage(InputError, ImportError):
+    """A package that only a part of jointgap uses is not installed."""
+
+
+@contextmanager
+def needs(what: str, extra: str) -> Iterator[None]:
+    """Around imports of packages that only a part of jointgap uses: where one is missing, says how to install it.
+
+    Parameters
+    ----------
+    what : str
+        What cannot be done without, as the subject of a sentence.
+    extra : str
+        The extra of pyproject.toml that brings the packages.
+
+    Raises
+    ------
+    MissingPackage
+        A package is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or str(error)).partition(".")[0]
+        # pip takes the jointgap that is installed, from wherever it came, and adds the packages of the extra
+        group = "" if extra in ("learn", "workflow") else f" {extra}"
+        raise MissingPackage(
+            f"{what} needs {package}: pip install 'jointgap[{extra}]' (in a clone: scripts/set-up{group})"
+        ) from error
 
 
 class SimulationError(RuntimeError):

@@ -19,17 +19,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from pymoo.algorithms.base.genetic import GeneticAlgorithm
-from pymoo.core.infill import InfillCriterion
-from pymoo.core.population import Population
-from pymoo.core.problem import Problem
-from pymoo.core.sampling import Sampling
-from pymoo.core.survival import Survival
-from pymoo.termination.max_gen import MaximumGenerationTermination
 
 from jointgap.config import Genetic
+from jointgap.errors import needs
 from jointgap.link_lengths.objective import Objective
 from jointgap.link_lengths.region import Region
+
+with needs("optimising link lengths", "learn"):
+    from pymoo.algorithms.base.genetic import GeneticAlgorithm
+    from pymoo.core.infill import InfillCriterion
+    from pymoo.core.population import Population
+    from pymoo.core.problem import Problem
+    from pymoo.core.sampling import Sampling
+    from pymoo.core.survival import Survival
+    from pymoo.termination.max_gen import MaximumGenerationTermination
 
 
 def rank_expectation(values: np.ndarray) -> np.ndarray:

@@ -16,10 +16,13 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-import torch
 from scipy.linalg.lapack import dpotrf, dpotrs
 
+from jointgap.errors import needs
 from jointgap.surrogate.network_batch import Evaluation, Model
+
+with needs("training networks", "learn"):
+    import torch
 
 
 class Status(Enum):

@@ -10,10 +10,13 @@ on the same memory instead.
 from typing import Protocol
 
 import numpy as np
-import torch
 from scipy.linalg.blas import dsyrk
 
+from jointgap.errors import needs
 from jointgap.surrogate.network import Layout, activations_and_outputs, tansig_slope
+
+with needs("training networks", "learn"):
+    import torch
 
 
 class Evaluation(Protocol):

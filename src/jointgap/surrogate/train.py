@@ -5,14 +5,17 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-import torch
 
 from jointgap.config import Surrogate
+from jointgap.errors import needs
 from jointgap.paper.printed import TRAINING_MSE
 from jointgap.surrogate.fit_errors import Grid, Trained, error_frame, error_rows
 from jointgap.surrogate.levenberg_marquardt import Result, Settings, minimise
 from jointgap.surrogate.network import Layout, Network, Scaling, nguyen_widrow
 from jointgap.surrogate.network_batch import NetworkModel
+
+with needs("training networks", "learn"):
+    import torch
 
 SNAPSHOTS = tuple(sorted({round(10 ** (n / 4)) for n in range(4, 25)}))
 """Iterations after which the error at the held-out samples is recorded: it tells what further training does there."""

@@ -135,11 +135,11 @@ class Store:
         self._file = sqlite_store.file_of(address)
         self._artifacts = None if self._file is None else artifact_folder(address, Path())
         self._reached = False
-        with self._explained():
-            with quiet():
-                import mlflow.entities as entities
-                from mlflow.tracking import MlflowClient
+        with quiet():
+            import mlflow.entities as entities
+            from mlflow.tracking import MlflowClient
 
+        with self._explained():
             self._entities = entities
             self._client = MlflowClient(tracking_uri=address)
             self._client.search_experiments(max_results=1)

@@ -213,7 +213,7 @@ def simulate(content: Mapping, run: CrankRun, tolerance: float = TOLERANCE) -> d
 
     Raises
     ------
-    ImportError
+    MissingPackage
         Exudyn is not installed.
     SimulationError
         Exudyn stops.

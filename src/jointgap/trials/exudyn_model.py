@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from jointgap.errors import SimulationError
+from jointgap.errors import SimulationError, needs
 from jointgap.joints import FROM_FRAME, JOINT
 
 STEPS = 1500
@@ -39,7 +39,7 @@ def simulate(content: Mapping, speed: float, phase: float, times: np.ndarray, se
 
     Raises
     ------
-    ImportError
+    MissingPackage
         Exudyn is not installed.
     SimulationError
         Exudyn stops.
@@ -72,8 +72,9 @@ class ExudynSystem:
     """
 
     def __init__(self, content: Mapping, speed: float, phase: float):
-        import exudyn  # here, for it is an optional dependency
-        import exudyn.utilities
+        with needs("a trial of Exudyn", "peers"):
+            import exudyn
+            import exudyn.utilities
 
         self.exudyn, self.items = exudyn, exudyn.utilities
         self.container = exudyn.SystemContainer()

@@ -81,7 +81,7 @@ def make_trial(plan: TrialPlan, seed: int, folder: Path) -> dict:
 
     Raises
     ------
-    ImportError
+    MissingPackage
         Of the kind ``exudyn``, and Exudyn is not installed.
     """
     rng = np.random.default_rng([seed, 1, plan.number])

@@ -17,6 +17,7 @@ import pandas as pd
 
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import load_campaign
+from jointgap.errors import needs
 from jointgap.recordings import read_measurements
 
 _THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the largest coefficient, columns and target of length 1
@@ -38,10 +39,11 @@ def sparse_names(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | No
 
     Raises
     ------
-    ImportError
+    MissingPackage
         pysindy is not installed.
     """
-    from pysindy import STLSQ  # an optional dependency
+    with needs("a sparse regression", "peers"):
+        from pysindy import STLSQ
 
     campaign = load_campaign(campaign_file)
     identified = residuals[~residuals["held_out"]].dropna(subset=["measured", "base", "crank_angle"])
