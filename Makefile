@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run smoke study campaign blind report test test-slow lint bench drill dashboard clean set-up
+.PHONY: help run smoke study campaign blind report test test-slow lint docs bench drill dashboard clean set-up
 
 PROFILE ?= local
 SET ?= published
@@ -58,6 +58,10 @@ lint: set-up ## style of the Python code and of the workflow
 	@scripts/in-venv ruff format --check .
 	@scripts/in-venv snakefmt --check Snakefile workflow
 	@scripts/in-venv snakemake --lint
+
+docs: set-up ## the documentation site, strictly: docs/_build/index.html
+	@scripts/in-venv python -m sphinx --fail-on-warning --keep-going --nitpicky --quiet -c docs . docs/_build
+	@echo "site: docs/_build/index.html"
 
 bench: set-up ## measure what the project promises, beside its peers
 	@scripts/in-venv python -m benchmarks $(ARGS)
