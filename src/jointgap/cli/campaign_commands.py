@@ -105,13 +105,13 @@ def analyse(campaign: Path, folder: Path | None) -> None:
         Of the results.
     """
     from jointgap.campaign.conclude import show
-    from jointgap.campaign.verdict_sentences import answer
     from jointgap.stages.campaign_pipeline import analyse as analyse_campaign
+    from jointgap.stages.what_came_out import verdict_lines
 
     state = _state(campaign, folder)
-    verdict = analyse_campaign(campaign, state.folder.path)
+    analyse_campaign(campaign, state.folder.path)
     show(state)
-    click.echo(f"{verdict['verdict']}: {answer(verdict)}\n{state.folder.path / 'summary.md'}")
+    click.echo("\n".join(verdict_lines(state.folder.path)))
 
 
 @cli.command()

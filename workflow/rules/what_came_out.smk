@@ -1,0 +1,16 @@
+# At the end of a run, what came of it: the verdict of each campaign and the optimum of each scenario that was asked for.
+
+from snakemake.logging import logger
+
+
+onsuccess:
+    from jointgap.stages.what_came_out import optimum_lines, verdict_lines
+
+    asked = {(job.rule.name, *job.wildcards) for job in workflow.dag.jobs}
+    optimised = {name: SCENARIOS[name] for name in SCENARIOS if ("optimise", name) in asked}
+    lines = optimum_lines(optimised, Path("results"))
+    for name in CAMPAIGNS:
+        if ("campaign_conclude", name) in asked:
+            lines += ["", *verdict_lines(Path("results/campaigns", name))]
+    if lines:
+        logger.info("\n".join(["", *lines, ""]))
