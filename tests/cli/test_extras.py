@@ -35,7 +35,7 @@ def test_without_the_extras_all_can_be_imported_but_training_and_optimising_whic
     done = subprocess.run([sys.executable, "-c", _WITHOUT], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     said = dict(line.split(": ", 1) for line in done.stdout.splitlines())
-    assert {name.split(".")[1] for name in said} <= {"surrogate", "optimise", "campaign"}
+    assert {name.split(".")[1] for name in said} <= {"surrogate", "link_lengths", "campaign"}
     install = "pip install 'jointgap[learn]' (in a clone: scripts/set-up)"
     assert said["jointgap.surrogate.train"] == f"training networks needs torch: {install}"
-    assert said["jointgap.optimise.search"] == f"optimising link lengths needs pymoo: {install}"
+    assert said["jointgap.link_lengths.search"] == f"optimising link lengths needs pymoo: {install}"

@@ -8,7 +8,7 @@ import jsonschema
 import pytest
 import yaml
 
-from jointgap.config import json_schema, load_mechanism, options_for, parse_options, resolve
+from jointgap.config import Box, json_schema, load_mechanism, options_for, parse_options, resolve, stands_alone
 from jointgap.config.layers import Layer, merge, merged, sources
 from jointgap.config.load import sources_of
 from jointgap.config.scenario import SECTIONS
@@ -171,7 +171,6 @@ def test_other_lengths_keep_the_mass_centres_share():
             {"mechanism": {"crank": {"length": "100 mm"}}},
             ["optimise.boxes (paper, wide)", "crank 100 mm and rod 564 mm", "give bounds around them"],
         ),
-        ({"optimise": {"boxes": {"paper": None, "wide": None}}}, ["optimise.boxes", "at least 1 item"]),
         ({"optimise": {"window": ["60 deg", "400 deg"]}}, ["leaves the first revolution"]),
         ({"simulate": {"speed": "600 mm"}}, ["simulate.speed = '600 mm'", "millimeter", "rad/s"]),
         ({"simulate": {"speed": "fast"}}, ["simulate.speed = 'fast'", "not a number"]),
@@ -250,6 +249,36 @@ def test_a_mistake_is_named_with_its_scenario_key_value_and_mend(over, words):
 def test_a_box_set_to_null_is_taken_away_and_another_becomes_the_main_one():
     own = {"crank_length": ["145 mm", "155 mm"], "rod_length": ["560 mm", "570 mm"]}
     assert list(resolved({"optimise": {"boxes": {"paper": None, "own": own}}}).optimise.boxes) == ["wide", "own"]
+
+
+def test_where_no_box_is_given_lengths_are_searched_five_percent_around_the_mechanism_s_own():
+    searched = resolved({"optimise": {"boxes": {"paper": None, "wide": None}}}).optimise.boxes
+    assert searched == {"own": Box(crank_length=(0.1425, 0.1575), rod_length=(0.5358, 0.5922))}
+
+
+OWN = {"scenarios": {"mine": {"mechanism": "config/mechanisms/erkaya2009.yaml"}}}
+
+
+@pytest.mark.parametrize(
+    ("given", "alone"),
+    [
+        (OWN, True),
+        (OWN | {"run": ["mine"]}, True),
+        ({"scenarios": {"mine": None}, "mechanism": "m.yaml"}, True),
+        ({"scenarios": {"mine": {"simulate": {}}}}, False),  # of the shipped mechanism
+        (OWN | {"run": ["paper", "mine"]}, False),
+        ({"simulate": {"speed": "300 rpm"}}, False),
+        ({"campaigns": ["c.yaml"]}, False),
+        ({}, False),
+    ],
+)
+def test_a_configuration_that_brings_its_scenarios_and_their_mechanisms_stands_alone(given, alone):
+    assert stands_alone(given) is alone
+
+
+def test_a_scenario_that_stands_alone_trains_for_some_hundred_iterations_and_has_no_limit_of_the_ratio():
+    mine = resolve(OWN, (ROOT,))["mine"]
+    assert (mine.surrogate.iterations, mine.surrogate.seeds, mine.optimise.ratio_limit) == (300, (0,), None)
 
 
 @pytest.mark.parametrize("name", ["wide (5 %)", "a/b", "..", "", "wide box", "a:b", "w" * 61])

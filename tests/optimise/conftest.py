@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.config import Box, Optimise, load_mechanism
+from jointgap.config import Box, load_mechanism, read_yaml, resolve
 from jointgap.link_lengths.objective import frozen_objective
 from jointgap.link_lengths.region import Region
 from jointgap.mechanism import clearance_lift
@@ -33,9 +33,12 @@ def objective(mechanism, clearance):
     return frozen_objective(mechanism, angle, clearance_lift(vectors))
 
 
-@pytest.fixture(scope="session", params=list(Optimise().boxes))
+PAPER = resolve(read_yaml("config/config.yaml"))["paper"].optimise
+
+
+@pytest.fixture(scope="session", params=list(PAPER.boxes))
 def region(request):
-    return Region.of(Optimise().boxes[request.param], Optimise().ratio_limit)
+    return Region.of(PAPER.boxes[request.param], PAPER.ratio_limit)
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,13 @@ from jointgap.mechanism import ideal_cycle
 from jointgap.tables import optimise_tables as specifications
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
-OPTIMISE = Optimise(genetic=Genetic(generations=5), ensemble=Ensemble(members=3, settled_revolution=2))
+BOXES = {
+    "paper": {"crank_length": (0.147, 0.153), "rod_length": (0.555, 0.564)},
+    "wide": {"crank_length": (0.147, 0.153), "rod_length": (0.55272, 0.57528)},
+}
+OPTIMISE = Optimise(
+    boxes=BOXES, ratio_limit=0.27, genetic=Genetic(generations=5), ensemble=Ensemble(members=3, settled_revolution=2)
+)
 POINTS = 73
 
 

@@ -16,7 +16,12 @@ from jointgap.stages.scenario_stages import SCENARIO_STAGES
 from jointgap.sweep.study_catalogue import FIGURES as STUDY_FIGURES
 from jointgap.tables import outputs, write_text
 
-FOLDERS = (Path(), Path(workflow.current_basedir).parent.parent)
+# Where files of mechanisms are looked for: here, beside the configuration, in the workflow's folder.
+FOLDERS = (
+    Path(),
+    *(Path(file).parent for file in workflow.overwrite_configfiles or ()),
+    Path(workflow.current_basedir).parent.parent,
+)
 for folder in map(str, FOLDERS):
     if "{" in folder or "}" in folder:
         raise WorkflowError(

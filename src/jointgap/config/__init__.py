@@ -3,7 +3,15 @@
 from jointgap.config.change import change
 from jointgap.config.documents import read_yaml
 from jointgap.config.joint_config import Contact, Joint, Joints, hertz_stiffness
-from jointgap.config.load import json_schema, load_mechanism, options_for, parse_options, resolve, validate
+from jointgap.config.load import (
+    json_schema,
+    load_mechanism,
+    options_for,
+    parse_options,
+    resolve,
+    stands_alone,
+    validate,
+)
 from jointgap.config.mechanism_config import Link, Mechanism, Slider
 from jointgap.config.scenario import (
     Box,
@@ -58,5 +66,6 @@ __all__ = [
     "parse_options",
     "read_yaml",
     "resolve",
+    "stands_alone",
     "validate",
 ]

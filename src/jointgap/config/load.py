@@ -156,6 +156,27 @@ def scenario_layers(
     return layers
 
 
+def stands_alone(config: Mapping[str, Any]) -> bool:
+    """Whether a configuration is whole by itself: it brings the scenarios that it runs, and their mechanisms.
+
+    One that does not, such as one that changes a speed, is laid over the shipped one.
+
+    Parameters
+    ----------
+    config : mapping
+        As of `resolve`.
+    """
+    scenarios = config.get("scenarios")
+    if not isinstance(scenarios, Mapping) or not scenarios:
+        return False
+    names = config.get("run", list(scenarios))
+    known = isinstance(names, list | tuple) and all(isinstance(n, str | int) and n in scenarios for n in names)
+    if not known:
+        return False
+    own = [scenarios[name] for name in names]
+    return "mechanism" in config or all(isinstance(each, Mapping) and "mechanism" in each for each in own)
+
+
 def sources_of(
     scenario: Scenario, name: str, files: Sequence[Layer], folders: tuple[Path, ...] = (Path(),)
 ) -> list[tuple[str, str, str]]:

@@ -64,6 +64,9 @@ Generations = count(10_000, "all individuals of each generation are kept")
 Frames = count(600, "each frame is held in memory as a picture of 1.5 MB")
 Revolutions = count(1000, "each revolution has up to 20000 samples, which memory holds all at once")
 
+_OWN_BOX, _OWN_SHARE, _OWN_DIGITS = "own", 0.05, 6
+"""Name, half width as a share of the lengths, and digits [m] of the box around a mechanism's own lengths."""
+
 _LENGTH_ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are one length
 _CLEARANCE_ROUNDING = 1e-9  # relative: a clearance is the difference of two radii
 
@@ -193,11 +196,11 @@ class Surrogate(Section):
         (10, 10, 10, 10), description="neurons of each hidden layer"
     )
     training_points: TrainingPoints = Field(361, description="points over the first revolution, both ends included")
-    iterations: Iterations = Field(20_000, description="Levenberg-Marquardt iterations at most, default seed")
+    iterations: Iterations = Field(300, description="Levenberg-Marquardt iterations at most, default seed")
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=MOST_SEEDS)] = Field(
-        (0, 1, 2, 3, 4), description="seeds of the starts; the first is the default, whatever its result"
+        (0,), description="seeds of the starts; the first is the default, whatever its result"
     )
-    seed_iterations: Iterations = Field(2_000, description="iterations at most of the other seeds")
+    seed_iterations: Iterations = Field(300, description="iterations at most of the other seeds")
 
     clearance_sampling: Refinement = Field(
         100, description="samples that the second surrogate chooses its points from, as a multiple of the simulation's"
@@ -273,15 +276,11 @@ class Optimise(Section):
     window: tuple[Angle, Angle] = Field(
         (0.0, 2 * math.pi), description="crank angles after the start that the error counts"
     )
-    boxes: Annotated[dict[Word, Box], Field(min_length=1)] = Field(
-        {
-            "paper": {"crank_length": (0.147, 0.153), "rod_length": (0.555, 0.564)},
-            "wide": {"crank_length": (0.147, 0.153), "rod_length": (0.55272, 0.57528)},
-        },
-        description="bounds by name; the first box is the main one",
+    boxes: dict[Word, Box] = Field(
+        {}, description="bounds by name; the first box is the main one; none: one of 5 % around the mechanism's lengths"
     )
-    ratio_limit: OpenFraction = Field(
-        0.27, description="crank length minus ratio_limit times rod length must not be positive"
+    ratio_limit: OpenFraction | None = Field(
+        None, description="crank length minus ratio_limit times rod length must not be positive; null: no such limit"
     )
     local_tolerance: PositiveNumber = Field(1e-8, description="stopping tolerance of the local optimiser")
     genetic: Genetic = Genetic()
@@ -474,6 +473,18 @@ class Scenario(Section):
                 f"surrogate.clearance_sampling {multiple} times simulate.samples_per_revolution {samples} is more than "
                 f"{MOST_SAMPLES:g} samples, which memory does not hold; lower one of them"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _lengths_are_searched_around_the_mechanism_s_own(self):
+        if not self.optimise.boxes:
+            applied = self.mechanism.applied()
+            crank, rod = (
+                tuple(round(length * (1 + side * _OWN_SHARE), _OWN_DIGITS) for side in (-1, 1))
+                for length in (applied.crank.length, applied.rod.length)
+            )
+            boxes = {_OWN_BOX: Box(crank_length=crank, rod_length=rod)}
+            object.__setattr__(self, "optimise", self.optimise.model_copy(update={"boxes": boxes}))
         return self
 
     @model_validator(mode="after")

@@ -18,6 +18,7 @@ from jointgap.dynamics.model.prescribed_drive import crank_motion
 from jointgap.dynamics.simulation import IntegrationResult, crank_angles, integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError, SimulationError
+from jointgap.joints import JOINTS
 
 _AHEAD = 8  # runs per worker that may be finished or under way before the first of them is taken
 
@@ -81,6 +82,8 @@ class Ensemble:
         Clearance vectors r2 x, r2 y, r3 x, r3 y [m] and their rates [m/s].
     rod_angle, slider_position : (runs, samples) array
         [rad], [m].
+    pin_force, normal_force : dict of str to (runs, samples) array
+        By joint: size of the force between its bodies, and its part along the clearance [N].
     """
 
     crank_angle: np.ndarray
@@ -88,6 +91,8 @@ class Ensemble:
     states: np.ndarray
     rod_angle: np.ndarray
     slider_position: np.ndarray
+    pin_force: dict[str, np.ndarray]
+    normal_force: dict[str, np.ndarray]
 
     @property
     def transmission_angle(self) -> np.ndarray:
@@ -218,6 +223,8 @@ def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, wo
         As in `jointgap.dynamics.simulation`, of the first run that fails.
     """
     times, states, rod_angles, positions = [], [], [], []
+    forces: dict[str, list] = {joint: [] for joint in JOINTS}
+    normal_forces: dict[str, list] = {joint: [] for joint in JOINTS}
     for outcome in simulate_runs((Run(mechanism, options, one) for one in perturbations), workers):
         if outcome.error is not None:
             raise outcome.error
@@ -229,4 +236,12 @@ def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, wo
         states.append(result.states)
         rod_angles.append(rod_angle)
         positions.append(position)
-    return Ensemble(crank_angles(options), *map(np.array, (times, states, rod_angles, positions)))
+        observed = result.observed(outcome.parameters)
+        for joint in JOINTS:
+            forces[joint].append(np.hypot(observed[f"{joint}_force_x"], observed[f"{joint}_force_y"]))
+            normal_forces[joint].append(observed[f"{joint}_normal_force"])
+    return Ensemble(
+        crank_angles(options),
+        *map(np.array, (times, states, rod_angles, positions)),
+        *({joint: np.array(each) for joint, each in by_joint.items()} for by_joint in (forces, normal_forces)),
+    )

@@ -68,8 +68,8 @@ def _map(sheet: Sheet, chosen: dict[str, pd.DataFrame], optima: pd.DataFrame, sc
     (left, right), (low, high) = (1e3 * np.array(edges) for edges in (bounds.crank_length, bounds.rod_length))
     panel.line("bounds", [left, right, right, left, left], [low, low, high, high, low], "ideal", linewidth=1.0)
     limit = np.array([low, high])
-    inside = scenario.optimise.ratio_limit * limit
-    panel.line(f"$L_2$ = {scenario.optimise.ratio_limit:g} $L_3$", inside, limit, "ideal", linestyle=":", linewidth=1.2)
+    if (ratio := scenario.optimise.ratio_limit) is not None:
+        panel.line(f"$L_2$ = {ratio:g} $L_3$", ratio * limit, limit, "ideal", linestyle=":", linewidth=1.2)
     floor = chosen["floor"][chosen["floor"]["measure"] == "rms"]
     panel.line(
         "valley's floor", 1e3 * floor["crank_length"], 1e3 * floor["rod_length"], "second surrogate", linewidth=2.2

@@ -10,7 +10,7 @@ from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.joints import JOINT_NUMBERS
 from jointgap.link_lengths import search as searching
 from jointgap.link_lengths.objective import Objective, frozen_objective
-from jointgap.link_lengths.resimulate import Resimulation, compare, resimulate, sample_ranges
+from jointgap.link_lengths.resimulate import Resimulation, Spread, compare, resimulate, sample_ranges
 from jointgap.link_lengths.search import Point, printed_points
 from jointgap.mechanism import Fit, clearance_lift, ideal_cycle
 
@@ -29,6 +29,7 @@ class Optimisation:
     floor: pd.DataFrame
     resimulated: pd.DataFrame
     worth: pd.DataFrame
+    loads: pd.DataFrame
 
 
 def objectives(
@@ -109,6 +110,7 @@ def optimise(
         floor=floor,
         resimulated=_resimulated(resimulations, by_source, options.ensemble.members),
         worth=_cycle_extremes(resimulations, mechanism.slider.offset),
+        loads=_loads(resimulations),
     )
 
 
@@ -139,6 +141,20 @@ def _resimulated(resimulations: dict[str, Resimulation], by_source: dict[str, Ob
             reduction = float(getattr(reductions[row["stretch"]], row["measure"]))
             keys = {"point": name, "crank_length": crank, "rod_length": rod}
             rows.append(keys | row | {"frozen_reduction": reduction, "members": members})
+    return pd.DataFrame(rows)
+
+
+def _loads(resimulations: dict[str, Resimulation]) -> pd.DataFrame:
+    """Frame of the table optimise_loads."""
+    rows = []
+    for name, ensemble in resimulations.items():
+        crank, rod = ensemble.lengths
+        for joint, load in ensemble.loads.items():
+            row = {"point": name, "crank_length": crank, "rod_length": rod, "joint": joint}
+            for key, values in vars(load).items():
+                spread = Spread(np.nan, np.nan, np.nan) if values is None else Spread.of(values)
+                row |= {key: spread.median, f"{key}_low": spread.low, f"{key}_high": spread.high}
+            rows.append(row)
     return pd.DataFrame(rows)
 
 

@@ -21,7 +21,7 @@ class Region:
     lower, upper : ndarray, shape (2,)
         Bounds of (L2, L3) [m].
     ratio_limit : float
-        g(x) = L2 - ratio_limit L3 <= 0.
+        g(x) = L2 - ratio_limit L3 <= 0; 1 where nothing else is asked for: the crank can turn.
     """
 
     lower: np.ndarray
@@ -29,14 +29,14 @@ class Region:
     ratio_limit: float
 
     @classmethod
-    def of(cls, box: Box, ratio_limit: float) -> "Region":
+    def of(cls, box: Box, ratio_limit: float | None) -> "Region":
         """The region of one configured box.
 
         Parameters
         ----------
         box : Box
             Bounds [m].
-        ratio_limit : float
+        ratio_limit : float, optional
             Largest crank length over rod length.
 
         Raises
@@ -45,6 +45,7 @@ class Region:
             The inequality leaves nothing of the box.
         """
         lower, upper = np.transpose([box.crank_length, box.rod_length])
+        ratio_limit = 1.0 if ratio_limit is None else ratio_limit
         if lower[0] - ratio_limit * upper[1] >= 0.0:
             raise InputError(
                 f"ratio_limit {ratio_limit:g} leaves nothing of the box: even the shortest crank, {1e3 * lower[0]:g} "

@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
+from jointgap.dynamics.parallel_runs import Ensemble as Motions
 from jointgap.dynamics.parallel_runs import simulate_ensemble
 from jointgap.dynamics.solver.initial_state import perturbed_start
+from jointgap.joints import FROM_FRAME
 from jointgap.link_lengths.objective import MEASURES, Measures, evaluation_samples, measure
 from jointgap.mechanism import transmission_angle
 
@@ -36,6 +38,23 @@ class Spread:
 
 
 @dataclass(frozen=True)
+class JointLoad:
+    """What a joint carries over the settled revolution, each of shape (members,).
+
+    Attributes
+    ----------
+    peak_force, rms_force : ndarray
+        Of the size of the force between its bodies at the samples [N].
+    contact_share : ndarray or None
+        Share of the time in which journal and bearing touch; None of an ideal joint.
+    """
+
+    peak_force: np.ndarray
+    rms_force: np.ndarray
+    contact_share: np.ndarray | None
+
+
+@dataclass(frozen=True)
 class Resimulation:
     """An ensemble at one pair of lengths.
 
@@ -50,6 +69,8 @@ class Resimulation:
         Largest distance of mu from 90 deg over the settled revolution [rad].
     outer_dead_centre, inner_dead_centre : ndarray, shape (members,)
         Farthest and nearest slider position over the settled revolution [m].
+    loads : dict of str to JointLoad
+        By joint, from the frame to the slider.
     """
 
     lengths: tuple[float, float]
@@ -57,6 +78,7 @@ class Resimulation:
     largest_departure: np.ndarray
     outer_dead_centre: np.ndarray
     inner_dead_centre: np.ndarray
+    loads: dict[str, JointLoad]
 
 
 def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
@@ -135,6 +157,19 @@ def resimulate(
         largest_departure=np.max(np.abs(angles - np.pi / 2), axis=1),
         outer_dead_centre=np.max(slider, axis=1),
         inner_dead_centre=np.min(slider, axis=1),
+        loads={joint: _load(ensemble, joint, samples["settled"], joint in mechanism.loose) for joint in FROM_FRAME},
+    )
+
+
+def _load(ensemble: Motions, joint: str, settled: np.ndarray, loose: bool) -> JointLoad:
+    force = ensemble.pin_force[joint][:, settled]
+    times = np.diff(ensemble.times[:, np.append(settled, settled[-1] + 1)], axis=1)  # to the next sample
+    weight = times / times.sum(axis=1, keepdims=True)
+    touching = ensemble.normal_force[joint][:, settled] > 0.0
+    return JointLoad(
+        peak_force=force.max(axis=1),
+        rms_force=np.sqrt(np.sum(weight * force**2, axis=1)),
+        contact_share=np.sum(weight * touching, axis=1) if loose else None,
     )
 
 

@@ -19,12 +19,16 @@ class IdealCycle:
         Largest distance of mu from 90 deg [rad].
     outer_dead_centre, inner_dead_centre : float
         Farthest and nearest slider position [m].
+    outer_dead_centre_angle, inner_dead_centre_angle : float
+        Crank angles there [rad].
     """
 
     smallest_transmission_angle: float
     largest_departure: float
     outer_dead_centre: float
     inner_dead_centre: float
+    outer_dead_centre_angle: float
+    inner_dead_centre_angle: float
 
     @property
     def stroke(self) -> float:
@@ -59,4 +63,6 @@ def ideal_cycle(crank_length: float, rod_length: float, offset: float = 0.0) -> 
         largest_departure=departure,
         outer_dead_centre=float(np.sqrt((rod_length + crank_length) ** 2 - offset**2)),
         inner_dead_centre=float(np.sqrt((rod_length - crank_length) ** 2 - offset**2)),
+        outer_dead_centre_angle=float(np.arcsin(offset / (rod_length + crank_length))),
+        inner_dead_centre_angle=float(np.pi + np.arcsin(offset / (rod_length - crank_length))),
     )

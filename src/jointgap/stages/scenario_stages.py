@@ -23,6 +23,7 @@ from jointgap.tables import (
     KINEMATICS,
     KINEMATICS_CONTRADICTIONS,
     KINEMATICS_ERRORS,
+    LOADS,
     OPTIMA,
     OVERVIEW,
     PATHS,
@@ -141,7 +142,7 @@ def kinematics(results: "ScenarioResults") -> None:
 
 @SCENARIO_STAGES.stage(
     reads=_TRAINED,
-    writes=(OPTIMA, POPULATION, PATHS, TOLERANCE, VALLEY, FLOOR, RESIMULATED, WORTH),
+    writes=(OPTIMA, POPULATION, PATHS, TOLERANCE, VALLEY, FLOOR, RESIMULATED, WORTH, LOADS),
     sections=_OPTIMUM,
 )
 def optimise(results: "ScenarioResults") -> None:

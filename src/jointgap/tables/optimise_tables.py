@@ -140,11 +140,11 @@ FLOOR = Table(
 )
 
 
-def _spread(name: str, unit: str, description: str) -> tuple[Column, ...]:
+def _spread(name: str, unit: str, description: str, nullable: bool = False) -> tuple[Column, ...]:
     return (
-        Column(name, unit, f"{description}, median of the ensemble"),
-        Column(f"{name}_low", unit, f"{description}, 5 % quantile"),
-        Column(f"{name}_high", unit, f"{description}, 95 % quantile"),
+        Column(name, unit, f"{description}, median of the ensemble", nullable=nullable),
+        Column(f"{name}_low", unit, f"{description}, 5 % quantile", nullable=nullable),
+        Column(f"{name}_high", unit, f"{description}, 95 % quantile", nullable=nullable),
     )
 
 
@@ -186,4 +186,19 @@ WORTH = Table(
         Column("inner_dead_centre_change", "m", "against the original lengths"),
     ),
     path="optimise/worth.parquet",
+)
+
+LOADS = Table(
+    "optimise_loads",
+    "What each joint carries at each point, simulated over a settled revolution; ensembles of perturbed starts",
+    (
+        _POINT,
+        _CRANK,
+        _ROD,
+        Column("joint", "", "crank_pivot, crank_pin or piston_pin", "text"),
+        *_spread("peak_force", "N", "largest force between the joint's bodies at the samples"),
+        *_spread("rms_force", "N", "root mean square of that force"),
+        *_spread("contact_share", "1", "share of the time in contact; null of an ideal joint", nullable=True),
+    ),
+    path="optimise/loads.parquet",
 )
