@@ -38,9 +38,10 @@ CATALOGUE = {
         "campaign_figures:disagreement",
         ("map_bins", "map_windows"),
         "Where the measurement differs from the model as it stands, its parameters re-fitted within their ranges: "
-        "mean whitened residual by channel, run and crank angle, in standard deviations of the noise; red where the "
+        "mean residual by channel, run and crank angle, in standard deviations of the noise; red where the "
         "measurement is above. Outlined: windows that stand out of the noise once all windows tested are counted "
-        "(false-discovery rate 1 %). Where means exceed 6 the scale is logarithmic beyond 1.",
+        "(false-discovery rate 1 %). Where means exceed 6 the scale of colours is linear up to 1 and logarithmic "
+        "beyond.",
         nothing="no sample could be compared with the model",
     ),
     "residuals": FigureSpec(
@@ -51,7 +52,7 @@ CATALOGUE = {
         "Measured less predicted, over the standard deviation of noise and numerics, by crank angle: dots are "
         "samples, lines their means over 5 deg. Before: no effect added, parameters re-fitted unless nominal ones are "
         "enough; after: with the effects of the verdict. A true model stays in the grey band for 95 % of its samples. "
-        "Where residuals are large the scale is linear inside the band and logarithmic outside. Without a named "
+        "Where residuals are large the scale is linear inside that band and logarithmic outside. Without a named "
         "effect there is no after.",
         nothing="no sample could be compared with the model",
     ),
@@ -74,8 +75,9 @@ CATALOGUE = {
         "campaign_figures:missing_force",
         ("missing_force",),
         "What the named effects push the slider with, or turn the crank with, along one settled revolution of each "
-        "run: over velocity, over position (crank angle for a torque), and as colour over both. Effects that are no "
-        "force (a mass, a length, a clearance, a fault of a sensor) have none.",
+        "run for fitting: over velocity, over position (crank angle for a torque), and as colour over both; the runs "
+        "drawn first are wider, so that they show where others lie on them. Effects that are no force (a mass, a "
+        "length, a clearance, a fault of a sensor) have none.",
         nothing="no force or torque was named, so none is shown",
     ),
     "gaps": FigureSpec(
@@ -83,9 +85,10 @@ CATALOGUE = {
         _BETTER,
         "campaign_figures:gaps",
         ("gaps",),
-        "Root mean square of the whitened residual, by run and channel, with 90 % bootstrap intervals over stretches "
-        "of time; 1 is noise alone. Held-out runs took no part in fitting or choosing; what only such a run knows of "
-        "itself (its speed, its first angle) was fitted to it, before and after alike.",
+        "Root mean square of measured less predicted over the noise's standard deviation, by run and below it by "
+        "channel, with 90 % bootstrap intervals over stretches of time; 1 is noise alone. Held-out runs took no part "
+        "in fitting or choosing; what only such a run knows of itself (its speed, its first angle) was fitted to it, "
+        "before and after alike.",
         nothing="no gap was taken",
     ),
     "optimum": FigureSpec(
@@ -93,10 +96,12 @@ CATALOGUE = {
         _BETTER,
         "campaign_figures:optimum",
         ("campaign_optimum",),
-        "The link lengths with the smallest error of the transmission angle, found on the model as it stood and on "
-        "the model with the effects of the verdict, and by how much the error falls there: with the joints' motion "
-        "frozen, and simulated again.",
-        nothing="the model was not optimised again: no effect was added, or no joint is loose",
+        "The link lengths with the smallest error of the transmission angle, found on the model as it stood (before) "
+        "and on the model with the effects of the verdict (after), with the joints' motion from the source that is "
+        "named; at the edge: of the lengths that were searched. Right: the RMS error at the original lengths and at "
+        "the optimal ones, the motion in the joints frozen, and by how much it falls there, and falls when simulated "
+        "again. A model whose joints are all ideal has no optimum and no row.",
+        nothing="nothing to optimise: no effect was added to the mechanism, or no joint of it is loose",
     ),
     "confusability": FigureSpec(
         "Effects that look alike",

@@ -8,15 +8,16 @@ import pandas as pd
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, SymLogNorm
 from matplotlib.patches import Rectangle
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MultipleLocator, NullLocator
 from scipy.cluster.hierarchy import leaves_list, linkage
 from scipy.spatial.distance import squareform
 
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet, round_up, tick_label
-from jointgap.figures.style import COLOURS, INK, WIDTH, Drawing
+from jointgap.figures.style import COLOURS, INK, LOOK, WIDTH, Drawing
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.report.plain_words import in_words
+from jointgap.report.plain_words import in_words, percent, size_for_the_eye
 
 Tables, Verdict = Mapping[str, pd.DataFrame], Mapping[str, Any]
 SPREADS = "standard deviations of the noise"
@@ -44,7 +45,7 @@ def list_rows(panel: Panel, names: Sequence[str]) -> None:
     panel.axes.grid(True, axis="y", alpha=0.5)
 
 
-MEAN = Quantity("mean whitened residual", SPREADS)
+MEAN = Quantity("mean residual", SPREADS)
 _FLAGGED = "window with a disagreement"
 _LINEAR_MEANS = 6.0  # larger means are shown on a logarithmic scale of colours
 
@@ -79,6 +80,10 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
         colours, ax=[panel.axes for panel in sheet.panels], label=MEAN.label, location="bottom", shrink=0.7, aspect=45
     )
     bar.ax.minorticks_off()
+    if isinstance(norm, SymLogNorm):
+        decades = 10.0 ** np.arange(0, np.floor(np.log10(most)) + 1)
+        ticks = [*-decades[::-1], 0.0, *decades]
+        bar.set_ticks(ticks, labels=[tick_label(tick, 0) for tick in ticks])
     if windows.empty:
         sheet.figure.suptitle("no window stands out of the noise", fontsize=8.5, x=0.99, ha="right")
     else:
@@ -202,7 +207,7 @@ def _means(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (edges[1:] + edges[:-1]) / 2.0, np.divide(total, count, out=np.full(_MEANS, np.nan), where=count > 0)
 
 
-GAP = Quantity("gap", "1")
+GAP = Quantity("gap: root mean square residual", SPREADS)
 ROLES = {"confirm": "held out: took no part in fitting or choosing", "identify": "used for fitting"}
 
 
@@ -220,7 +225,7 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     )
     added = not np.array_equal(table["before"], table["after"])
     moments = (("before", -0.14, "before"), ("after", 0.14, "after")) if added else (("before", 0.0, "before"),)
-    above = None
+    above, widest = None, max(_width_of(_gap_label(each)) for each in table.itertuples())
     for row, role in enumerate(roles):
         own = _in_order(table[table["role"] == role])
         panel = sheet.panel((row, 0), ROLES[role], GAP, Quantity("run", ""), below=above)
@@ -228,8 +233,10 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
         labels = [_gap_label(each) for each in own.itertuples()]
         for series, shift, colour in moments:
             low, high = (own[f"{series}_{end}"] for end in ("low", "high"))
-            panel.marks(series, own[series], place + shift, colour, low, high, labels, along="x")
+            marker = "D" if series == "after" else "o"
+            panel.marks(series, own[series], place + shift, colour, low, high, labels, along="x", marker=marker)
         list_rows(panel, labels)
+        _from_the_left(panel, widest)
         panel.vertical_line("noise alone", 1.0)
         panel.axes.set_ylabel("")
         above = panel
@@ -246,9 +253,24 @@ def _in_order(own: pd.DataFrame) -> pd.DataFrame:
 
 
 def _gap_label(row) -> str:
+    """The channels of a run are indented below it."""
     if row.channel != "all":
-        return in_words(row.channel)
-    return "all runs and channels" if row.run == "all" else f"{row.run}: all channels"
+        return f"      {in_words(row.channel)}"
+    return "all runs" if row.run == "all" else f"run {row.run}"
+
+
+def _width_of(label: str) -> float:
+    """Width [pt] of a tick's label; a blank has none by itself."""
+    size = LOOK["ytick.labelsize"]
+    ends = (TextPath((0, 0), f"{text}|", size=size).get_extents().x1 for text in (label, ""))
+    return next(ends) - next(ends)
+
+
+def _from_the_left(panel: Panel, width: float) -> None:
+    """Labels of rows begin at one place, `width` [pt] left of the axis, so that indents show."""
+    panel.axes.tick_params(axis="y", pad=width + 4.0)
+    for label in panel.axes.get_yticklabels():
+        label.set_horizontalalignment("left")
 
 
 def _gap_scale(sheet: Sheet, table: pd.DataFrame) -> None:
@@ -286,8 +308,10 @@ def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     best = _shown(tables["ranking"])
     names = [in_words(label).replace(" + ", " +\n") for label in best["explanation"]]
     sheet = Sheet(1.35 + 0.31 * max(3, len(best)), 1, 2, width_ratios=(1.25, 1.0))
-    behind = sheet.panel((0, 0), "behind the best", Quantity("BIC above the best", "1"), _EXPLANATION)
-    share = sheet.panel((0, 1), "misfit explained", Quantity("explained share", "1"), _EXPLANATION)
+    behind = sheet.panel(
+        (0, 0), "behind the best", Quantity("evidence against it: BIC above the best", "1"), _EXPLANATION
+    )
+    share = sheet.panel((0, 1), "misfit explained", Quantity("share explained", "1"), _EXPLANATION)
     distance = best["delta_bic"].max() - best["delta_bic"]
     for panel, values in ((behind, distance), (share, best["explained_share"].clip(-0.1, 1.1))):
         _ranking_marks(panel, best, values)
@@ -343,8 +367,9 @@ def _distance_scale(panel: Panel, farthest: float) -> None:
 
 POSITION = Quantity("slider position", "mm", "$x$")
 SPEED = Quantity("slider velocity", "m/s", "$v$")
-FORCES = {"slider_force": Quantity("force on the slider", "N"), "crank_torque": Quantity("torque on the crank", "N·m")}
-_COLOURS = ("simulation", "network", "second surrogate", "paper", "spline", "first", "other")
+FORCES = {"slider_force": Quantity("force on the slider", "N"), "crank_torque": Quantity("torque on the crank", "N m")}
+_COLOURS = ("paper", "after", "network", "second surrogate", "spline", "other", "ideal")
+_WIDEST = 5.0  # [pt] curve of the first run, which lies lowest
 
 
 def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
@@ -367,7 +392,8 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
             for number, run in enumerate(_runs_in(samples)):
                 own = samples[samples["run"] == run]
                 colour = _COLOURS[number % len(_COLOURS)]
-                panel.line(f"run {run}", factor * own[key].to_numpy(), own[name].to_numpy(), colour)
+                width = _WIDEST * 0.5**number + 0.7  # one curve may lie on the others: those drawn first show beside it
+                panel.line(f"run {run}", factor * own[key].to_numpy(), own[name].to_numpy(), colour, linewidth=width)
             panel.axes.axhline(0.0, color="#777777", linewidth=0.8)
             if quantity is CRANK_ANGLE:
                 panel.over_crank_angle(0.0, 360.0)
@@ -379,62 +405,86 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
 def _plane(sheet: Sheet, row: int, samples: pd.DataFrame, name: str) -> None:
     """Colour of the force along the runs in the plane of position and speed."""
     force = FORCES[name]
-    panel = sheet.panel((row, 2), f"{force.name}: colour", POSITION, SPEED)
+    panel = sheet.panel((row, 2), f"{force.name} as colour", POSITION, SPEED)
     x, y, value = 1e3 * samples["slider_position"], samples["slider_velocity"], samples[name]
     most = value.abs().max()
     colours = ScalarMappable(Normalize(-most, most), "RdBu_r")
-    panel.axes.scatter(x, y, c=value, cmap=colours.cmap, norm=colours.norm, s=9.0, linewidths=0.0)
+    panel.axes.scatter(x, y, c=value, cmap=colours.cmap, norm=colours.norm, s=9.0, linewidths=0.0, rasterized=True)
     panel.record(force.name, x, y, value=value, value_quantity=force.name, value_unit=force.unit)
     sheet.figure.colorbar(colours, ax=panel.axes, label=force.label)
 
 
-MODELS = {"base": ("before", "before", "o"), "augmented": ("after", "after", "D")}
-_MOTIONS = {"reduction": "motion frozen", "resimulated": "simulated again"}
+MODELS = {"base": "before", "augmented": "after"}
+"""Series of the models of table `jointgap.tables.OPTIMUM`."""
+
+_LENGTHS = {"crank_length": "crank length", "rod_length": "rod length"}
+_ROOM = 0.25  # of a scale's span, to each side
+_SMALLEST_CHANGE = 2e-3  # of a length: smaller ones look small
 
 
 def optimum(tables: Tables, verdict: Verdict) -> Drawing:
-    """Optimal link lengths and what they gain, of the model as it stood and with the effect added.
+    """Optimal link lengths, and the error of the transmission angle that they leave, of the model as it stood and with
+    the effect added.
 
     Arguments as in `draw`.
     """
     optima = tables["campaign_optimum"].dropna(subset=["crank_length"])
     if optima.empty:
         return message_sheet("Optimum before and after", "the model could not be optimised again: see the summary")
-    sheet = Sheet(3.3, 1, 2)
-    lengths = sheet.panel(
-        (0, 0), "optimal lengths", Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
+    order = optima["model"].map(list(MODELS).index)
+    optima = optima.assign(order=order).sort_values(["source", "order"], kind="stable", ignore_index=True)
+    names = [f"{MODELS[row.model]}, {in_words(row.source)}" for row in optima.itertuples()]
+    sheet = Sheet(1.0 + 0.32 * max(3, len(names)), 1, 3, width=9.0, width_ratios=[1.0, 1.0, 1.3])
+    for column, (key, words) in enumerate(_LENGTHS.items()):
+        panel = sheet.panel((0, column), f"optimal {words}", Quantity(words, "mm"), Quantity("model", ""))
+        for place, row in enumerate(optima.itertuples()):
+            value, series = 1e3 * getattr(row, key), MODELS[row.model]
+            edge = ", at the edge" if row.at_edge else ""
+            panel.marks(series, [value], [place], series, labels=[row.source], marker="D")
+            _beside(panel, value, place, f"{value:.2f} mm{edge}")
+        _length_scale(panel, 1e3 * optima[key].to_numpy(dtype=float))
+        _optimum_rows(panel, names, column == 0)
+    error = sheet.panel(
+        (0, 2), "RMS error of the transmission angle", Quantity("RMS error", "mdeg"), Quantity("model", "")
     )
-    gain = sheet.panel((0, 1), "RMS error of the transmission angle", Quantity("", ""), Quantity("error falls by", "%"))
-    place = np.arange(len(_MOTIONS))
-    for model, (series, colour, marker) in MODELS.items():
-        own = optima[optima["model"] == model]
-        if own.empty:
-            continue
-        names = [in_words(source) for source in own["source"]]
-        lengths.marks(series, 1e3 * own["crank_length"], 1e3 * own["rod_length"], colour, labels=names, marker=marker)
-        for row in own.itertuples():
-            values = [100.0 * getattr(row, measure) for measure in _MOTIONS]
-            gain.marks(series, place, values, colour, labels=list(_MOTIONS.values()), marker=marker)
-    gain.categories(list(_MOTIONS.values()))
-    gain.axes.set_xlim(-0.6, len(_MOTIONS) - 0.4)
-    gain.axes.axhline(0.0, color="#777777", linewidth=0.8)
-    _length_scales(lengths, 1e3 * optima["crank_length"].to_numpy(), 1e3 * optima["rod_length"].to_numpy())
-    sheet.legend()
+    for place, row in enumerate(optima.itertuples()):
+        original, optimal = (1e3 * np.degrees(value) for value in (row.rms_before, row.rms_after))
+        error.line("fall", [original, optimal], [place, place], "limit", linewidth=1.0)
+        error.axes.lines[-1].set_label("")
+        error.marks("original lengths", [original], [place], "other", labels=[row.source], markerfacecolor="white")
+        error.marks("optimal lengths", [optimal], [place], MODELS[row.model], labels=[row.source], marker="D")
+        again = "" if pd.isna(row.resimulated) else f", simulated again {percent(-row.resimulated)}"
+        _beside(error, 0.0, place, f"{percent(-row.reduction)}{again}".replace("-", "−"))
+    most = 1e3 * np.degrees(optima["rms_before"].max())
+    error.axes.set_xlim(0.0, 1.08 * most)
+    _optimum_rows(error, names, False)
+    sheet.legend([error])
     return sheet.drawing()
 
 
-def _length_scales(panel: Panel, x: np.ndarray, y: np.ndarray) -> None:
-    """Scales on which a change of a thousandth of a length styles small."""
-    for axis, values in (("x", x), ("y", y)):
-        middle = (values.min() + values.max()) / 2.0
-        half = max(0.6 * (values.max() - values.min()), 0.005 * middle)
-        getattr(panel.axes, f"set_{axis}lim")(middle - half, middle + half)
-        panel.axes.locator_params(axis=axis, nbins=5)
+def _optimum_rows(panel: Panel, names: list[str], named: bool) -> None:
+    panel.rows(names if named else [""] * len(names), np.arange(len(names), dtype=float))
+    panel.axes.set_ylim(len(names) - 0.4, -0.75)
+    panel.axes.set_ylabel("")
+
+
+def _beside(panel: Panel, x: float, place: float, text: str) -> None:
+    panel.axes.annotate(
+        text, (x, place), (0, 5), textcoords="offset points", ha="center" if x else "left", va="bottom", fontsize=8.0
+    )
+
+
+def _length_scale(panel: Panel, values: np.ndarray) -> None:
+    """A scale on which a change of a thousandth of a length looks small."""
+    middle, span = (values.min() + values.max()) / 2.0, values.max() - values.min()
+    half = max((0.5 + _ROOM) * span, _SMALLEST_CHANGE * middle)
+    panel.axes.set_xlim(middle - half, middle + half)
+    panel.axes.locator_params(axis="x", nbins=4)
 
 
 COSINE = Quantity("cosine of the signatures", "1")
 _EFFECT = Quantity("effect", "")
-_RELATIVE_SIZE = Quantity("size over the one that makes a gap of 1.5", "1")
+_RELATIVE_SIZE = Quantity("smallest detectable size over the size that makes a gap of 1.5", "1")
 _WRITTEN_FROM = 0.5  # cosines that are written as numbers
 _MERGED = "cannot be told apart here"
 
@@ -530,13 +580,13 @@ def detectable(tables: Tables, verdict: Verdict) -> Drawing:
     effects = effects.assign(ratio=ratio.where(~effects["falls"], 1.0 / ratio))
     effects = effects.sort_values("ratio", na_position="last").reset_index(drop=True)
     sheet = Sheet(1.3 + 0.21 * len(effects), 1, 1)
-    panel = sheet.panel((0, 0), "what this experiment would show", _RELATIVE_SIZE, _EFFECT)
+    panel = sheet.panel((0, 0), "from which size on this campaign shows an effect", _RELATIVE_SIZE, _EFFECT)
     place, seen = np.arange(len(effects), dtype=float), effects["detectable"].to_numpy(dtype=bool)
     panel.marks(
         "smallest detectable size", effects["ratio"][seen], place[seen], "after", labels=list(effects["label"][seen])
     )
     list_rows(panel, [in_words(label) for label in effects["label"]])
-    panel.vertical_line("gap of 1.5", 1.0)
+    panel.vertical_line("size that makes a gap of 1.5", 1.0)
     panel.axes.set_xscale("log")
     low, high = effects["ratio"][seen].min(), effects["ratio"][seen].max()
     panel.axes.set_xlim(0.7 * np.fmin(low, 0.2), 2.0 * np.fmax(high, 1.0))
@@ -555,5 +605,5 @@ def _detectable_size(effect) -> str:
         return "not simulated"
     if not effect.detectable:
         return "no size shows"
-    size = f"{effect.smallest_detectable:.2g} {effect.unit}".removesuffix(" 1").replace("**", "^")
+    size = size_for_the_eye(effect.smallest_detectable, effect.unit)
     return f"up to {size}" if effect.falls else size

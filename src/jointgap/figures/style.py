@@ -15,7 +15,8 @@ from jointgap import tables
 
 INK = "#222222"
 COLOURS = {
-    # Okabe and Ito's palette, which people with any colour vision tell apart
+    # After Okabe and Ito's palette, which people with any colour vision tell apart; what stands together in one panel
+    # differs in lightness too
     "ideal": "#000000",
     "simulation": "#0072B2",
     "network": "#D55E00",
@@ -25,18 +26,18 @@ COLOURS = {
     "genetic": "#D55E00",
     "local": "#0072B2",
     "paper": "#E69F00",
-    "crank pin": "#0072B2",
+    "crank pin": "#00508C",
     "piston pin": "#D55E00",
-    "crank pivot": "#009E73",
+    "crank pivot": "#33B58A",
     "flight": "#DDDDDD",
     "impact": "#E69F00",
     "contact": "#0072B2",
-    "first": "#56B4E9",
+    "first": "#E69F00",
     "settled": "#0072B2",
     "limit": "#777777",
     "other": "#999999",
     "before": "#D55E00",
-    "after": "#0072B2",
+    "after": "#00508C",
     "pair": "#E69F00",
     "formula": "#CC79A7",
     "named": "#009E73",

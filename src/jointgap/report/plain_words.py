@@ -7,7 +7,7 @@ from math import floor, log10
 
 def in_words(name: str) -> str:
     """``sensor bias: crank torque`` of ``sensor_bias:crank_torque``, ``crank pin`` of ``crank_pin``."""
-    return name.replace("_", " ").replace(":", ": ")
+    return re.sub("coulomb|stribeck", lambda person: person[0].title(), name.replace("_", " ").replace(":", ": "))
 
 
 def joined(parts: Iterable[str]) -> str:
@@ -42,6 +42,19 @@ def unit_in_words(unit: str) -> str:
         name, _, power = part.partition("^")
         shown.append(_SHOWN_UNITS.get(name, name) + power.translate(_RAISED))
     return "".join(shown).replace("*", " ")
+
+
+_FINER = {"m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")), "s": ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))}
+_DEGREE = 0.017453292519943295  # rad
+
+
+def size_for_the_eye(value: float, unit: str) -> str:
+    """``0.11 mm`` of 0.00011 m: two digits, lengths and times in the unit that needs no zeros, angles in degrees."""
+    if unit == "rad":
+        value, unit = value / _DEGREE, "deg"
+    factor, shown = next((f for f in _FINER.get(unit, ()) if abs(value) >= 0.1 * f[0]), (1.0, unit_in_words(unit)))
+    size = f"{value / factor:#.2g}".rstrip(".") if abs(value) < 100 * factor else f"{value / factor:.0f}"
+    return with_unit(size, shown)
 
 
 def with_unit(value: str, unit: str) -> str:
