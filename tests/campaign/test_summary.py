@@ -6,10 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.campaign.verdict_page import page
+from jointgap.campaign.verdict_page import _measured, page
 from jointgap.campaign.verdict_sentences import answer
+from jointgap.config.channels import CHANNELS
+from jointgap.config.nuisance_bounds import NUISANCES
+from jointgap.effects import EFFECTS
 from jointgap.identification.estimates import AT_BOUND, CHANGES_NOTHING
-from jointgap.report.page import to_html, to_markdown
+from jointgap.report.page import Page, to_html, to_markdown
+from jointgap.slider_crank.sensor_faults import FAULTS
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
 
 
@@ -45,24 +49,76 @@ def test_the_page_says_the_same_as_the_markdown(verdict):
 
 
 def test_a_value_stands_with_its_unit_and_its_interval():
-    assert "| slider_coulomb_friction: force_N | 21.30 N | 0.40 | 20.60 to 22.00 |" in markdown(NAMED, {})
+    assert "| Coulomb friction of the slider: force of friction | 21.30 N | 0.40 | 20.60 to 22.00 |" in markdown(
+        NAMED, {}
+    )
+
+
+def test_the_headline_holds_the_effect_its_number_and_the_interval():
+    headlines = {name: page(verdict, {}).title for name, verdict in VERDICTS.items()}
+    assert headlines["named"] == "Coulomb friction of the slider, 21.30 N (90 % interval 20.60 to 22.00)"
+    assert headlines["ambiguous"] == "Something is missing: 2 explanations fit equally well"
+    assert page(NAMED | {"effects": [COULOMB, BIAS]}, {}).title.endswith(
+        "and a bias of the sensor of crank torque, 0.5000 N m (90 % interval 0.4970 to 0.5030)"
+    )
+    law = {"name": "discovered_slider_force", "site": "slider", "delta_bic": 9.0}
+    formula = law | {"parameters": {"formula": {"value": "-a*v"}, "a": {"value": 2.0}}}
+    assert page(NAMED | {"effects": [formula]}, {}).title.endswith("found by regression: -a*v")
+
+
+CODE_NAMES = {name for name in (*EFFECTS, *FAULTS, *CHANNELS, *NUISANCES, *VERDICTS) if "_" in name}
+
+
+def code_names_in(text: str) -> set[str]:
+    """Those that a reader sees outside of what is marked as code."""
+    return {name for name in CODE_NAMES if re.search(rf"\b{name}\b", re.sub("`[^`]*`|<code>.*?</code>", "", text))}
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_no_page_shows_the_name_of_an_effect_a_channel_or_a_parameter_as_the_code_has_it(verdict):
+    remarks = ["sensor_bias:crank_torque may be at work: slider_acceleration reads 2 % too much, see encoder_zero."]
+    nuisances = {key: {"value": 0.1, "sd": 0.002} for key in (*NUISANCES, "speed@slow", "first_angle@slow")}
+    given = VERDICTS[verdict] | {"nuisances": nuisances, "because": "slider_spring explains 90 %"}
+    text = to_html(page(given, {"detectable": EFFECTS_SEEN}, remarks)).partition("</style>")[2]
+    assert code_names_in(text) == set()
+    assert "a bias of the sensor of crank torque may be at work: slider acceleration reads" in text
+
+
+def test_errors_stand_in_the_unit_of_each_channel_before_and_after_with_the_share_that_is_explained():
+    errors = pd.DataFrame(
+        {"run": "fast", "speed": 41.8879, "channel": ["crank_torque", "crank_angle"], "held_out": True, "samples": 99}
+        | {"unit": ["N*m", "deg"], "si_per_unit": [1.0, 0.0174533], "noise": [0.4, 0.1]}
+        | {"before": [0.776, 0.1005], "after": [0.42, 0.0995]}
+    )
+    gaps = pd.DataFrame({"run": "fast", "role": "confirm", "channel": ["crank_torque", "crank_angle"]})
+    gaps = gaps.assign(before=[1.9, 1.005], after=1.0, closed=[0.963, 1.9])
+    text = to_markdown(page(NAMED, {"channel_errors": errors, "gaps": gaps.assign(role="identify")}))
+    assert "| fast | 400 | held out | crank torque | N m | 0.4 | 0.776 | 0.42 | – |" in text
+    text = to_markdown(Page("", tuple(_measured(NAMED, errors, gaps))))
+    assert "| fast | 400 | held out | crank torque | N m | 0.4 | 0.776 | 0.42 | 96.3 % |" in text
+    assert "| fast | 400 | held out | crank angle | deg | 0.1 | 0.101 | 0.0995 | – |" in text
+    assert "RMS after" not in to_markdown(Page("", tuple(_measured(VERDICTS["no_disagreement"], errors, gaps))))
 
 
 def test_a_parameter_at_its_bound_is_called_so_in_place_of_a_standard_error():
     lost = {"sd": None, "remark": "at its bound"}
     friction = COULOMB | {"parameters": {"force_N": {"value": 21.3, "interval_90": [None, None]} | lost}}
     text = markdown(NAMED | {"effects": [friction], "nuisances": {"slider_mass": {"value": 0.47} | lost}}, {})
-    assert "| slider_coulomb_friction: force_N | 21.3 N | at its bound | – |" in text
-    assert "| slider_mass | 0.47 | at its bound |" in text
+    assert "| Coulomb friction of the slider: force of friction | 21.3 N | at its bound | – |" in text
+    assert "| slider mass | 0.47 kg | at its bound |" in text
 
 
 def test_a_formula_stands_as_it_is_with_its_coefficients():
     parameters = {"formula": {"value": "-a*v*|v|"}, "a": {"value": 1.25, "sd": 0.1, "interval_90": [1.09, 1.41]}}
     law = {"name": "discovered_slider_force", "site": "slider", "delta_bic": 99.0, "parameters": parameters}
     text = markdown(NAMED | {"effects": [law]}, {})
-    assert "<td>-a*v*|v|</td>" in html(NAMED | {"effects": [law]}, {})
-    assert r"| discovered_slider_force: formula | -a\*v\*\|v\| | – | – |" in text
-    assert "| discovered_slider_force: a | 1.25 | 0.10 | 1.09 to 1.41 |" in text
+    assert "<td class='s'>-a*v*|v|</td>" in html(NAMED | {"effects": [law]}, {})
+    assert (
+        r"| a force on the slider that follows a formula found by regression: formula | -a\*v\*\|v\| | – | – |" in text
+    )
+    assert (
+        "| a force on the slider that follows a formula found by regression: a | 1.25 | 0.10 | 1.09 to 1.41 |" in text
+    )
 
 
 def test_two_effects_are_both_named():
@@ -72,7 +128,7 @@ def test_two_effects_are_both_named():
 
 def test_a_fault_of_a_sensor_is_not_called_missing_in_the_mechanism():
     said = answer(NAMED | {"effects": [BIAS]})
-    wrong = "a bias of the sensor of crank torque (bias 0.5 N*m)"
+    wrong = "a bias of the sensor of crank torque (0.5 N m)"
     assert said == (
         f"The fault lies in the measurement, not in the mechanism: {wrong}. With this taken into account the model "
         "meets the measurement within the noise."
@@ -84,18 +140,18 @@ def test_a_fault_of_a_sensor_is_not_called_missing_in_the_mechanism():
 
 
 @pytest.mark.parametrize(
-    ("name", "parameter", "shown"),
+    ("name", "parameter", "words", "shown"),
     [
-        ("sensor_bias", "bias", r"0.5000 N\*m"),
-        ("sensor_gain", "gain_error", "0.5000"),
-        ("sensor_lag", "lag_s", "0.5000 s"),
-        ("encoder_offset", "offset_rad", "0.5000 rad"),
+        ("sensor_bias", "bias", "a bias of the sensor of crank torque: bias", "0.5000 N m | 0.0020"),
+        ("sensor_gain", "gain_error", "a wrong gain of the sensor of crank torque: gain error", "0.5000 | 0.0020"),
+        ("sensor_lag", "lag_s", "a lag of the sensor of crank torque: lag", "0.5000 s | 0.0020"),
+        ("encoder_offset", "offset_rad", "an offset of the encoder: offset", "28.65 deg | 0.11"),
     ],
 )
-def test_a_fault_of_a_sensor_stands_in_the_unit_of_its_channel(name, parameter, shown):
+def test_a_fault_of_a_sensor_stands_in_the_unit_of_its_channel(name, parameter, words, shown):
     fault = BIAS | {"name": name, "parameters": {parameter: BIAS["parameters"]["bias"]}}
     text = markdown(NAMED | {"effects": [fault]}, {})
-    assert f"| {name}: {parameter} | {shown} | 0.0020 |" in text
+    assert f"| {words} | {shown} |" in text
     assert "figures/missing_force.svg" not in text  # there is no force
 
 
@@ -189,8 +245,8 @@ def test_a_held_out_run_that_cannot_be_simulated_is_told_with_the_reason():
 
 def test_the_explanations_that_cannot_be_told_apart_are_listed_with_the_experiment_that_would():
     text = markdown(VERDICTS["ambiguous"] | {"separated_by": "A run at 900 rpm would tell them apart."}, {})
-    assert "- Coulomb friction of the slider (force_N 21.3 N)" in text
-    assert "- a bias of the sensor of crank torque (bias 0.5 N\\*m)" in text
+    assert "- Coulomb friction of the slider (21.3 N)" in text
+    assert "- a bias of the sensor of crank torque (0.5 N m)" in text
     assert "A run at 900 rpm would tell them apart." in text
 
 
@@ -277,8 +333,8 @@ EFFECTS_SEEN = pd.DataFrame(
 def test_what_would_have_been_seen_is_told_by_parameter_and_unit_in_the_direction_in_which_it_shows():
     text = markdown(VERDICTS["no_disagreement"], {"detectable": EFFECTS_SEEN})
     seen = (
-        "bending of the rod (frequency_Hz up to 157.2 Hz), a wrong gain of the sensor of crank torque (gain_error "
-        "0.05), Coulomb friction of the slider (force_N 0.0787 N)."
+        "bending of the rod (natural frequency of the mode up to 157.2 Hz), a wrong gain of the sensor of crank torque "
+        "(0.05), Coulomb friction of the slider (0.0787 N)."
     )
     assert f"What would have been seen, from this size on: {seen}" in text
 
@@ -314,7 +370,7 @@ def test_what_is_best_but_not_proven_stands_with_its_values_and_the_figures_show
     gaps = pd.DataFrame({"run": ["fast"], "role": "confirm", "channel": "all"})
     gaps = gaps.assign(before=8.7, before_low=8.0, before_high=9.0, after=1.05, after_low=1.0, after_high=1.1)
     text = markdown(verdict, {"gaps": gaps})
-    assert "| slider_coulomb_friction: force_N | 21.30 N | 0.40 | 20.60 to 22.00 |" in text
+    assert "| Coulomb friction of the slider: force of friction | 21.30 N | 0.40 | 20.60 to 22.00 |" in text
     assert "- What would prove it: " in text
     assert "gap after with the best explanation known (90 % interval)" in text
     assert "figures/residuals.svg" in text
@@ -327,16 +383,16 @@ def test_re_fitted_parameters_are_shown_with_their_intervals_and_one_sided_ones_
         "restitution": {"value": 0.9, "sd": None, "interval_90": [0.82, 0.9], "remark": AT_BOUND},
     }
     text = markdown(NAMED | {"nuisances": nuisances}, {})
-    assert "| parameter | value [SI] | standard error | 90 % interval |" in text
-    assert "| slider_mass | 0.4470 | 0.0020 | 0.4437 to 0.4503 |" in text
-    assert "| speed, run slow | 20.9 | changes nothing in what was measured | – |" in text
-    assert "| restitution | 0.9 | at its bound | 0.82 to 0.9 |" in text
+    assert "| parameter | value | standard error | 90 % interval |" in text
+    assert "| slider mass | 0.4470 kg | 0.0020 | 0.4437 to 0.4503 |" in text
+    assert "| crank speed of run slow | 199.6 rpm | changes nothing in what was measured | – |" in text
+    assert "| coefficient of restitution of both pins | 0.9 | at its bound | 0.82 to 0.9 |" in text
 
 
 def test_a_listed_parameter_that_ends_at_its_bound_beside_a_name_is_pointed_out():
     at_bound = {"value": 0.9, "sd": None, "interval_90": [0.82, 0.9], "remark": AT_BOUND}
     text = markdown(NAMED | {"nuisances": {"restitution": at_bound, "friction_speed": at_bound}}, {})
-    assert "Restitution ends at a bound of its range. If it cannot really be there" in text
+    assert "Coefficient of restitution of both pins ends at a bound of its range. If it cannot really be there" in text
     inside = {"value": 0.5, "sd": 0.1, "interval_90": [0.34, 0.66]}
     assert "ends at a bound" not in markdown(NAMED | {"nuisances": {"restitution": inside}}, {})
     assert "cannot really be" not in markdown(
@@ -353,8 +409,8 @@ def test_of_parameters_alone_those_inside_their_ranges_are_borne_out_and_those_a
     }
     text = markdown(VERDICTS["parameters_only"] | {"nuisances": nuisances}, {})
     assert "The data say nothing of rod mass: its value is as you stated." in text
-    assert "The data bear out slider mass and speed of run slow: fitted inside their ranges" in text
-    assert "Do not take over restitution: it ends at a bound" in text
+    assert "The data bear out slider mass and crank speed of run slow: fitted inside their ranges" in text
+    assert "Do not take over coefficient of restitution of both pins: it ends at a bound" in text
     assert "Do not take over" not in markdown(VERDICTS["parameters_only"], {})
     assert "bear out" not in markdown(NAMED | {"nuisances": nuisances}, {})
 
@@ -369,6 +425,6 @@ def test_parameters_that_nobody_listed_are_shown_and_are_not_to_be_taken_over():
     value = {"value": 1.386, "sd": None, "interval_90": [0.2, 1.386], "remark": AT_BOUND}
     nuisances = {"lasting_damping_piston_pin": value, "slider_mass": {"value": 0.447, "sd": 0.002}}
     text = markdown(VERDICTS["parameters_only"] | {"nuisances": nuisances}, {})
-    assert "| lasting_damping_piston_pin (natural logarithm of its factor) | 1.386 |" in text
+    assert "the factor on the damping of a lasting contact in the piston pin | 1.386 |" in text
     assert "The data bear out slider mass: fitted inside its range" in text
-    assert "take over lasting" not in text
+    assert "take over natural logarithm" not in text

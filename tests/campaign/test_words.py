@@ -88,7 +88,7 @@ def test_a_bias_is_in_the_unit_of_its_channel_and_all_else_in_that_of_the_catalo
 
 def test_a_parameter_without_an_interval_has_a_dash_there():
     effect = {"name": "sensor_bias", "site": "crank_torque", "parameters": {"bias": {"value": 0.5}}}
-    assert parameter_rows([effect]) == (("sensor_bias: bias", "0.5 N*m", "–", "–"),)
+    assert parameter_rows([effect]) == (("a bias of the sensor of crank torque: bias", "0.5 N m", "–", "–"),)
 
 
 def test_an_effect_that_is_not_in_the_catalogue_keeps_its_name():
@@ -116,7 +116,8 @@ def test_an_explanation_has_the_values_of_all_parameters_with_their_units():
         {"name": "slider_offset", "site": "slider"},
     ]
     assert explanation_in_words(effects) == (
-        "a linear spring on the slider (stiffness_N_m 120 N/m, rest_position_m 0.56 m), the weight of the bodies and "
+        "a linear spring on the slider (force per length 120 N/m, position of the slider without force 560 mm), "
+        "the weight of the bodies and "
         f"{EFFECTS['slider_offset'].WORDS}"
     )
 
@@ -171,6 +172,6 @@ def test_a_row_of_a_parameter_has_the_digits_of_its_error_in_the_value_and_at_bo
         {"name": "added_slider_mass", "site": "slider", "parameters": {"mass_kg": bound}},
     ]
     assert parameter_rows(effects) == (
-        ("slider_coulomb_friction: force_N", "21.30 N", "0.40", "20.60 to 22.00"),
-        ("added_slider_mass: mass_kg", "9 kg", "at its bound", "–"),
+        ("Coulomb friction of the slider: force of friction", "21.30 N", "0.40", "20.60 to 22.00"),
+        ("a slider mass other than nominal: mass beyond nominal", "9 kg", "at its bound", "–"),
     )

@@ -60,7 +60,8 @@ def show(state: CampaignState) -> None:
     }
     for name in CATALOGUE:
         style.save(draw(name, frames, content), folder.path / "figures" / name)
-    summary = page(content, frames, (*folder.read("remarks")["remark"], *_noise_remarks(state)))
+    remarks = (*folder.read("remarks")["remark"], *_noise_remarks(state))
+    summary = page(content, frames | {"look": folder.read("look")}, remarks, state.campaign)
     markdown, html = (folder.path / name for name in SUMMARIES)
     write_text(markdown, to_markdown(summary))
     write_text(html, to_html(summary, folder.path / "figures"))

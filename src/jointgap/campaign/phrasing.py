@@ -1,13 +1,24 @@
 """Effects, their parameters and places of disagreement in words."""
 
+import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
 from jointgap.config.channels import CHANNELS
+from jointgap.config.nuisance_bounds import NUISANCES
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import parameters_of
-from jointgap.report.plain_words import joined, number, with_error, with_unit
+from jointgap.report.plain_words import (
+    in_words,
+    joined,
+    nuisance_in_words,
+    number,
+    reading_unit,
+    unit_in_words,
+    with_error,
+    with_unit,
+)
 from jointgap.slider_crank.sensor_faults import FAULTS
 
 _OF_CHANNEL = "as the channel"
@@ -54,11 +65,63 @@ def explanation_in_words(effects: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _values(effect: Mapping[str, Any]) -> str:
+    parameters = effect.get("parameters", {})
     values = [
-        f"{name} {with_unit(number(estimate['value']), unit_of(effect['name'], effect['site'], name))}"
-        for name, estimate in effect.get("parameters", {}).items()
+        f"{_named_parameter(effect, name)} {_value(effect, name)}" if len(parameters) > 1 else _value(effect, name)
+        for name in parameters
     ]
     return f" ({', '.join(values)})" if values else ""
+
+
+def _value(effect: Mapping[str, Any], name: str) -> str:
+    """The value of a parameter with its unit."""
+    value = effect["parameters"][name]["value"]
+    unit, factor = reading_unit(unit_of(effect["name"], effect["site"], name))
+    return with_unit(number(value if isinstance(value, str) else factor * value), unit_in_words(unit))
+
+
+def headline(effects: Sequence[Mapping[str, Any]]) -> str:
+    """Effects of a verdict, each with its first number and the interval of that.
+
+    ``Coulomb friction of the slider, 5.000 N (90 % interval 4.997 to 5.004)``; of a law its formula.
+    """
+    return joined(effect_in_words(effect) + _first_number(effect) for effect in effects)
+
+
+def _first_number(effect: Mapping[str, Any]) -> str:
+    if formula := effect["parameters"].get("formula"):
+        return f": {formula['value']}"
+    numeric = (name for name, own in effect["parameters"].items() if isinstance(own["value"], int | float))
+    if (first := next(numeric, None)) is None:
+        return ""
+    unit = unit_of(effect["name"], effect["site"], first)
+    _, value, error, interval = estimate_row("", effect["parameters"][first], unit)
+    sure = f"90 % interval {interval}" if interval != "–" else error
+    return f", {value}" + (f" ({sure})" if sure != "–" else "")
+
+
+def parameter_in_words(effect: str, name: str) -> str:
+    """``force of friction`` of the parameter ``force_N`` of an `effect`, ``zero of run slow`` of ``zero_rad@slow``."""
+    key, _, run = name.partition("@")
+    meaning = _meanings(effect).get(key, "")
+    words = re.sub(r"^\w+, ", "", meaning.partition("; ")[0]) or _without_unit(key)
+    return f"{words} of run {run}" if run else words
+
+
+def _named_parameter(effect: Mapping[str, Any], name: str) -> str:
+    return parameter_in_words(effect["name"], name)
+
+
+def _without_unit(key: str) -> str:
+    """``gain error`` of ``gain_error``, ``lag`` of ``lag_s``."""
+    return in_words(re.sub(r"_(?:rad|deg|[A-Z]\w*|k?g|m|s)$", "", key))
+
+
+@cache
+def _meanings(name: str) -> dict[str, str]:
+    """What parameters are; those of a law found by regression are a formula and the letters in it."""
+    is_law = name.startswith("discovered_")
+    return {p.name: p.meaning for p in parameters_of(EFFECTS[name])} if name in EFFECTS and not is_law else {}
 
 
 @cache
@@ -79,23 +142,61 @@ def unit_of(name: str, site: str, parameter: str) -> str:
 def parameter_rows(effects: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], ...]:
     """Parameter, value with unit, standard error and 90 % interval of every effect of a verdict."""
     return tuple(
-        estimate_row(f"{effect['name']}: {name}", estimate, unit_of(effect["name"], effect["site"], name))
+        estimate_row(
+            f"{effect_in_words(effect | {'families': ()})}: {_named_parameter(effect, name)}",
+            estimate,
+            unit_of(effect["name"], effect["site"], name),
+        )
         for effect in effects
         for name, estimate in effect["parameters"].items()
     )
 
 
 def estimate_row(name: str, estimate: Mapping[str, Any], unit: str) -> tuple[str, str, str, str]:
-    """A parameter's `name`, value with `unit`, standard error or a remark why there is none, and 90 % interval.
+    """A parameter's `name`, value with unit, standard error or a remark why there is none, and 90 % interval.
 
-    `estimate` is one of ``verdict.json``.
+    `estimate` is one of ``verdict.json``, in the SI `unit`; it is shown in the one that is read best.
     """
-    error = estimate.get("sd")
-    digits, spread = with_error(estimate["value"], error)
-    low, high = estimate.get("interval_90") or (None, None)
-    ends = ["–" if end is None else with_error(end, error)[0] for end in (low, high)]
-    interval = "–" if low is None and high is None else " to ".join(ends)
-    return name, with_unit(digits, unit), estimate.get("remark", spread), interval
+    unit, factor = reading_unit(unit)
+    value, error, *ends = (
+        factor * own if isinstance(own, int | float) else own
+        for own in (estimate["value"], estimate.get("sd"), *(estimate.get("interval_90") or (None, None)))
+    )
+    digits, spread = with_error(value, error)
+    shown = ["–" if end is None else with_error(end, error)[0] for end in ends]
+    interval = "–" if ends == [None, None] else " to ".join(shown)
+    return name, with_unit(digits, unit_in_words(unit)), estimate.get("remark", spread), interval
+
+
+def shown_size(label: str, parameter: str, size: float, unit: str, falls: bool) -> str:
+    """``0.03 N``, the least `size` [SI `unit`] of the effect `label` that shows; ``up to 50 Hz`` where the effect
+    shrinks as its `parameter` grows (`falls`). The parameter is named where the effect has several.
+    """
+    effect = label.partition(":")[0]
+    name = f"{parameter_in_words(effect, parameter)} " if len(_units(effect)) > 1 else ""
+    unit, factor = reading_unit(unit)
+    return f"{name}{'up to ' * falls}{with_unit(number(factor * size), unit_in_words(unit))}"
+
+
+def without_code_names(sentence: str) -> str:
+    """A `sentence` with effects, channels and nuisances in words, but for what stands between backticks."""
+    parts = re.split(r"(`[^`]+`)", sentence)
+    return "".join(part if n % 2 else _CODE_NAME.sub(_in_words, part) for n, part in enumerate(parts))
+
+
+def _in_words(found: re.Match) -> str:
+    name, site = found["name"], found["site"]
+    if name in EFFECTS or name in FAULTS:
+        return label_in_words(f"{name}:{site}" if site else name)
+    return nuisance_in_words(name) if name in NUISANCES else in_words(name)
+
+
+_CODE_NAME = re.compile(
+    r"(?<![\w./-])(?P<name>"
+    + "|".join(sorted((name for name in {*EFFECTS, *FAULTS, *CHANNELS, *NUISANCES} if "_" in name), key=len)[::-1])
+    + r")(?::(?P<site>\w+))?(?![\w/]|\.\w)"
+)
+"""Names with an underscore: others, such as ``gravity`` and ``speed``, are words."""
 
 
 def size_in_words(parameter: str, value: str, unit: str, falls: bool) -> str:

@@ -1,19 +1,23 @@
 """A campaign on one page, for someone who was not there."""
 
 from collections.abc import Mapping, Sequence
+from math import pi
 from typing import Any
 
 import pandas as pd
 
+from jointgap.campaign.campaign_files import MECHANISM, VERDICT
 from jointgap.campaign.phrasing import (
     effect_in_words,
     estimate_row,
     explanation_in_words,
+    headline,
     is_fault,
     label_in_words,
     parameter_rows,
     place_of,
-    size_in_words,
+    shown_size,
+    without_code_names,
 )
 from jointgap.campaign.tables_of_identification import assumed, failures
 from jointgap.campaign.verdict_sentences import (
@@ -23,10 +27,23 @@ from jointgap.campaign.verdict_sentences import (
     held_out_in_words,
     is_told_by_features,
 )
+from jointgap.config.campaign_file import Campaign
+from jointgap.config.nuisance_bounds import NUISANCES
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.identification.estimates import AT_BOUND, CHANGES_NOTHING, NOT_ESTIMATED
-from jointgap.report.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
-from jointgap.report.plain_words import joined, number, percent, rounded_gap, with_unit
+from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.report.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
+from jointgap.report.plain_words import (
+    day_in_words,
+    in_words,
+    joined,
+    nuisance_in_words,
+    number,
+    percent,
+    rounded_gap,
+    unit_in_words,
+    with_unit,
+)
 
 _MOST_WINDOWS = 5  # the largest disagreements; the map shows all
 
@@ -34,9 +51,7 @@ _WHEN = {"base": "before", "augmented": "after"}
 
 _PARAMETER_HEADS = ("parameter", "value", "standard error", "90 % interval")
 
-_LOGARITHMIC = "lasting_damping"
-
-_IN_EVERY_FIT = ("first_angle", "friction_speed", _LOGARITHMIC)
+_IN_EVERY_FIT = ("first_angle", "friction_speed", "lasting_damping")
 """How names of parameters begin that a fit has though nobody listed them."""
 
 _LINKS = {"crank": "crank_length", "rod": "rod_length"}
@@ -50,7 +65,9 @@ _PLAIN = (*ENOUGH, "named")
 Tables = Mapping[str, pd.DataFrame | None]
 
 
-def page(verdict: Mapping[str, Any], tables: Tables, warnings: Sequence[str] = ()) -> Page:
+def page(
+    verdict: Mapping[str, Any], tables: Tables, warnings: Sequence[str] = (), campaign: Campaign | None = None
+) -> Page:
     """The one-page summary of a campaign.
 
     Parameters
@@ -58,32 +75,54 @@ def page(verdict: Mapping[str, Any], tables: Tables, warnings: Sequence[str] = (
     verdict : mapping
         Content of ``verdict.json``.
     tables : mapping of str to DataFrame
-        Tables by name, those that there are: ``gaps``, ``map_windows``, ``detectable`` and ``campaign_optimum``.
+        Tables by name, those that there are: ``channel_errors``, ``gaps``, ``map_windows``, ``detectable``, ``look``
+        and ``campaign_optimum``.
     warnings : sequence of str
         What was noticed about the data, a sentence each.
+    campaign : Campaign, optional
+        Whose runs and files are listed.
     """
     return Page(
-        f"Campaign {verdict['campaign']}: what is missing in the model",
+        _headline(verdict),
         (
             *_answer(verdict),
+            *_measured(verdict, tables.get("channel_errors"), tables.get("gaps")),
             *_gap(verdict, tables.get("gaps")),
             *_where(verdict, tables.get("map_windows")),
             *_why(verdict),
             *_optimum(verdict["effects"], tables.get("campaign_optimum")),
             *_nuisances(verdict),
             *_limits(verdict, tables.get("detectable")),
-            *([Heading("About the data"), Bullets(tuple(warnings))] if warnings else []),
-            Paragraph(
-                "Numbers: verdict.json. Every compared sample, fit and interval: the Parquet tables beside it "
-                "(`jointgap describe` explains their columns)."
-            ),
+            *_next_steps(verdict),
+            *_data(campaign, tables.get("look"), warnings),
         ),
+        subject=f"Campaign {verdict['campaign']}",
+        footer=f"{written_today()} The same for programs: "
+        f"`{VERDICT}`. Every compared sample, fit and interval: the Parquet tables beside it (`jointgap describe FILE` "
+        "explains their columns).",
         width="60rem",
     )
 
 
+def _headline(verdict: Mapping[str, Any]) -> str:
+    """The answer in a line, with its number and interval."""
+    if verdict["effects"]:
+        return _capital(headline(verdict["effects"]))
+    best = verdict["best_known"]
+    return {
+        "no_disagreement": "Nothing is missing that these data could show",
+        "parameters_only": "Nothing is missing: other values of uncertain parameters meet the measurement",
+        "ambiguous": f"Something is missing: {len(verdict['equivalent'])} explanations fit equally well",
+    }.get(
+        verdict["verdict"],
+        f"Something is missing; not proven: {headline(best['effects'])}"
+        if best
+        else "Something is missing that none of the effects tried explains",
+    )
+
+
 def _figure(name: str) -> FigureBlock:
-    return FigureBlock(name, CATALOGUE[name].title)
+    return FigureBlock(name, CATALOGUE[name].title, CATALOGUE[name].caption)
 
 
 def _answer(verdict: Mapping[str, Any]) -> list[Block]:
@@ -91,7 +130,7 @@ def _answer(verdict: Mapping[str, Any]) -> list[Block]:
     table = [TableBlock(_PARAMETER_HEADS, rows)] if rows else []
     blocks: list[Block] = [Paragraph(answer(verdict), strong=True)]
     if verdict["verdict"] not in _PLAIN and (reason := verdict.get("because")):
-        blocks.append(Paragraph(_capital(reason) + "."))
+        blocks.append(Paragraph(_capital(without_code_names(reason)) + "."))
     if says := best_known_in_words(verdict):
         shown = parameter_rows(verdict["best_known"]["effects"])
         blocks.append(Paragraph("The best explanation known, which is not proven:"))
@@ -99,15 +138,71 @@ def _answer(verdict: Mapping[str, Any]) -> list[Block]:
         blocks.append(Bullets(says))
     if verdict["verdict"] == "ambiguous":
         blocks.append(Bullets(tuple(explanation_in_words(effects) for effects in verdict["equivalent"])))
-        blocks += [Paragraph(advice) for advice in [verdict.get("separated_by", "")] if advice]
-    return blocks + table
+        advice = verdict.get("separated_by", "")
+        blocks += [Paragraph(without_code_names(advice))] if advice else []
+    return [*blocks, _figure("measured_against_model"), *table]
+
+
+_ERROR_HEADS = ("run", "crank speed [rpm]", "used", "channel", "unit", "noise", "RMS before", "RMS after", "explained")
+
+
+def _measured(verdict: Mapping[str, Any], errors: pd.DataFrame | None, gaps: pd.DataFrame | None) -> list[Block]:
+    """Measured against model, in the unit of each channel; `errors` is table `CHANNEL_ERRORS`, `gaps` table `GAPS`."""
+    if errors is None:
+        return []
+    shares = {} if gaps is None else {(row.run, row.role, row.channel): row for row in gaps.itertuples()}
+    shown = _something_tried(verdict)
+    rows = []
+    for row in errors.itertuples():
+        gap = shares.get((row.run, "confirm" if row.held_out else "identify", row.channel))
+        numbers = (row.noise, row.before, *([row.after] if shown else []))
+        rows.append(
+            (
+                row.run,
+                f"{30.0 / pi * row.speed:.4g}",
+                "held out" if row.held_out else "to fit",
+                in_words(row.channel),
+                unit_in_words(row.unit),
+                *("–" if each != each else f"{each:.3g}" for each in numbers),
+                *([_share_explained(gap)] if shown else []),
+            )
+        )
+    heads = _ERROR_HEADS if shown else _ERROR_HEADS[:7]
+    after = (
+        " After: with the effects above. Explained: the share of the mean square beyond noise that is gone; a dash "
+        "where before there was no more than noise."
+    )
+    caption = (
+        "Measured less predicted, root mean square (RMS) in the unit of each channel. Before: the model with nothing "
+        "added, its uncertain parameters re-fitted. Noise: what the sensors' noise and equally good numerics alone "
+        "would make it."
+    )
+    return [
+        Heading("Measured against model"),
+        TableBlock(heads, tuple(rows), "lrlllrrrr"[: len(heads)], caption + after * shown),
+    ]
+
+
+def _share_explained(gap: Any) -> str:
+    """Share of the squared excess over the noise that is gone, of a row of `GAPS`."""
+    if gap is None or gap.closed != gap.closed or gap.before**2 <= DEFAULT_SETTINGS.decision.tolerated_reduced_chi2:
+        return "–"
+    return percent(min(gap.closed, 1.0), 0 if gap.closed > 0.995 else 1)
+
+
+def _something_tried(verdict: Mapping[str, Any]) -> bool:
+    """Whether there is a model with something added, or with the best or the first explanation."""
+    return bool(verdict["effects"] or verdict["best_known"] or verdict["equivalent"])
 
 
 def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
     best = "the best explanation known" if verdict["best_known"] else "the first of the explanations"
     tried = "" if verdict["effects"] else f" with {best}"
-    shown = bool(verdict["effects"] or verdict["best_known"] or verdict["equivalent"])
-    meaning = "The gap is the residual in standard deviations of the noise (root mean square): 1 is noise alone."
+    shown = _something_tried(verdict)
+    meaning = (
+        "The gap is how far measured and predicted are apart, as root mean square in standard deviations of the "
+        "noise: 1 is noise alone, 2 is twice what noise makes."
+    )
     blocks: list[Block] = [
         Heading("How far simulation and measurement are apart"),
         Paragraph(f"{meaning} {held_out_in_words(verdict)}."),
@@ -141,10 +236,7 @@ def _interval(row: Mapping[str, Any], when: str) -> str:
 
 
 def _where(verdict: Mapping[str, Any], windows: pd.DataFrame | None) -> list[Block]:
-    places = [
-        place_of(window["run"], window["channel"], *window["crank_angle_deg"]) + f" (p = {window['p_adjusted']:.1g})"
-        for window in verdict["where"]
-    ]
+    places = [place_of(window["run"], window["channel"], *window["crank_angle_deg"]) for window in verdict["where"]]
     if windows is not None and len(windows):
         places = [_window(row) for row in windows.sort_values("rms", ascending=False).itertuples(index=False)]
     without = " without what was added" if verdict["effects"] else ""
@@ -171,9 +263,9 @@ def _orders(verdict: Mapping[str, Any]) -> list[Block]:
     if not verdict["orders"]:
         return []
     lines = tuple(
-        f"run {line['run']}, {line['channel'].replace('_', ' ')}: order {line['order']} ({line['order']} cycles per "
-        f"revolution), amplitude {with_unit(number(line['amplitude']), line['unit'])}, {percent(line['share'])} of "
-        "what exceeds the noise"
+        f"run {line['run']}, {in_words(line['channel'])}: order {line['order']} ({line['order']} cycles per "
+        f"revolution), amplitude {with_unit(number(line['amplitude']), unit_in_words(line['unit']))}, "
+        f"{percent(line['share'])} of what exceeds the noise"
         for line in verdict["orders"]
     )
     return [
@@ -198,7 +290,11 @@ def _why(verdict: Mapping[str, Any]) -> list[Block]:
         return []
     named = verdict["effects"]
     gains = joined(f"{_gain(effect)} for {effect_in_words(effect)}" for effect in named)
-    evidence = [Paragraph(f"Gain in BIC: {gains}; 10 would be very strong evidence.")] if named else []
+    meaning = (
+        "The Bayesian information criterion (BIC) weighs how well a model fits against how many parameters it has; "
+        "10 is very strong evidence."
+    )
+    evidence = [Paragraph(f"Gain in BIC: {gains}. {meaning}")] if named else [Paragraph(meaning)]
     told = [effect for effects in (named, *verdict["equivalent"]) for effect in effects]
     if is_told_by_features(verdict, told):
         evidence = [Paragraph("Ranked are the fits to samples, which do not decide here.")]
@@ -263,19 +359,21 @@ def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
     if not verdict["nuisances"]:
         return []
     rows = tuple(
-        estimate_row(
-            name.replace("@", ", run ") + (" (natural logarithm of its factor)" if _LOGARITHMIC in name else ""),
-            estimate,
-            "",
-        )
-        for name, estimate in verdict["nuisances"].items()
+        estimate_row(nuisance_in_words(key), estimate, _unit_of_nuisance(key))
+        for key, estimate in verdict["nuisances"].items()
     )
     return [
         Heading("Parameters re-fitted within their ranges"),
-        TableBlock(("parameter", "value [SI]", *_PARAMETER_HEADS[2:]), rows),
+        TableBlock(_PARAMETER_HEADS, rows),
         *([Paragraph(_borne_out(verdict))] if verdict["verdict"] == "parameters_only" else []),
         *([Paragraph(text)] if (text := _at_bounds_beside_a_name(verdict)) else []),
     ]
+
+
+def _unit_of_nuisance(key: str) -> str:
+    """SI unit of a nuisance, also of those that every fit has."""
+    units = NUISANCES | {"first_angle": "rad", "friction_speed": "m/s"}
+    return units.get(key.partition("@")[0], "")
 
 
 def _at_bounds_beside_a_name(verdict: Mapping[str, Any]) -> str:
@@ -325,9 +423,8 @@ def _is_listed(key: str) -> bool:
 
 
 def _parameters_in_words(keys: Sequence[str]) -> str:
-    """``slider mass and speed of run slow`` of keys of nuisances."""
-    parts = [key.partition("@") for key in keys]
-    return joined(f"{name.replace('_', ' ')} of run {run}" if run else name.replace("_", " ") for name, _, run in parts)
+    """``slider mass and crank speed of run slow`` of keys of nuisances."""
+    return joined(map(nuisance_in_words, keys))
 
 
 def _limits(verdict: Mapping[str, Any], effects: pd.DataFrame | None) -> list[Block]:
@@ -368,7 +465,7 @@ def _foreseen(verdict: Mapping[str, Any], effects: pd.DataFrame) -> list[str]:
     if verdict["verdict"] in ENOUGH and len(seen):
         sizes = [
             f"{label_in_words(row.label)} "
-            f"({size_in_words(row.parameter, number(row.smallest_detectable), row.unit, row.falls)})"
+            f"({shown_size(row.label, row.parameter, row.smallest_detectable, row.unit, row.falls)})"
             for row in seen.itertuples()
         ]
         lines.append(f"What would have been seen, from this size on: {', '.join(sizes)}.")
@@ -380,6 +477,87 @@ def _foreseen(verdict: Mapping[str, Any], effects: pd.DataFrame) -> list[str]:
     return lines
 
 
+_NEXT = {
+    "no_disagreement": (
+        "Use the model as it stands, at these speeds and with what these channels show.",
+        "To look for smaller effects, measure at a further speed or with a further channel: `jointgap preflight` says "
+        "which helps most.",
+    ),
+    "parameters_only": (
+        f"Take over what the data bear out: `{MECHANISM}` has it.",
+        "To look for smaller effects, measure at a further speed or with a further channel: `jointgap preflight` says "
+        "which helps most.",
+    ),
+    "ambiguous": (
+        "Measure what parts the explanations, and run the campaign again with the new run beside the old ones.",
+        "Until then take none of them for true; all of them predict what was measured here.",
+    ),
+    "unexplained": (
+        "See in the map of disagreement and in the residuals where and when it acts, and what on the rig acts there.",
+        "An effect of your own can be added as a formula: `jointgap effects discovered_slider_force` shows the lines.",
+        "Give uncertain masses, lengths and zeros under `nuisance` of the campaign file, and run it again.",
+    ),
+}
+
+
+def _next_steps(verdict: Mapping[str, Any]) -> list[Block]:
+    """What to do about the verdict."""
+    if verdict["effects"]:
+        faults = [effect for effect in verdict["effects"] if is_fault(effect)]
+        physical = len(faults) < len(verdict["effects"])
+        steps = [
+            f"Mend the sensor or correct its column: {explanation_in_words(faults)}." if faults else "",
+            f"Use `{MECHANISM}`: your mechanism with what was found. Name it under `mechanism` of a scenario to "
+            "simulate and optimise with it."
+            if physical
+            else "",
+            "On the rig, change what is named (oil, load, fit), measure again and run the same campaign: the size "
+            "should move with it."
+            if physical
+            else "",
+            "A small rest is left: the map of disagreement shows where."
+            if verdict["verdict"] == "named_with_remaining_misfit"
+            else "",
+        ]
+    else:
+        steps = list(_NEXT.get(verdict["verdict"], ()))
+    return [Heading("What to do next"), Bullets(tuple(filter(None, steps)))]
+
+
+_ROLES = {
+    "identify": "to fit and to choose",
+    "confirm": "held out",
+    "split": "two thirds to fit and to choose, the last third held out",
+}
+
+
+def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequence[str]) -> list[Block]:
+    """The runs with their files, the channels, and what was noticed; `look` is table `LOOK`."""
+    blocks: list[Block] = []
+    if campaign is not None:
+        sizes = {} if look is None else look.groupby("run")[["samples", "cycles"]].max().to_dict("index")
+        rows = tuple(
+            (
+                run.id,
+                f"`{run.file}`",
+                f"{30.0 / pi * run.speed:.4g}",
+                _ROLES[run.role],
+                *(str(sizes[run.id][key]) if run.id in sizes else "–" for key in ("samples", "cycles")),
+            )
+            for run in campaign.runs
+        )
+        heads = ("run", "file", "crank speed [rpm]", "used", "samples", "whole revolutions")
+        measured = f" Measured on {day_in_words(campaign.date)}." if campaign.date else ""
+        blocks.append(TableBlock(heads, rows, "llrlrr", f"Runs of the campaign.{measured}"))
+        channels = tuple(
+            (in_words(name), f"`{channel.column}`", unit_in_words(channel.unit))
+            for name, channel in campaign.channels.items()
+        )
+        blocks.append(TableBlock(("channel", "column of the files", "unit"), channels, caption="What was measured."))
+    if warnings:
+        blocks.append(Bullets(tuple(map(without_code_names, warnings))))
+    return [Heading("About the data"), *blocks] if blocks else []
+
+
 def _capital(sentence: str) -> str:
-    first = sentence if "_" in sentence.split(" ")[0] else sentence[:1].upper() + sentence[1:]  # names stay as they are
-    return first.rstrip(".")
+    return (sentence[:1].upper() + sentence[1:]).rstrip(".")

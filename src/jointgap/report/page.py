@@ -8,6 +8,7 @@ sections has a table of contents.
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 from urllib.parse import quote
@@ -15,8 +16,11 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from jointgap import __version__
 from jointgap.report.images import data_address
+from jointgap.report.plain_words import day_in_words
 
+_UNBROKEN = 24  # [characters] a cell up to this length stays on one line: a table scrolls sooner than it squeezes words
 _CONTENTS_FROM = 4  # sections; a page with fewer is read as it is
 
 
@@ -95,14 +99,17 @@ class TableBlock:
     @property
     def lines(self) -> list[list[tuple[str | Link, str]]]:
         """Rows of (text, CSS class)."""
-        sides = ["n" if rule.endswith(":") else "" for rule in self.rules]
-        return [
-            [
-                (cell.text, f"v {cell.tone}" if cell.tone else side) if isinstance(cell, Cell) else (cell, side)
-                for cell, side in zip(row, sides, strict=True)
-            ]
-            for row in self.rows
-        ]
+        return [[_styled(cell, rule) for cell, rule in zip(row, self.rules, strict=True)] for row in self.rows]
+
+
+def _styled(cell: str | Cell | Link, rule: str) -> tuple[str | Link, str]:
+    """A cell of a column with that `rule`: its text, and its CSS class."""
+    if isinstance(cell, Cell):
+        return (cell.text, f"v {cell.tone}") if cell.tone else _styled(cell.text, rule)
+    if rule.endswith(":"):
+        return cell, "n"
+    text = cell.text if isinstance(cell, Link) else cell
+    return cell, "s" if len(text) <= _UNBROKEN else "w"
 
 
 @dataclass(frozen=True)
@@ -163,6 +170,11 @@ class _Shown(NamedTuple):
     number: int = 0
     place: str = ""
     image: str = ""
+
+
+def written_today() -> str:
+    """For a footer: by which version a page was written, and when."""
+    return f"Written by jointgap {__version__} on {day_in_words(date.today())}."
 
 
 def to_markdown(page: Page, figures: str = "figures") -> str:
@@ -266,6 +278,8 @@ def _with_code(text: str) -> Markup:
     return Markup(_CODE.sub(lambda found: f"<code>{found[0][1:-1]}</code>", str(escape(text))))
 
 
+_NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=\S{1,3}(?:\W|$))")
+
 _TEMPLATES = Environment(
     loader=PackageLoader("jointgap.report"),
     autoescape=lambda name: name is not None and name.endswith(".html.j2"),
@@ -280,4 +294,5 @@ _TEMPLATES.filters |= {
     "markdown_point": _markdown_point,
     "html_point": _html_point,
     "with_code": _with_code,
+    "unbroken": lambda text: _NUMBER_AND_UNIT.sub("\N{NO-BREAK SPACE}", text),
 }

@@ -2,12 +2,56 @@
 
 import re
 from collections.abc import Iterable
-from math import floor, log10
+from datetime import date
+from math import floor, log10, pi
 
 
 def in_words(name: str) -> str:
     """``sensor bias: crank torque`` of ``sensor_bias:crank_torque``, ``crank pin`` of ``crank_pin``."""
     return re.sub("coulomb|stribeck", lambda person: person[0].title(), name.replace("_", " ").replace(":", ": "))
+
+
+_NUISANCES = {
+    "speed": "crank speed",
+    "first_angle": "crank angle at the first sample",
+    "encoder_zero": "zero of the encoder",
+    "encoder_lag": "lag of the encoder",
+    "slider_position_zero": "zero of the slider position",
+    "slider_offset": "offset of the slide",
+    "stall_torque": "stall torque of the motor",
+    "no_load_speed": "no-load speed of the motor",
+    "friction_speed": "sliding speed over which friction in the joints sets in",
+    "joint_friction": "coefficient of friction of both pins",
+    "restitution": "coefficient of restitution of both pins",
+}
+_OF_JOINTS = {
+    "joint_friction_": "coefficient of friction of the",
+    "restitution_": "coefficient of restitution of the",
+    "lasting_damping_": "natural logarithm of the factor on the damping of a lasting contact in the",
+}
+
+
+def nuisance_in_words(key: str) -> str:
+    """``crank speed of run slow`` of ``speed@slow``: a parameter that is re-fitted beside what is searched for."""
+    name, _, run = key.partition("@")
+    words = _NUISANCES.get(name) or in_words(name)
+    for beginning, of_joint in _OF_JOINTS.items():
+        if name.startswith(beginning):
+            words = f"{of_joint} {in_words(name.removeprefix(beginning))}"
+    return f"{words} of run {run}" if run else words
+
+
+_READ_IN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / pi), "rad/s": ("rpm", 30.0 / pi)}
+
+
+def reading_unit(unit: str) -> tuple[str, float]:
+    """In which unit a quantity of the SI `unit` is read best, and how many of these one SI unit is: mm, deg and rpm."""
+    return _READ_IN.get(unit, (unit, 1.0))
+
+
+def day_in_words(day: date) -> str:
+    """``3 November 2026``."""
+    return f"{day.day} {day:%B %Y}"
 
 
 def joined(parts: Iterable[str]) -> str:
