@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, plan
-from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
@@ -51,6 +50,10 @@ class CampaignState:
 
     Attributes
     ----------
+    file : Path
+        The campaign file.
+    campaign : Campaign
+        What it says.
     false_alarm_rate : float
         [1] Share of campaigns with nothing hidden in which something is found nevertheless.
     seed : int
@@ -73,7 +76,7 @@ class CampaignState:
         model_settings: "SliderCrankSettings | None" = None,
     ):
         self.settings, self._model_settings = settings, model_settings
-        self.campaign: Campaign = load_campaign(campaign)
+        self.file, self.campaign = campaign, load_campaign(campaign)
         self.folder = ResultsFolder(folder or Path("results/campaigns") / self.campaign.name)
         inputs = (*plan(campaign), *(self.campaign.folder / run.file for run in self.campaign.runs))
         results = (table.path for table in TABLES.values() if "{" not in table.path)

@@ -227,6 +227,12 @@ def load_campaign(path: Path | str) -> Campaign:
     return validate(Campaign, data, str(path))
 
 
+def mechanism_as_written(path: Path | str) -> Any:
+    """The mechanism of the campaign in a file as its user wrote it, with units and without what they left out."""
+    path = Path(path)
+    return _with_mechanism(read_yaml(path), (path.parent,), f"{path}: ").get("mechanism")
+
+
 def options_for(scenario: Scenario, stage: str) -> str:
     """What `stage` reads of a scenario, as JSON text in SI: the value of its ``--options``."""
     return scenario.model_dump_json(include=set(SECTIONS[stage]))

@@ -312,8 +312,9 @@ _CONFIRMED = (*_DECIDED, *CAMPAIGN_STAGES.written_by("confirm"))
 def augment(state: "CampaignState") -> None:
     """Write the mechanism file with what was found, for every other stage."""
     from jointgap.campaign.augment import augment as augmented
+    from jointgap.config.load import mechanism_as_written
 
-    text, force = augmented(state.campaign, state.outcome("verdict"))
+    text, force = augmented(state.campaign, state.outcome("verdict"), mechanism_as_written(state.file))
     tables.write_text(state.folder.path / MECHANISM, text)
     state.folder.write(MISSING_FORCE, force)
 

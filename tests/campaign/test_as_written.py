@@ -1,0 +1,47 @@
+"""A mechanism with what was found is written as its user writes one."""
+
+from pathlib import Path
+
+import yaml
+
+from jointgap.campaign.as_written import as_written
+from jointgap.config import Mechanism
+from jointgap.config.load import load_mechanism, read_yaml, validate
+
+FILE = Path("config/mechanisms/ideal_joints.yaml")
+MECHANISM = load_mechanism(FILE)
+OLD = MECHANISM.model_dump(mode="json")
+
+
+def written(mechanism: Mechanism, text=None) -> dict:
+    given = {} if text is None else {"text": text}
+    return yaml.safe_load(yaml.safe_dump(as_written(mechanism.model_dump(mode="json"), OLD, **given)))
+
+
+def heavier(mass: float) -> Mechanism:
+    return MECHANISM.model_copy(update={"slider": MECHANISM.slider.model_copy(update={"mass": mass})})
+
+
+def test_what_did_not_change_is_as_the_user_wrote_it_and_what_did_keeps_its_unit():
+    text = read_yaml(FILE)
+    content = written(heavier(0.45294869418420297), text)
+    assert content == text | {"slider": {"mass": "0.4529487 kg", "offset": "0 mm"}}
+    text = text | {"slider": {"mass": "448.2 g", "offset": "0 mm"}}
+    assert written(heavier(0.45294869418420297), text)["slider"]["mass"] == "452.9487 g"
+
+
+def test_numbers_read_back_to_what_they_were():
+    assert validate(Mechanism, written(MECHANISM, read_yaml(FILE)), "here") == MECHANISM
+    assert validate(Mechanism, written(MECHANISM), "here") == MECHANISM
+    found = validate(Mechanism, written(heavier(0.45294869418420297), read_yaml(FILE)), "here")
+    assert found == heavier(0.4529487)
+
+
+def test_an_effect_that_was_found_is_added_beside_those_that_the_user_wrote():
+    weight = {"name": "gravity", "parameters": {"acceleration_m_s2": "9.81 m/s^2"}}
+    friction = {"name": "slider_coulomb_friction", "parameters": {"force_N": 5.934212578413444}}
+    text = read_yaml(FILE) | {"effects": [weight]}
+    before = validate(Mechanism, text, "here")
+    after = validate(Mechanism, text | {"effects": [weight, friction]}, "here")
+    content = as_written(after.model_dump(mode="json"), before.model_dump(mode="json"), text)
+    assert content["effects"] == [weight, friction | {"parameters": {"force_N": 5.934213}}]
