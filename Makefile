@@ -12,14 +12,15 @@ ARGS ?=
 override CAMPAIGN := $(value CAMPAIGN)
 override SET := $(value SET)
 export CAMPAIGN SET
+cluster = $(if $(filter slurm,$(PROFILE)),cluster)
 snakemake_options = --workflow-profile workflow/profiles/$(PROFILE) $(if $(CORES),--cores $(CORES)) $(ARGS)
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:.*## /\t/' | expand -t 12
 	@echo "variables: CORES=2 (default: all), CAMPAIGN=file, PROFILE=local|slurm|ci, ARGS='more options of the tool'"
 
-set-up: ## packages into .venv, once; the other targets do it by themselves
-	@scripts/set-up
+set-up: ## what running needs into .venv, once; the other targets do it by themselves
+	@scripts/set-up $(cluster)
 
 run: set-up ## every scenario to every figure, then results/report.html
 	@scripts/in-venv scripts/run-workflow results/report.html $(snakemake_options)
@@ -37,7 +38,8 @@ campaign: set-up ## what is missing in the model of CAMPAIGN=config/campaigns/mi
 	@campaign=$${CAMPAIGN//\\/\\\\}; scripts/in-venv scripts/run-workflow results/campaign-report.html campaigned \
 		$(snakemake_options) $(if $(CAMPAIGN),--config "campaigns=[\"$${campaign//\"/\\\"}\"]")
 
-blind: set-up ## campaigns with hidden effects, analysed and scored: a night; SET=small for a quick one
+blind: ## campaigns with hidden effects, analysed and scored: a night; SET=small for a quick one
+	@scripts/set-up peers $(cluster)
 	@scripts/in-venv scripts/run-workflow results/blind-report.html --snakefile workflow/blind/Snakefile \
 		--config "set=$$SET" $(snakemake_options)
 
@@ -45,25 +47,30 @@ report: set-up ## write results/report.html anew
 	@rm -f results/report.html
 	@$(MAKE) --no-print-directory run
 
-test: set-up ## the fast tests
+test: ## the fast tests
+	@scripts/set-up test peers
 	@scripts/get-browser
 	@scripts/in-venv python -m pytest -n 2 --dist loadgroup $(ARGS)
 
-test-slow: set-up ## the slow tests
+test-slow: ## the slow tests
+	@scripts/set-up test peers
 	@scripts/get-browser
 	@scripts/in-venv python -m pytest -m slow $(ARGS)
 
-lint: set-up ## style of the Python code and of the workflow
+lint: ## style of the Python code and of the workflow
+	@scripts/set-up test
 	@scripts/in-venv ruff check .
 	@scripts/in-venv ruff format --check .
 	@scripts/in-venv snakefmt --check Snakefile workflow
 	@scripts/in-venv snakemake --lint
 
-docs: set-up ## the documentation site, strictly: docs/_build/index.html
+docs: ## the documentation site, strictly: docs/_build/index.html
+	@scripts/set-up docs
 	@scripts/in-venv python -m sphinx --fail-on-warning --keep-going --nitpicky --quiet -c docs . docs/_build
 	@echo "site: docs/_build/index.html"
 
-bench: set-up ## measure what the project promises, beside its peers
+bench: ## measure what the project promises, beside its peers
+	@scripts/set-up peers
 	@scripts/in-venv python -m benchmarks $(ARGS)
 
 drill: set-up ## damaged, hostile and interrupted use: twenty minutes; ARGS='names --scale 0.1' for a part

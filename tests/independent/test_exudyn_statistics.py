@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-pytest.importorskip("exudyn", reason="needs Exudyn: pip install 'jointgap[peers]'")
+pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
 
 from benchmarks.exudyn_model import SliderCrank
 from jointgap.dynamics import simulate

@@ -94,7 +94,7 @@ def test_the_faster_the_crank_the_larger_the_peaks():
 
 
 def test_exudyn_gives_the_same_motion():
-    pytest.importorskip("exudyn", reason="needs Exudyn: pip install 'jointgap[peers]'")
+    pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
     from benchmarks.exudyn_model import SliderCrank
     from jointgap.config import Simulate
     from jointgap.dynamics import simulate

@@ -63,7 +63,7 @@ EFFECTS = [
 
 
 def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for():
-    pytest.importorskip("exudyn", reason="needs Exudyn: pip install 'jointgap[peers]'")
+    pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
     from jointgap.trials.exudyn_model import simulate as by_exudyn
     from jointgap.trials.trial_plan import EXUDYN_EFFECTS
 
@@ -77,7 +77,7 @@ def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for()
 
 def of_loose_pins(made) -> dict[str, float]:
     """RMS difference of Exudyn's readings from ours with the same friction law, over their standard deviation."""
-    pytest.importorskip("exudyn", reason="needs Exudyn: pip install 'jointgap[peers]'")
+    pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
     from jointgap.trials.exudyn_contact import FRICTION_SPEED
     from jointgap.trials.exudyn_contact import simulate as by_exudyn
 

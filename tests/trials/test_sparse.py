@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-pytest.importorskip("pysindy", reason="needs pysindy: pip install 'jointgap[peers]'")
+pytest.importorskip("pysindy", reason="needs pysindy: scripts/set-up peers")
 
 from jointgap.config.load import load_campaign
 from jointgap.recordings import read_measurements
