@@ -365,3 +365,14 @@ def test_every_key_is_explained_in_the_configurations_readme():
     keys = {key for part in json_schema()["$defs"].values() for key in part.get("properties", {})}
     keys |= set(json_schema()["properties"])
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
+
+
+def test_a_mechanism_that_comes_with_jointgap_is_named_from_every_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert load_mechanism("erkaya2009") == load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml")
+    laid_over = resolve({"mechanism": {"base": "ideal_joints"}, "scenarios": {"mine": {}}})["mine"].mechanism
+    assert laid_over == load_mechanism("ideal_joints")
+    (tmp_path / "ideal_joints").write_text((ROOT / "config/mechanisms/erkaya2009.yaml").read_text(encoding="utf-8"))
+    assert load_mechanism("ideal_joints") == load_mechanism("erkaya2009")  # a file goes before a name
+    with pytest.raises(InputError, match=r"no file 'erkaya'.* or one of the names erkaya2009, ideal_joints, pins"):
+        load_mechanism("erkaya")

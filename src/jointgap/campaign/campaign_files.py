@@ -98,9 +98,11 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
 def plan(file: Path) -> tuple[str, ...]:
     """A campaign file and the mechanism file that it names, if it names one."""
     from jointgap.config import read_yaml
+    from jointgap.config.layers import mechanism_file
 
     mechanism = read_yaml(file).get("mechanism")
-    return (str(file), *([str(file.parent / mechanism)] if isinstance(mechanism, str) else []))
+    named = [mechanism_file(mechanism, (file.parent,), f"{file}: mechanism")] if isinstance(mechanism, str) else []
+    return (str(file), *map(str, named))
 
 
 def _file(path: str, folders: Sequence[Path]) -> Path:

@@ -3,6 +3,7 @@
 from jointgap.config.change import change
 from jointgap.config.documents import read_yaml
 from jointgap.config.joint_config import Contact, Joint, Joints, hertz_stiffness
+from jointgap.config.layers import shipped_mechanisms
 from jointgap.config.load import (
     json_schema,
     load_mechanism,
@@ -67,5 +68,6 @@ __all__ = [
     "read_yaml",
     "resolve",
     "stands_alone",
+    "shipped_mechanisms",
     "validate",
 ]

@@ -1,7 +1,8 @@
 """Configurations in layers: what is laid over what, and from which file each value came.
 
-A mechanism is the path of a file or its content, and it is whole; other mechanisms are not in it. What is laid over
-another mechanism says so: ``base``, the path of that one, beside the keys that differ. A file may have a ``base`` too.
+A mechanism is the path of a file, the name of one that comes with jointgap, or its content, and it is whole; other
+mechanisms are not in it. What is laid over another mechanism says so: ``base``, the path or name of that one, beside
+the keys that differ. A file may have a ``base`` too.
 """
 
 import os
@@ -72,7 +73,7 @@ def mechanism_layers(
     Parameters
     ----------
     mechanism : str, mapping or other
-        The path of a file, or its content; what is neither makes one layer that no mechanism can be read from.
+        As of `mechanism_file`, or its content; what is neither makes one layer that no mechanism can be read from.
     folders : sequence of Path
         Where files are looked for, first found wins; a file's ``base`` is looked for in that file's folder first.
     source : str
@@ -96,7 +97,7 @@ def mechanism_layers(
     passed: list[Path] = []
     while True:
         if isinstance(mechanism, str):
-            file = existing_file(mechanism, folders, key)
+            file = mechanism_file(mechanism, folders, key)
             if file.resolve() in passed:
                 raise InputError(f"{key}: '{mechanism}' is laid over itself; take it away where it is given last")
             passed.append(file.resolve())
@@ -111,10 +112,43 @@ def mechanism_layers(
             return [Layer(source, {"mechanism": mechanism}), *reversed(found)]
 
 
-def existing_file(path: str, folders: Sequence[Path], key: str) -> Path:
-    """The file at `path`, looked for in `folders`; `key` is where it is given."""
-    for folder in folders:
-        if os.path.isfile(folder / path):  # a Path's own is_file fails on a name that is too long
-            return folder / path
-    places = ", ".join(dict.fromkeys(map(str, folders)))
-    raise InputError(f"{key}: no file '{path}' (looked in {places}); give a path relative to one of these")
+def shipped_mechanisms() -> dict[str, Path]:
+    """The mechanism files that come with jointgap, by name; wherever it is installed a name can stand for its path."""
+    return {file.stem: file for file in sorted((Path(__file__).parents[1] / "data/mechanisms").glob("*.yaml"))}
+
+
+def mechanism_file(mechanism: str, folders: Sequence[Path], key: str) -> Path:
+    """The file of a mechanism: the one at this path in `folders`, else the shipped one of this name.
+
+    Parameters
+    ----------
+    mechanism : str
+        Path or name.
+    folders : sequence of Path
+        Where files are looked for, first found wins.
+    key : str
+        Where it is given, for errors.
+
+    Raises
+    ------
+    InputError
+        There is neither.
+    """
+    shipped = shipped_mechanisms()
+    if mechanism in shipped and _found(mechanism, folders) is None:
+        return shipped[mechanism]
+    return existing_file(mechanism, folders, key, f", or one of the names {', '.join(shipped)}")
+
+
+def existing_file(path: str, folders: Sequence[Path], key: str, more: str = "") -> Path:
+    """The file at `path`, looked for in `folders`; `key` is where it is given, `more` what else could be given."""
+    file = _found(path, folders)
+    if file is None:
+        places = ", ".join(dict.fromkeys(map(str, folders)))
+        raise InputError(f"{key}: no file '{path}' (looked in {places}); give a path relative to one of these{more}")
+    return file
+
+
+def _found(path: str, folders: Sequence[Path]) -> Path | None:
+    # a Path's own is_file fails on a name that is too long
+    return next((folder / path for folder in folders if os.path.isfile(folder / path)), None)

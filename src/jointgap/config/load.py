@@ -44,7 +44,10 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
 
 
 def load_mechanism(path: Path | str) -> Mechanism:
-    """The mechanism in a file (see config/README.md for its keys)."""
+    """The mechanism in a file, or the one of a name such as ``"erkaya2009"`` that comes with jointgap.
+
+    The keys of such a file: config/README.md; the names: `jointgap.config.shipped_mechanisms`.
+    """
     return validate(Mechanism, _mechanism(str(path), (Path(),), "mechanism"), str(path))
 
 
@@ -293,8 +296,8 @@ def json_schema() -> dict[str, Any]:
 
 def _mechanism_schema(content: dict[str, Any]) -> dict[str, Any]:
     """Of a mechanism with its whole `content`, or its path, or what it is laid over."""
-    path = {"type": "string", "description": "path of a mechanism file"}
-    base = {"type": "string", "description": "path of the mechanism file over which the other keys are laid"}
+    path = {"type": "string", "description": "path of a mechanism file, or name of one that comes with jointgap"}
+    base = {"type": "string", "description": "path or name of the mechanism over which the other keys are laid"}
     over = {"type": "object", "required": [BASE], "properties": {BASE: base}}
     return {"anyOf": [path, over, content]}
 
