@@ -31,13 +31,15 @@ __all__ = [
 
 def main() -> None:
     """Run the command line; a mistake in the input ends with its message and exit code 2, not a traceback."""
+    from jointgap.cli.progress_display import progress_shown
     from jointgap.errors import InputError, SimulationError
 
     # One thread: the matrices are small, jobs run side by side, and sums in another order would change the last bits.
     for library in ("OPENBLAS", "OMP", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     try:
-        cli()
+        with progress_shown():
+            cli()
     except (InputError, SimulationError) as error:
         _end(str(error))
     except OSError as error:

@@ -1,5 +1,6 @@
 """Many motions at once."""
 
+import math
 from pathlib import Path
 
 import click
@@ -45,7 +46,9 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
     from jointgap.sweep.ensemble import ensemble_runs, write_ensemble
 
     scenario = parse_options(options)
-    written = write_ensemble(ensemble_runs(scenario.mechanism, scenario.simulate, scenario.ensemble), folder, workers)
+    varied = scenario.ensemble
+    total = math.prod(map(len, varied.vary.values())) * varied.members
+    written = write_ensemble(ensemble_runs(scenario.mechanism, scenario.simulate, varied), folder, workers, total)
     for run, reason in written.reasons.items():
         click.echo(f"jointgap: run {run} failed: {reason}", err=True)
     click.echo(

@@ -19,6 +19,7 @@ from jointgap.dynamics.simulation import IntegrationResult, crank_angles, integr
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError, SimulationError
 from jointgap.joints import JOINTS
+from jointgap.progress import followed
 
 _AHEAD = 8  # runs per worker that may be finished or under way before the first of them is taken
 
@@ -225,7 +226,8 @@ def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, wo
     times, states, rod_angles, positions = [], [], [], []
     forces: dict[str, list] = {joint: [] for joint in JOINTS}
     normal_forces: dict[str, list] = {joint: [] for joint in JOINTS}
-    for outcome in simulate_runs((Run(mechanism, options, one) for one in perturbations), workers):
+    outcomes = simulate_runs((Run(mechanism, options, one) for one in perturbations), workers)
+    for outcome in followed(outcomes, "simulated starts", len(perturbations)):
         if outcome.error is not None:
             raise outcome.error
         result = outcome.result

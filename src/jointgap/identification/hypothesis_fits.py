@@ -26,6 +26,7 @@ from jointgap.identification.rough_search import leaves_rough_motion, search_rou
 from jointgap.identification.screening import LinearizedFit, Signatures, is_searched
 from jointgap.identification.smoother import smoothers_of
 from jointgap.identification.thresholds import Thresholds
+from jointgap.progress import followed
 
 TimedFits = tuple[list[Fit], list[float]]
 """Fits, one of each hypothesis, and how long each took [s]."""
@@ -312,7 +313,7 @@ def _fit_each(
 ) -> TimedFits:
     problem, differences, parts = baseline.problem, baseline.differences, [baseline.base, *alone]
     fits, seconds = [], []
-    for screened, part_fit in chosen:
+    for screened, part_fit in followed(chosen, "fits of effects"):
         begin = time.monotonic()
         sufficient = min((fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
         fit = fit_screened(problem, differences, signatures, screened, part_fit, sufficient)

@@ -10,6 +10,7 @@ from jointgap.errors import SimulationError
 from jointgap.identification.protocol import Candidate, Model, Parameter, Series, runs_of
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.identification.whitening import Noise, whiten
+from jointgap.progress import tell
 
 Hypothesis = tuple[Candidate, ...]
 """Effects that are added to the model together; () is the model as it stands."""
@@ -144,6 +145,7 @@ class Problem:
             By channel [unit of the channel].
         """
         self.simulations += 1
+        tell("simulated runs of the rig", self.simulations)
         return self.model.simulate(run, *values_in_run(self.model, run, values, hypothesis), numerics)
 
     def residual(

@@ -13,6 +13,7 @@ from jointgap.identification.gauss_newton import bounded_step, compress_rows
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.progress import followed
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,8 @@ def simulate_signatures(
     candidates = problem.model.candidates if candidates is None else candidates
     taken = {name for effect in base.hypothesis for name in (effect.label, *effect.replaces)}
     candidates = [candidate for candidate in candidates if not taken & {candidate.label, *candidate.replaces}]
-    for candidate in sorted(candidates, key=lambda candidate: bool(candidate.steady_counterpart)):  # steady ones first
+    steady_first = sorted(candidates, key=lambda candidate: bool(candidate.steady_counterpart))
+    for candidate in followed(steady_first, "effects to screen"):
         steady = [signature for signature in entries if signature.candidate.label == candidate.steady_counterpart]
         try:
             origin = base.residual

@@ -10,6 +10,7 @@ from jointgap.campaign.conclude import conclude
 from jointgap.campaign.state import CampaignState
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
+from jointgap.progress import followed
 from jointgap.slider_crank.settings import SliderCrankSettings
 from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
 from jointgap.tables import ADVICE, DECISION, LOOK_ALIKES, OPTIMUM, write_text
@@ -60,7 +61,7 @@ def analyse(
     written = (path for stage in (*stages, CAMPAIGN_STAGES["conclude"]) for path in stage.outputs())
     state.folder.check_writable(*written)
     _remove_conclusions(state.folder)
-    for stage in stages:
+    for stage in followed(stages, "stages of the analysis"):
         begin = time.monotonic()
         stage.function(state, **_OPTIONS.get(stage.name, {}))
         seconds[stage.name] = round(time.monotonic() - begin, 3)

@@ -12,6 +12,7 @@ more solution with the factor at hand; a bend longer than the step allows is ref
 Members of a batch share the loop only: each has its own damping, factor and end.
 """
 
+import itertools
 from dataclasses import dataclass
 from enum import Enum
 
@@ -19,6 +20,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from jointgap.errors import needs
+from jointgap.progress import tell
 from jointgap.surrogate.network_batch import Evaluation, Model
 
 with needs("training networks", "learn"):
@@ -144,7 +146,8 @@ def minimise(model: Model, targets: np.ndarray, start: np.ndarray, settings: Set
     ):
         member.begin(residual.numpy(), gradient)
     active = list(everyone)
-    while True:
+    for iteration in itertools.count():
+        tell("training iterations", iteration, settings.iterations)
         unfinished = [index for index, member in enumerate(active) if member.status is None]
         if len(unfinished) < len(active):
             for index, member in enumerate(active):
@@ -152,6 +155,7 @@ def minimise(model: Model, targets: np.ndarray, start: np.ndarray, settings: Set
                     member.parameters = parameters[index].numpy().copy()
             active = [active[index] for index in unfinished]
             if not active:
+                tell("training iterations", iteration, iteration)
                 return [member.result() for member in everyone]
             parameters, evaluation = parameters[unfinished], evaluation.select(unfinished)
         residual = target - evaluation.outputs

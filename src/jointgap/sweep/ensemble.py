@@ -22,6 +22,7 @@ from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, MODES,
 from jointgap.dynamics.solver.initial_state import perturbed_start
 from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import JOINTS
+from jointgap.progress import followed
 
 VARIED_BY_WORD = {"speed": "rad/s"} | OF_LOOSE_JOINTS
 """What can be varied by a word, with its unit: the crank's speed, and the data of every loose joint."""
@@ -208,7 +209,9 @@ class Written:
         return len(self.reasons)
 
 
-def write_ensemble(runs: Iterable[Run], folder: Path | str, workers: int | None = None) -> Written:
+def write_ensemble(
+    runs: Iterable[Run], folder: Path | str, workers: int | None = None, total: int | None = None
+) -> Written:
     """Simulate runs and write their samples, events and what became of them to three Parquet files in `folder`.
 
     The files are `SAMPLES`, `EVENTS` and `RUNS`, tables as in `jointgap.tables.ensemble_tables`, rows in order of the
@@ -222,6 +225,8 @@ def write_ensemble(runs: Iterable[Run], folder: Path | str, workers: int | None 
     folder : path
     workers : int, optional
         See `jointgap.dynamics.parallel_runs.simulate_runs`.
+    total : int, optional
+        How many runs there are, for `jointgap.progress`.
 
     Raises
     ------
@@ -231,10 +236,11 @@ def write_ensemble(runs: Iterable[Run], folder: Path | str, workers: int | None 
     places = [Path(folder) / name for name in (SAMPLES, EVENTS, RUNS)]
     tables.check_writable(*places)
     rows: list[dict] = []
+    simulated = followed(simulate_runs(runs, workers), "runs of the ensemble", total)
 
     def save_samples(samples_path: str) -> None:
         def save_events(events_path: str) -> None:
-            _stream(runs, samples_path, events_path, workers, rows)
+            _stream(simulated, samples_path, events_path, rows)
             _write_runs(rows, places[2])  # inside, so that no samples appear without their runs
 
         tables.write_atomically(places[1], save_events)
@@ -244,9 +250,9 @@ def write_ensemble(runs: Iterable[Run], folder: Path | str, workers: int | None 
     return Written(len(rows), sum(row["steps"] for row in rows), sum(row["events"] for row in rows), reasons)
 
 
-def _stream(runs: Iterable[Run], samples_path: str, events_path: str, workers: int | None, rows: list[dict]) -> None:
+def _stream(outcomes: Iterable[Outcome], samples_path: str, events_path: str, rows: list[dict]) -> None:
     with _Rows(tables.ENSEMBLE_SAMPLES, samples_path) as samples, _Rows(tables.ENSEMBLE_EVENTS, events_path) as events:
-        for number, outcome in enumerate(simulate_runs(runs, workers)):
+        for number, outcome in enumerate(outcomes):
             rows.append(_run_row(number, outcome))
             if outcome.result is not None:
                 samples.add(_sample_columns(number, outcome))

@@ -14,6 +14,7 @@ from jointgap.dynamics.parallel_runs import Outcome, Run, simulate_runs
 from jointgap.dynamics.simulation import event_frame
 from jointgap.errors import InputError
 from jointgap.mechanism import transmission_angle
+from jointgap.progress import followed
 from jointgap.sweep.cycle_statistics import contacts, time_shares
 from jointgap.sweep.ensemble import perturbed_starts, with_values
 from jointgap.sweep.growth import USEFUL, sampled_clearances
@@ -57,7 +58,10 @@ def simulate_points(scenario: Scenario, only_speed: int | None = None, workers: 
     speeds = study.speed if only_speed is None else (_speed(study, only_speed),)
     values = list(itertools.product(speeds, study.friction, study.clearance))
     outcomes = simulate_runs(_runs(scenario, values), workers)
-    rows = [_row(value, list(itertools.islice(outcomes, study.members)), study) for value in values]
+    rows = [
+        _row(value, list(itertools.islice(outcomes, study.members)), study)
+        for value in followed(values, "points of the map")
+    ]
     return pd.DataFrame(rows, columns=[column.name for column in tables.STUDY.columns])
 
 

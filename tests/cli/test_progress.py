@@ -1,0 +1,45 @@
+"""How far long work has come is told to who listens, and shown on the standard error output."""
+
+import sys
+
+from jointgap.cli import progress_display
+from jointgap.cli.progress_display import progress_shown
+from jointgap.progress import followed, heard_by, tell
+
+
+def test_a_followed_loop_tells_before_the_first_item_and_after_each():
+    heard = []
+    with heard_by(lambda *told: heard.append(told)):
+        assert list(followed("ab", "letters")) == ["a", "b"]
+    assert heard == [("letters", 0, 2), ("letters", 1, 2), ("letters", 2, 2), ("letters", 2, 2)]
+
+
+def test_who_no_longer_listens_is_told_nothing():
+    heard = []
+    with heard_by(lambda *told: heard.append(told)):
+        pass
+    tell("letters", 1)
+    assert heard == []
+
+
+def test_a_log_gets_a_line_now_and_then(monkeypatch, capsys):
+    clock = iter([0.0, 1.0, 61.0, 62.0, 200.0])
+    monkeypatch.setattr(progress_display.time, "monotonic", lambda: next(clock))
+    with progress_shown():
+        for done in (1, 2, 3):
+            tell("fits of effects", done, 9)
+        tell("simulated runs", 4)
+    assert capsys.readouterr().err == "jointgap: fits of effects: 2 of 9\njointgap: simulated runs: 4\n"
+
+
+def test_a_terminal_gets_bars_that_leave_nothing_behind(monkeypatch, capsys):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(progress_display, "_SECONDS_OF_SILENCE", -1.0)
+    monkeypatch.setattr(progress_display, "_SECONDS_BETWEEN_UPDATES", 0.0)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with progress_shown():
+        for _ in followed(range(3), "fits of effects"):
+            print("an answer")
+    shown = capsys.readouterr()
+    assert shown.out == "an answer\n" * 3
+    assert "fits of effects" in shown.err and "/3" in shown.err
