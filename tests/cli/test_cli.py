@@ -42,6 +42,12 @@ def test_help_lists_every_stage_and_imports_nothing_heavy():
         assert f"  {stage} " in done.stdout
 
 
+def test_every_subcommand_stands_in_one_section_of_the_help():
+    listed = [name for names in cli.sections.values() for name in names]
+    shown = [name for name, command in cli.commands.items() if not command.hidden]
+    assert sorted(listed) == sorted(shown)
+
+
 @pytest.mark.parametrize("name", sorted(cli.commands))
 def test_every_subcommand_explains_itself_and_each_of_its_options(name):
     command = cli.commands[name]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from jointgap.cli.group import FILE, FOLDER, add_command, cli, need
+from jointgap.cli.group import FILE, FOLDER, OF_CAMPAIGN, add_command, cli, need
 from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
 from jointgap.stages.record import Stage
 
@@ -72,7 +72,9 @@ def _stage_command(stage: Stage) -> None:
         shown = [stages[0].function(state, **given), *(each.function(state) for each in stages[1:])]
         return "\n".join(filter(None, shown))
 
-    add_command(stage.name, stage.help, command, [_campaign, _folder, _then, *_OPTIONS.get(stage.name, ())])
+    add_command(
+        stage.name, stage.help, command, [_campaign, _folder, _then, *_OPTIONS.get(stage.name, ())], OF_CAMPAIGN
+    )
 
 
 for _each in CAMPAIGN_STAGES.values():

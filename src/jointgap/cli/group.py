@@ -46,13 +46,15 @@ def open_results(options: str, path: Path, places: Mapping[str, Path] | None = N
     return ScenarioResults(path, parse_options(options), places)
 
 
-def add_command(name: str, text: str, command: Callable[..., Any], options: Sequence[Decorator]) -> None:
+def add_command(name: str, text: str, command: Callable[..., Any], options: Sequence[Decorator], section: str) -> None:
     """Add a subcommand.
 
     Parameters
     ----------
     name, text : str
         What it is called, and its help.
+    section : str
+        Where it stands in the list of commands, unless that names it among those for people.
     command : callable
         Takes the values of the options; what it returns is shown.
     options : sequence of decorators
@@ -66,12 +68,49 @@ def add_command(name: str, text: str, command: Callable[..., Any], options: Sequ
     for option in reversed(options):
         show = option(show)
     cli.command(name, help=text)(show)
+    if all(name not in names for names in cli.sections.values()):
+        cli.sections[section].append(name)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+class SectionedGroup(click.Group):
+    """A group whose help lists the subcommands by what they are for."""
+
+    sections: dict[str, list[str]]
+    """Names of subcommands by heading, in order."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the subcommands, a section for each heading."""
+        shown = {name for name in self.list_commands(ctx) if not self.commands[name].hidden}
+        longest = max(map(len, shown))
+        for heading, names in self.sections.items():
+            rows = [
+                (f"{name:<{longest}}", self.commands[name].get_short_help_str(formatter.width - longest - 6))
+                for name in names
+                if name in shown
+            ]
+            with formatter.section(heading):
+                formatter.write_dl(rows)
+
+
+@click.group(cls=SectionedGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(package_name="jointgap")
 def cli() -> None:
     """Slider-cranks with loose joints: simulate, learn, optimise, compare.
 
-    Every stage reads and writes Parquet files whose columns carry units; `jointgap describe FILE` shows them.
+    `make run` and `make campaign` call the stages of the workflow in their order. Every stage reads and writes Parquet
+    files whose columns carry units; `jointgap describe FILE` shows them.
     """
+
+
+OF_SCENARIO, OF_CAMPAIGN, OF_TRIALS = (
+    f"Workflow: {part}" for part in ("stages of a scenario", "stages of a campaign", "blind trials")
+)
+"""Headings of the subcommands that the workflow calls."""
+
+cli.sections = {
+    "Your mechanism": ["simulate", "ensemble", "growth", "cycles", "effects"],
+    "Your measurement": ["preflight", "analyse", "trend"],
+    "Results": ["dashboard", "describe", "export"],
+    "Configuration": ["config", "schema"],
+    **{heading: [] for heading in (OF_SCENARIO, OF_CAMPAIGN, OF_TRIALS)},
+}

@@ -7,7 +7,16 @@ from typing import Any
 import click
 
 from jointgap import tables
-from jointgap.cli.group import FILE, FOLDER, add_command, need, open_results, options_option, workers_option
+from jointgap.cli.group import (
+    FILE,
+    FOLDER,
+    OF_SCENARIO,
+    add_command,
+    need,
+    open_results,
+    options_option,
+    workers_option,
+)
 from jointgap.stages.record import Stage
 from jointgap.stages.scenario_stages import SCENARIO_STAGES
 from jointgap.tables import TRAJECTORY, Table
@@ -105,7 +114,9 @@ def _results_command(stage: Stage) -> None:
         )
         for flag, table in flagged.items()
     ]
-    add_command(stage.name, stage.help, command, [options_option, folder, *files, *_OPTIONS.get(stage.name, ())])
+    add_command(
+        stage.name, stage.help, command, [options_option, folder, *files, *_OPTIONS.get(stage.name, ())], OF_SCENARIO
+    )
 
 
 def _scenario_command(stage: Stage) -> None:
@@ -114,7 +125,7 @@ def _scenario_command(stage: Stage) -> None:
 
         return stage.function(parse_options(options), **given)
 
-    add_command(stage.name, stage.help, command, [options_option, *_OPTIONS[stage.name]])
+    add_command(stage.name, stage.help, command, [options_option, *_OPTIONS[stage.name]], OF_SCENARIO)
 
 
 def _overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
@@ -128,7 +139,7 @@ for _stage in SCENARIO_STAGES.values():
         _folder = need(
             "--results", "Folder of the scenarios' folders; overview.md, .html and .parquet go there.", FOLDER
         )
-        add_command(_stage.name, _stage.help, _overview, [_folder, _scenario])
+        add_command(_stage.name, _stage.help, _overview, [_folder, _scenario], OF_SCENARIO)
     elif "results" in inspect.signature(_stage.function).parameters:
         _results_command(_stage)
     else:

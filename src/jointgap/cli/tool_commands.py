@@ -49,6 +49,41 @@ def describe(file: Path) -> None:
 
 
 @cli.command()
+@click.argument("source", metavar="FILE_OR_FOLDER", type=click.Path(exists=True, path_type=Path))
+@click.option("--to", type=FOLDER, help="Folder to write into; beside each Parquet file when absent.")
+@click.option(
+    "--unit",
+    "units",
+    multiple=True,
+    help="Unit to write instead of the SI unit of its dimension, such as mm, deg or rpm; repeatable.",
+)
+@click.option("--force", is_flag=True, help="Write over files that are there.")
+def export(source: Path, to: Path | None, units: tuple[str, ...], force: bool) -> None:
+    """Write a Parquet FILE, or all of a FOLDER, as CSV with the unit behind each name, for spreadsheets and MATLAB.
+
+    \b
+    Example:
+      jointgap export results/paper/simulate --to csv --unit mm --unit deg --unit rpm
+
+    \f
+    Parameters
+    ----------
+    source : Path
+        A Parquet file, or a folder that holds some.
+    to : Path, optional
+        Folder to write into.
+    units : tuple of str
+        Units instead of SI.
+    force : bool
+        Whether to write over files that are there.
+    """
+    from jointgap.tables.export import export as exported
+
+    for path in exported(source, to, units, force):
+        click.echo(path)
+
+
+@cli.command()
 @click.argument("files", type=FILE, nargs=-1, required=True)
 @click.option("--scenario", help="Name of the scenario; the first one of `run` when absent.")
 @click.option("--sources", is_flag=True, help="Print a table instead: each key, its value as written, and its file.")

@@ -2,7 +2,7 @@
 
 import click
 
-from jointgap.cli.group import FILE, FOLDER, add_command, need
+from jointgap.cli.group import FILE, FOLDER, OF_TRIALS, add_command, need
 from jointgap.trials.trial_stages import TRIAL_STAGES
 
 _code = click.option("--code", default="", help="Digest of the code; trials made by the same are not made again.")
@@ -44,4 +44,4 @@ _OPTIONS = {
 """Options of each, by the names of its function's arguments."""
 
 for _stage in TRIAL_STAGES.values():
-    add_command(_stage.name, _stage.help, _stage.function, _OPTIONS[_stage.name])
+    add_command(_stage.name, _stage.help, _stage.function, _OPTIONS[_stage.name], OF_TRIALS)

@@ -232,6 +232,14 @@ def read_footer(path: Path | str) -> pq.FileMetaData:
     return _open(pq.read_metadata, path, "check the path")[0]
 
 
+def batches(path: Path | str) -> Iterator[pd.DataFrame]:
+    """The rows of any Parquet file, so many at a time that memory holds them; errors as `describe`."""
+    file = _open(pq.ParquetFile, path, "check the path")[0]
+    with file:
+        for batch in file.iter_batches():
+            yield batch.to_pandas()
+
+
 def describe(path: Path | str) -> pd.DataFrame:
     """Column, unit and description of any Parquet file, one row a column (empty where it says none).
 
