@@ -11,18 +11,20 @@ ARGS ?=
 # Paths are taken as they are written: no $ in them means anything to make.
 override CAMPAIGN := $(value CAMPAIGN)
 override SET := $(value SET)
-export CAMPAIGN SET
+override CONFIG := $(value CONFIG)
+export CAMPAIGN SET CONFIG
 cluster = $(if $(filter slurm,$(PROFILE)),cluster)
-snakemake_options = --workflow-profile workflow/profiles/$(PROFILE) $(if $(CORES),--cores $(CORES)) $(ARGS)
+snakemake_options = --workflow-profile workflow/profiles/$(PROFILE) $(if $(CORES),--cores $(CORES)) \
+	$(if $(CONFIG),--configfile "$$CONFIG") $(ARGS)
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:.*## /\t/' | expand -t 12
-	@echo "variables: CORES=2 (default: all), CAMPAIGN=file, PROFILE=local|slurm|ci, ARGS='more options of the tool'"
+	@echo "variables: CORES=2 (default: all), CAMPAIGN=file, CONFIG=file, PROFILE=local|slurm|ci, ARGS='more options of the tool'"
 
 set-up: ## what running needs into .venv, once; the other targets do it by themselves
 	@scripts/set-up $(cluster)
 
-run: set-up ## every scenario to every figure, then results/report.html
+run: set-up ## every scenario to every figure, then results/report.html; CONFIG=mine.yaml: your own alone
 	@scripts/in-venv scripts/run-workflow results/report.html $(snakemake_options)
 
 smoke: set-up ## the whole chain, small: about a minute, then results/smoke-report.html

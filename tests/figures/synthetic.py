@@ -27,7 +27,11 @@ def scenario(loose=PINS, **more) -> Scenario:
             "mechanism": mechanism,
             "simulate": {"samples_per_revolution": SAMPLES, "revolutions": 2},
             "surrogate": {"training_points": TRAINING},
-            "optimise": {"ensemble": {"settled_revolution": 2, "members": 3}},
+            "optimise": {
+                "boxes": {"paper": {"crank_length": (0.147, 0.153), "rod_length": (0.555, 0.564)}},
+                "ratio_limit": 0.27,
+                "ensemble": {"settled_revolution": 2, "members": 3},
+            },
             "figures": {"animation_frames": 6},
         }
         | more

@@ -94,7 +94,7 @@ def test_every_pair_of_runs_is_compared():
 def test_a_row_reports_the_error_of_the_new_lengths_and_that_of_the_original_ones_each_as_its_own():
     def of(lengths, *errors):
         none = np.zeros(3)
-        return Resimulation(lengths, {"window": Measures(*[np.array(errors)] * 4)}, none, none, none)
+        return Resimulation(lengths, {"window": Measures(*[np.array(errors)] * 4)}, none, none, none, {})
 
     rows = compare(of(LENGTHS, 1.0, 2.0, 4.0), of((0.15, 0.564), 8.0, 10.0, 20.0))
     assert [row["measure"] for row in rows] == list(MEASURES)

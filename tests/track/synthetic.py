@@ -21,6 +21,12 @@ POINTS = {("networks", "paper"): 0.149, ("simulation", "wide"): 0.148}
 """Crank length [m] by source and box."""
 
 
+BOXES = {
+    "paper": {"crank_length": (0.147, 0.153), "rod_length": (0.555, 0.564)},
+    "wide": {"crank_length": (0.147, 0.153), "rod_length": (0.55272, 0.57528)},
+}
+
+
 def scenario(**more) -> Scenario:
     """The paper's mechanism with small networks."""
     base = {
@@ -28,7 +34,8 @@ def scenario(**more) -> Scenario:
         "mechanism": load_mechanism("config/mechanisms/erkaya2009.yaml").model_dump(),
         "surrogate": {"hidden": HIDDEN, "seeds": SEEDS, "iterations": ITERATIONS, "seed_iterations": 100},
     }
-    return Scenario.model_validate(base | more)
+    given = base | more
+    return Scenario.model_validate(given | {"optimise": {"boxes": BOXES, **given.get("optimise", {})}})
 
 
 def numbers(table: Table, rows: int, salt: int = 0, **given) -> pd.DataFrame:

@@ -1,13 +1,15 @@
 # What the rules share: the scenarios and campaigns of the configuration, typed and checked, and what each stage reads of them.
 
+import json
 from hashlib import sha256
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
+from snakemake.logging import logger
 
 from jointgap.campaign.campaign_files import campaigns
 from jointgap.paper.looseness_variants import looseness_variants
-from jointgap.config import resolve
+from jointgap.config import Constraints, resolve
 from jointgap.errors import InputError
 from jointgap.joints import JOINT_NUMBERS
 from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FIGURES
@@ -30,6 +32,11 @@ for folder in map(str, FOLDERS):
 try:
     SCENARIOS = resolve(config, FOLDERS)
     CAMPAIGNS = campaigns(config.get("campaigns", []), FOLDERS, config.get("fit_parts"))
+    if any(scenario.optimise.constraints != Constraints() for scenario in SCENARIOS.values()):
+        from jointgap.link_lengths.region import regions  # loads scipy
+
+        for scenario in SCENARIOS.values():
+            regions(scenario.mechanism.applied(), scenario.optimise)
 except InputError as error:
     raise WorkflowError(str(error)) from None
 
@@ -111,6 +118,7 @@ def made_of_scenario(name):
             rules.optimise,
             rules.figures,
             rules.compare,
+            rules.summarise,
             rules.track,
         ]
     paths = [str(path) for rule in made for path in rule.output]
@@ -151,3 +159,15 @@ def reported(name, figure, ending):
         subcategory=figure.category,
         labels={"figure": figure.title},
     )
+
+
+def tell_outcomes():
+    """Prints what came out of each scenario, with its remarks and its page: called when a run has ended well."""
+    for name in LOOSE:
+        path = Path("results", name, "summary.json")
+        if path.is_file():
+            known = json.loads(path.read_text(encoding="utf-8"))
+            logger.info(f"{name}: {known['headline']}")
+            for remark in known["remarks"]:
+                logger.info(f"    - {remark}")
+            logger.info(f"    page: {path.with_suffix('.html')}")

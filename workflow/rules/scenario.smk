@@ -153,6 +153,30 @@ use rule scenario_stage as compare with:
         "{wildcards.scenario}: compare with the paper"
 
 
+use rule scenario_stage as summarise with:
+    input:
+        **read_by("summarise"),
+        figures=rules.figures.output,
+        animation=rules.animation.output.gif,
+    output:
+        known="results/{scenario}/summary.json",
+        text="results/{scenario}/summary.md",
+        page=report(
+            "results/{scenario}/summary.html",
+            caption="../report/scenario_summary.rst",
+            category=section,
+            subcategory="0. Summary",
+            labels={"figure": "The lengths found, what they gain and what they cost"},
+        ),
+    pathvars:
+        stage="summarise",
+    params:
+        **of_stage("summarise"),
+        results=subpath(output.known, parent=True),
+    message:
+        "{wildcards.scenario}: put what came out on one page"
+
+
 use rule scenario_stage as track with:
     input:
         **read_by("track"),

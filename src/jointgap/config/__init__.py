@@ -17,6 +17,7 @@ from jointgap.config.mechanism_config import Link, Mechanism, Slider
 from jointgap.config.scenario import (
     Box,
     ConstantDrive,
+    Constraints,
     Ensemble,
     Figures,
     Genetic,
@@ -39,6 +40,7 @@ __all__ = [
     "SLIDER_SIGN_SPEED",
     "Box",
     "ConstantDrive",
+    "Constraints",
     "Contact",
     "Effect",
     "Ensemble",
@@ -67,7 +69,7 @@ __all__ = [
     "parse_options",
     "read_yaml",
     "resolve",
-    "stands_alone",
     "shipped_mechanisms",
+    "stands_alone",
     "validate",
 ]

@@ -270,6 +270,54 @@ class Ensemble(Section):
     seed: Seed = Field(0, description="seed")
 
 
+def _one_value_is_both_ends(value: Any) -> Any:
+    """50 mm as [50 mm, 50 mm]: what is given as one value has to be met exactly."""
+    return value if isinstance(value, list | tuple) else (value, value)
+
+
+def _limits(kind: Any) -> Any:
+    """Type of an exact value, or of the lower and upper bound of a range."""
+    ends = {"type": ["number", "string"]}
+    both = {"type": "array", "items": ends, "minItems": 2, "maxItems": 2}
+    return Annotated[
+        tuple[kind, kind], BeforeValidator(_one_value_is_both_ends), WithJsonSchema({"anyOf": [ends, both]})
+    ]
+
+
+class Constraints(Section):
+    """What lengths have to meet besides their bounds: each a value, which is met exactly, or a range [lower, upper]."""
+
+    stroke: _limits(PositiveLength) | None = Field(
+        None, description="way of the slider between its dead centres, without clearance"
+    )
+    outer_dead_centre: _limits(PositiveLength) | None = Field(
+        None, description="position of the slider's pin farthest from the crank pivot, along the slide"
+    )
+    inner_dead_centre: _limits(PositiveLength) | None = Field(
+        None, description="position of the slider's pin nearest to the crank pivot, along the slide"
+    )
+    outer_dead_centre_angle: _limits(Angle) | None = Field(
+        None, description="crank angle at the outer dead centre; 0 without offset"
+    )
+    inner_dead_centre_angle: _limits(Angle) | None = Field(
+        None, description="crank angle at the inner dead centre; 180 deg without offset"
+    )
+    length_along: PositiveLength | None = Field(
+        None, description="largest length along the slide of the space that the centres of the joints sweep"
+    )
+    length_across: PositiveLength | None = Field(None, description="largest length across the slide of that space")
+    largest_pin_force: quantity("N", gt=0) | None = Field(
+        None, description="largest force in either pin over the settled revolution, simulated with clearance"
+    )
+
+    @model_validator(mode="after")
+    def _ranges_are_ordered(self):
+        for key, value in self:
+            if isinstance(value, tuple) and value[0] > value[1]:
+                raise ValueError(f"{key} [{value[0]:g}, {value[1]:g}] is upside down; write the lower bound first")
+        return self
+
+
 class Optimise(Section):
     """The search for the link lengths."""
 
@@ -282,6 +330,7 @@ class Optimise(Section):
     ratio_limit: OpenFraction | None = Field(
         None, description="crank length minus ratio_limit times rod length must not be positive; null: no such limit"
     )
+    constraints: Constraints = Field(Constraints(), description="what lengths have to meet besides their bounds")
     local_tolerance: PositiveNumber = Field(1e-8, description="stopping tolerance of the local optimiser")
     genetic: Genetic = Genetic()
     ensemble: Ensemble = Ensemble()
@@ -504,6 +553,20 @@ class Scenario(Section):
         )
 
     @model_validator(mode="after")
+    def _the_crank_can_turn_in_every_box(self):
+        if not {"mechanism", "optimise"} <= self.model_fields_set:
+            return self
+        offset = abs(self.mechanism.applied().slider.offset)
+        for name, box in self.optimise.boxes.items():
+            crank, rod = box.crank_length[1], box.rod_length[0]
+            if crank + offset >= rod:
+                raise ValueError(
+                    f"optimise.boxes.{name}: a crank of {1e3 * crank:g} mm with the slide {1e3 * offset:g} mm off "
+                    f"cannot turn on a rod of {1e3 * rod:g} mm; keep rods longer than crank and offset together"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _settled_revolution_is_simulated(self):
         if not {"simulate", "optimise"} <= self.model_fields_set:
             return self
@@ -523,6 +586,7 @@ SECTIONS = {
     "optimise": ("mechanism", "simulate", "surrogate", "optimise"),
     "figures": ("mechanism", "simulate", "surrogate", "optimise", "figures"),
     "compare": ("description", "mechanism", "simulate", "surrogate", "optimise"),
+    "summarise": ("description", "mechanism", "simulate", "surrogate", "optimise"),
     "ensemble": ("mechanism", "simulate", "ensemble"),
     "study": ("mechanism", "simulate", "study"),
     "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),

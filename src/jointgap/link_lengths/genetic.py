@@ -22,6 +22,7 @@ import pandas as pd
 
 from jointgap.config import Genetic
 from jointgap.errors import needs
+from jointgap.link_lengths.constraints import MET
 from jointgap.link_lengths.objective import Objective
 from jointgap.link_lengths.region import Region
 
@@ -30,9 +31,21 @@ with needs("optimising link lengths", "learn"):
     from pymoo.core.infill import InfillCriterion
     from pymoo.core.population import Population
     from pymoo.core.problem import Problem
+    from pymoo.core.repair import Repair
     from pymoo.core.sampling import Sampling
     from pymoo.core.survival import Survival
     from pymoo.termination.max_gen import MaximumGenerationTermination
+
+
+def best_first(values: np.ndarray, violations: np.ndarray) -> np.ndarray:
+    """Indices of individuals in their order, shape (n,): what meets the constraints first, then by values to minimise.
+
+    Parameters
+    ----------
+    values, violations : ndarray, shape (n,)
+        Sums of squares; how far the constraints are from met, 0 where they are.
+    """
+    return np.lexsort((values, violations))
 
 
 def rank_expectation(values: np.ndarray) -> np.ndarray:
@@ -123,13 +136,15 @@ class _Lengths(Problem):
     """The objective as pymoo wants it; keeps every value it gave."""
 
     def __init__(self, objective: Objective, region: Region):
-        super().__init__(n_var=2, n_obj=1, xl=region.lower, xu=region.upper)
+        super().__init__(n_var=2, n_obj=1, n_ieq_constr=int(bool(region.constraints)), xl=region.lower, xu=region.upper)
         self.objective, self.region, self.values = objective, region, []
 
     def _evaluate(self, x, out, *args, **kwargs):
         values = self.objective.value(x)
         self.values.extend(values)
         out["F"] = values[:, None]
+        if self.region.constraints:
+            out["G"] = self.region.missed(x)[:, None] - MET
 
 
 class _RegionSampling(Sampling):
@@ -137,18 +152,23 @@ class _RegionSampling(Sampling):
         return problem.region.sample(n_samples, random_state)
 
 
+class _OntoConstraints(Repair):
+    def _do(self, problem, x, **kwargs):
+        return np.array([problem.region.nearest(lengths) for lengths in x]) if problem.region.constraints else x
+
+
 class _Mating(InfillCriterion):
     """Children by crossover and by mutation, their shares fixed."""
 
     def __init__(self, crossover_fraction: float):
-        super().__init__()
+        super().__init__(repair=_OntoConstraints())
         self.crossover_fraction = crossover_fraction
 
     def _do(self, problem, pop, n_offsprings, random_state=None, **kwargs):
-        lengths, values = pop.get("X"), pop.get("F")[:, 0]
+        lengths, places = pop.get("X"), np.argsort(best_first(pop.get("F")[:, 0], pop.get("CV")[:, 0]))
         crossed = round(self.crossover_fraction * n_offsprings)
         mutated = n_offsprings - crossed
-        chosen = stochastic_uniform(rank_expectation(values), 2 * crossed + mutated, random_state)
+        chosen = stochastic_uniform(rank_expectation(places), 2 * crossed + mutated, random_state)
         parents = lengths[chosen]
         children = np.concatenate(
             [
@@ -169,7 +189,7 @@ class _ElitesAndChildren(Survival):
     def _do(self, problem, pop, *args, n_survive=None, **kwargs):
         children = n_survive - self.elites
         old, new = pop[: len(pop) - children], pop[len(pop) - children :]
-        best = old[np.argsort(old.get("F")[:, 0], kind="stable")[: self.elites]]
+        best = old[best_first(old.get("F")[:, 0], old.get("CV")[:, 0])[: self.elites]]
         best.set("origin", ["elite"] * self.elites)
         return Population.merge(best, new)
 
@@ -194,6 +214,7 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> GeneticRes
         pop_size=options.population,
         n_offsprings=options.population - options.elites,
         sampling=_RegionSampling(),
+        repair=_OntoConstraints(),
         mating=_Mating(options.crossover_fraction),
         survival=_ElitesAndChildren(options.elites),
         eliminate_duplicates=False,
@@ -204,7 +225,8 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> GeneticRes
         algorithm.next()
         generations.append(_record(len(generations), algorithm.pop, len(problem.values)))
     population = pd.concat(generations, ignore_index=True)
-    best = population.loc[population["sum_of_squares"].idxmin()]
+    violations = np.maximum(region.missed(population[["crank_length", "rod_length"]].to_numpy()) - MET, 0.0)
+    best = population.iloc[best_first(population["sum_of_squares"].to_numpy(), violations)[0]]
     return GeneticResult(
         lengths=best[["crank_length", "rod_length"]].to_numpy(dtype=float),
         value=float(best["sum_of_squares"]),

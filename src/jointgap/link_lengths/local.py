@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
+from jointgap.link_lengths.constraints import MET
 from jointgap.link_lengths.objective import Objective
 from jointgap.link_lengths.region import Region
 
@@ -49,9 +50,11 @@ class LocalResult:
 
 
 def starting_points(region: Region) -> np.ndarray:
-    """Six points, shape (6, 2) [m]: L2 at 1/4, 3/4 of its range with L3 at 1/6, 1/2, 5/6; cranks too long are cut."""
+    """Six points, shape (6, 2) [m]: L2 at 1/4, 3/4 of its range with L3 at 1/6, 1/2, 5/6; cranks too long are cut, and
+    all are moved to the nearest lengths that meet the constraints.
+    """
     shares = [(crank, rod) for rod in (1 / 6, 1 / 2, 5 / 6) for crank in (1 / 4, 3 / 4)]
-    return np.array([region.clip(region.lower + np.array(share) * region.size) for share in shares])
+    return np.array([region.nearest(region.unscaled(np.array(share))) for share in shares])
 
 
 def search(objective: Objective, region: Region, start: ArrayLike, tolerance: float) -> LocalResult:
@@ -74,29 +77,23 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
     unit = float(objective.value(objective.original))
     path, values = [start], []
 
-    def lengths(scaled: np.ndarray) -> np.ndarray:
-        return region.lower + scaled * region.size
-
     def share(scaled: np.ndarray) -> float:
-        values.append(float(objective.value(lengths(scaled))))
+        values.append(float(objective.value(region.unscaled(scaled))))
         return values[-1] / unit
 
-    slope = -np.array([1.0, -region.ratio_limit]) * region.size / region.size[0]
     result = minimize(
         share,
         (start - region.lower) / region.size,
-        jac=lambda scaled: objective.gradient(lengths(scaled)) * region.size / unit,
+        jac=lambda scaled: objective.gradient(region.unscaled(scaled)) * region.size / unit,
         method="SLSQP",
         bounds=[(0.0, 1.0)] * 2,
-        constraints={
-            "type": "ineq",
-            "fun": lambda scaled: -region.inequality(lengths(scaled)) / region.size[0],
-            "jac": lambda scaled: slope,
-        },
-        callback=lambda scaled: path.append(lengths(np.array(scaled))),
+        constraints=region.conditions(),
+        callback=lambda scaled: path.append(region.unscaled(np.array(scaled))),
         options={"ftol": tolerance, "maxiter": 200},
     )
-    end = np.clip(lengths(result.x), region.lower, region.upper)  # bounds met up to rounding are met
+    end = np.clip(region.unscaled(result.x), region.lower, region.upper)  # bounds met up to rounding are met
+    if region.missed(end) > MET:  # a loose tolerance is one of constraints too
+        end = region.nearest(end)
     if result.success:
         status = f"stopped: the sum of squares changes by less than {tolerance:g} of its value at the original lengths"
     else:

@@ -1,7 +1,7 @@
 """The stage optimise: sources in, tables out."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -9,10 +9,24 @@ import pandas as pd
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.joints import JOINT_NUMBERS
 from jointgap.link_lengths import search as searching
+from jointgap.link_lengths.constraints import PinForce
 from jointgap.link_lengths.objective import Objective, frozen_objective
-from jointgap.link_lengths.resimulate import Resimulation, Spread, compare, resimulate, sample_ranges
-from jointgap.link_lengths.search import Point, printed_points
+from jointgap.link_lengths.region import Region
+from jointgap.link_lengths.region import regions as geometric_regions
+from jointgap.link_lengths.resimulate import (
+    Resimulation,
+    Spread,
+    compare,
+    peak_pin_force,
+    pin_force,
+    resimulate,
+    sample_ranges,
+)
+from jointgap.link_lengths.search import Point, Search, printed_points
 from jointgap.mechanism import Fit, clearance_lift, ideal_cycle
+
+FORCE_ROUNDS = 4  # searches at most until the lengths found keep the largest force of a pin once simulated again
+FORCE_SLACK = 1e-3  # share of the force by which it may be exceeded
 
 DIGITS = 6  # lengths are simulated again to the micrometre; points that agree so far are simulated once
 
@@ -90,17 +104,17 @@ def optimise(
     Raises
     ------
     InputError
-        A box that the inequality empties.
+        A box that the inequality or the constraints empty.
     SimulationError
         From simulating again.
     """
     by_source = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
-    searches = searching.search_all(by_source, options)
-    valley, floor = searching.valleys(searches)
     printed = printed_points(mechanism, simulate)
-    points = [Point("original", "original", (mechanism.crank.length, mechanism.rod.length)), *printed]
-    points += [point for search in searches for point in search.points]
-    resimulations = _simulated_again(mechanism, simulate, options, training_points, points)
+    fixed = [Point("original", "original", (mechanism.crank.length, mechanism.rod.length)), *printed]
+    again = _Simulations(mechanism, simulate, options, training_points)
+    searches = _searched(by_source, again, options)
+    valley, floor = searching.valleys(searches)
+    resimulations = again.of([*fixed, *(point for search in searches for point in search.points)])
     return Optimisation(
         optima=searching.optima(by_source, searches, printed),
         population=searching.populations(searches),
@@ -114,16 +128,58 @@ def optimise(
     )
 
 
-def _simulated_again(
-    mechanism: Mechanism, simulate: Simulate, options: Optimise, training_points: int, points: list[Point]
-) -> dict[str, Resimulation]:
-    """The ensemble at every point, by its name; the original first."""
-    by_lengths: dict[tuple[float, ...], Resimulation] = {}
-    for point in points:
+class _Simulations:
+    """Ensembles at pairs of lengths, each simulated once. Arguments as of `resimulate`."""
+
+    def __init__(self, mechanism: Mechanism, simulate: Simulate, options: Optimise, training_points: int):
+        self.arguments = mechanism, simulate, options, training_points
+        self.by_lengths: dict[tuple[float, ...], Resimulation] = {}
+
+    def at(self, point: Point) -> Resimulation:
         lengths = _rounded(point)
-        if lengths not in by_lengths:
-            by_lengths[lengths] = resimulate(mechanism, simulate, options, training_points, lengths)
-    return {point.name: by_lengths[_rounded(point)] for point in points}
+        if lengths not in self.by_lengths:
+            self.by_lengths[lengths] = resimulate(*self.arguments, lengths)
+        return self.by_lengths[lengths]
+
+    def of(self, points: list[Point]) -> dict[str, Resimulation]:
+        """By the points' names, in their order."""
+        return {point.name: self.at(point) for point in points}
+
+
+def _searched(by_source: dict[str, Objective], again: _Simulations, options: Optimise) -> list[Search]:
+    """The search under all constraints.
+
+    Where the lengths found carry more than the largest force asked for, once simulated again, the surface that stands
+    for the force in the search is raised by as much, and the search is repeated.
+    """
+    mechanism, simulate, _, training_points = again.arguments
+    regions = geometric_regions(mechanism, options)
+    most = options.constraints.largest_pin_force
+    if most is None:
+        return searching.search_all(by_source, regions, options)
+    surfaces = {
+        box: pin_force(mechanism, simulate, options, training_points, region) for box, region in regions.items()
+    }
+    for _ in range(FORCE_ROUNDS):
+        under = {box: _under_force(region, surfaces[box], most) for box, region in regions.items()}
+        searches = searching.search_all(by_source, under, options)
+        raised = False
+        for box, surface in surfaces.items():
+            points = [search.points[1] for search in searches if search.box == box]
+            excess = max(peak_pin_force(again.at(point)) for point in points) / most
+            if 1.0 + FORCE_SLACK < excess and float(under[box].constraints[-1].high) == most:
+                surfaces[box], raised = surface.raised(excess), True
+        if not raised:
+            break
+    return searches
+
+
+def _under_force(region: Region, surface: PinForce, most: float) -> Region:
+    """The region with a largest force, or with the smallest that there is where that is more."""
+    constraint = surface.limited(most)
+    least = float(constraint.value(region.lowest(constraint)))
+    nearest = constraint if least <= most else surface.limited((1.0 + FORCE_SLACK) * least)
+    return replace(region, constraints=(*region.constraints, nearest))
 
 
 def _rounded(point: Point) -> tuple[float, ...]:

@@ -1,12 +1,15 @@
-"""Where the link lengths may lie: bounds, and crank length at most a share of the rod length."""
+"""Where the link lengths may lie: bounds, crank length at most a share of the rod length, and constraints."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import minimize
 
-from jointgap.config import Box
+from jointgap.config import Box, Mechanism, Optimise
 from jointgap.errors import InputError
+from jointgap.link_lengths.constraints import MET, Constraint, geometric
 
 NAMES = ("crank length", "rod length")
 NEAR = 1e-6  # [m] a length this close to its bound is at it: a thousandth of the digits the paper prints
@@ -14,7 +17,7 @@ NEAR = 1e-6  # [m] a length this close to its bound is at it: a thousandth of th
 
 @dataclass(frozen=True)
 class Region:
-    """A convex region of lengths (L2, L3).
+    """A convex region of lengths (L2, L3), and in it the constraints that these have to meet.
 
     Attributes
     ----------
@@ -22,11 +25,14 @@ class Region:
         Bounds of (L2, L3) [m].
     ratio_limit : float
         g(x) = L2 - ratio_limit L3 <= 0; 1 where nothing else is asked for: the crank can turn.
+    constraints : tuple of Constraint
+        They may leave a curve or a point of the region.
     """
 
     lower: np.ndarray
     upper: np.ndarray
     ratio_limit: float
+    constraints: tuple[Constraint, ...] = ()
 
     @classmethod
     def of(cls, box: Box, ratio_limit: float | None) -> "Region":
@@ -57,6 +63,130 @@ class Region:
     def size(self) -> np.ndarray:
         """Widths of the box, shape (2,) [m]."""
         return self.upper - self.lower
+
+    def under(self, constraints: Iterable[Constraint], name: str = "") -> "Region":
+        """The region with further `constraints`.
+
+        Parameters
+        ----------
+        constraints : iterable of Constraint
+        name : str
+            Of the box, for messages.
+
+        Raises
+        ------
+        InputError
+            No lengths of the region meet them; the message has what can be reached, and the nearest lengths.
+        """
+        under = replace(self, constraints=(*self.constraints, *constraints))
+        if not under.constraints:
+            return under
+        ends = [under.nearest(start) for start in self._spread()]
+        best = min(ends, key=under.missed)
+        if under.missed(best) > MET:
+            raise InputError(under._unmet(best, name))
+        return under
+
+    def _spread(self) -> np.ndarray:
+        """Points all over the region, shape (9, 2) [m]."""
+        shares = np.linspace(0.0, 1.0, 3)
+        return np.array([self.clip(self.lower + np.array([x, y]) * self.size) for x in shares for y in shares])
+
+    def _unmet(self, best: np.ndarray, name: str) -> str:
+        """That the constraints cannot be met, by how much the nearest lengths miss them, and what can be reached."""
+        words = []
+        for constraint in self.constraints:
+            alone = replace(self, constraints=(constraint,))
+            if all(alone.missed(alone.nearest(start)) > MET for start in self._spread()):
+                reached = [float(constraint.value(point)) for point in self._corners()]
+                low, high = (constraint.show(end) for end in (min(reached), max(reached)))
+                words.append(
+                    f"{constraint.key} {constraint.asked()} cannot be reached: within the bounds it is {low} to {high}"
+                )
+        if not words:
+            keys = " and ".join(constraint.key for constraint in self.constraints)
+            found = ", ".join(f"{each.key} {each.show(float(each.value(best)))}" for each in self.constraints)
+            words.append(f"no lengths within the bounds meet {keys} together; nearest come {found}")
+        crank, rod = 1e3 * best
+        return (
+            f"optimise.constraints, box {name}: {'; '.join(words)} (crank {crank:.6g} mm, rod {rod:.6g} mm); widen the "
+            "box or the constraint"
+        )
+
+    def _corners(self) -> np.ndarray:
+        """The region's corners, between which every geometric property is monotone [m]."""
+        (low, high), (short, long) = zip(self.lower, self.upper, strict=True)
+        box = [(crank, rod) for crank in (low, high) for rod in (short, long)]
+        cut = [(crank, crank / self.ratio_limit) for crank in (low, high)]
+        cut += [(self.ratio_limit * rod, rod) for rod in (short, long)]
+        points = np.array([*box, *cut])
+        return points[self.contains(points, slack=1e-12)]
+
+    def missed(self, lengths: ArrayLike) -> np.ndarray:
+        """How far the constraints are from met, each in its scale, added; shape (...), for lengths (..., 2) [m]."""
+        lengths = np.asarray(lengths)
+        return sum((each.missed(lengths) for each in self.constraints), np.zeros(lengths.shape[:-1]))
+
+    def conditions(self) -> list[dict]:
+        """Inequality and constraints as scipy's SLSQP takes them, on lengths scaled to the box."""
+        slope = -np.array([1.0, -self.ratio_limit]) * self.size / self.size[0]
+        conditions = [
+            {
+                "type": "ineq",
+                "fun": lambda scaled: -self.inequality(self.unscaled(scaled)) / self.size[0],
+                "jac": lambda scaled: slope,
+            }
+        ]
+        for each in self.constraints:
+            ends = [("eq", 1.0, each.low)] if each.is_fixed else [("ineq", 1.0, each.low), ("ineq", -1.0, each.high)]
+            conditions += [self._condition(each, *end) for end in ends if np.isfinite(end[2])]
+        return conditions
+
+    def _condition(self, constraint: Constraint, kind: str, sign: float, end: float) -> dict:
+        return {
+            "type": kind,
+            "fun": lambda scaled: sign * (constraint.value(self.unscaled(scaled)) - end) / constraint.scale,
+            "jac": lambda scaled: sign * constraint.gradient(self.unscaled(scaled)) * self.size / constraint.scale,
+        }
+
+    def unscaled(self, scaled: np.ndarray) -> np.ndarray:
+        """Lengths [m] of `scaled` ones, which are 0 to 1 between the bounds."""
+        return self.lower + scaled * self.size
+
+    def nearest(self, lengths: ArrayLike) -> np.ndarray:
+        """The lengths (2,) nearest to `lengths` (2,) that meet all, distances in widths of the box.
+
+        Where none meet all, such as come near.
+        """
+        clipped = self.clip(lengths)
+        if self.missed(clipped) <= 0.0:
+            return clipped
+        start = (clipped - self.lower) / self.size
+        result = minimize(
+            lambda scaled: np.sum((scaled - start) ** 2),
+            start,
+            jac=lambda scaled: 2.0 * (scaled - start),
+            method="SLSQP",
+            bounds=[(0.0, 1.0)] * 2,
+            constraints=self.conditions(),
+            options={"ftol": 1e-14, "maxiter": 100},
+        )
+        return np.clip(self.unscaled(result.x), self.lower, self.upper)
+
+    def lowest(self, constraint: Constraint) -> np.ndarray:
+        """The lengths (2,) that meet all and at which the property of a further `constraint` is smallest."""
+        ends = []
+        for start in map(self.nearest, self._spread()):
+            result = minimize(
+                lambda scaled: constraint.value(self.unscaled(scaled)) / constraint.scale,
+                (start - self.lower) / self.size,
+                jac=lambda scaled: constraint.gradient(self.unscaled(scaled)) * self.size / constraint.scale,
+                method="SLSQP",
+                bounds=[(0.0, 1.0)] * 2,
+                constraints=self.conditions(),
+            )
+            ends.append(self.nearest(self.unscaled(result.x)))
+        return min(ends, key=lambda lengths: float(constraint.value(lengths)))
 
     def inequality(self, lengths: ArrayLike) -> np.ndarray:
         """g(x) [m], shape (...), for lengths of shape (..., 2); at most 0 where allowed."""
@@ -104,7 +234,7 @@ class Region:
         return np.array([crank, max(rod, crank / self.ratio_limit)])
 
     def active(self, lengths: ArrayLike) -> str:
-        """The bounds and the inequality that `lengths` (2,) lie at, in words; ``'none'`` where there are none."""
+        """The bounds, inequality and constraints that `lengths` (2,) lie at, in words; ``'none'`` if none."""
         words = []
         for name, value, low, high in zip(NAMES, np.asarray(lengths), self.lower, self.upper, strict=True):
             if value <= low + NEAR:
@@ -113,4 +243,23 @@ class Region:
                 words.append(f"{name} at its upper bound {1e3 * high:g} mm")
         if self.inequality(lengths) >= -NEAR:
             words.append(f"crank length at {self.ratio_limit:g} times the rod length")
+        words += [text for each in self.constraints if (text := each.active(lengths))]
         return "; ".join(words) or "none"
+
+
+def regions(mechanism: Mechanism, options: Optimise) -> dict[str, Region]:
+    """Where the lengths may lie in each box, by its name, under the constraints that follow from the lengths alone.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Its effects applied.
+    options : Optimise
+
+    Raises
+    ------
+    InputError
+        The inequality or the constraints leave nothing of a box.
+    """
+    constraints = geometric(options.constraints, mechanism.slider.offset)
+    return {name: Region.of(box, options.ratio_limit).under(constraints, name) for name, box in options.boxes.items()}

@@ -16,10 +16,14 @@ from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
 from jointgap.dynamics.parallel_runs import Ensemble as Motions
 from jointgap.dynamics.parallel_runs import simulate_ensemble
 from jointgap.dynamics.solver.initial_state import perturbed_start
-from jointgap.joints import FROM_FRAME
+from jointgap.joints import FROM_FRAME, PINS
+from jointgap.link_lengths.constraints import PinForce
 from jointgap.link_lengths.objective import MEASURES, Measures, evaluation_samples, measure
+from jointgap.link_lengths.region import Region
 from jointgap.mechanism import transmission_angle
 
+FORCE_GRID = 7  # points along each length at which the force in the pins is simulated
+FORCE_MEMBERS = 3  # simulations at each of them
 LOW, HIGH = 0.05, 0.95  # quantiles that bound a spread
 
 
@@ -215,3 +219,34 @@ def compare(new: Resimulation, original: Resimulation) -> list[dict[str, object]
                 row |= {key: spread.median, f"{key}_low": spread.low, f"{key}_high": spread.high}
             rows.append(row | {"share_better": float(np.mean(pairs > 0.0))})
     return rows
+
+
+def peak_pin_force(resimulation: Resimulation) -> float:
+    """The largest force in either pin over the settled revolution, median of the ensemble [N]."""
+    return max(float(np.median(resimulation.loads[joint].peak_force)) for joint in PINS)
+
+
+def pin_force(
+    mechanism: Mechanism, simulate: Simulate, optimise: Optimise, training_points: int, region: Region
+) -> PinForce:
+    """That force over a whole region: a smooth surface through simulations on a grid.
+
+    Parameters
+    ----------
+    mechanism, simulate, optimise, training_points
+        As of `resimulate`.
+    region : Region
+
+    Raises
+    ------
+    SimulationError
+        From the simulations.
+    """
+    few = optimise.ensemble.model_copy(update={"members": min(FORCE_MEMBERS, optimise.ensemble.members)})
+    fewer = optimise.model_copy(update={"ensemble": few})
+    cranks, rods = np.linspace(region.lower, region.upper, FORCE_GRID).T
+    forces = [
+        [peak_pin_force(resimulate(mechanism, simulate, fewer, training_points, (crank, rod))) for rod in rods]
+        for crank in cranks
+    ]
+    return PinForce(cranks, rods, np.array(forces))

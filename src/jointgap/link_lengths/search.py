@@ -87,19 +87,20 @@ class Search:
         )
 
 
-def search_all(objectives: dict[str, Objective], options: Optimise) -> list[Search]:
+def search_all(objectives: dict[str, Objective], regions: dict[str, Region], options: Optimise) -> list[Search]:
     """Run both optimisers for every objective (by source) in every configured box.
 
     Parameters
     ----------
     objectives : dict of str to Objective
         By source.
+    regions : dict of str to Region
+        By box.
     options : Optimise
     """
     searches = []
     for source, objective in objectives.items():
-        for box, bounds in options.boxes.items():
-            region = Region.of(bounds, options.ratio_limit)
+        for box, region in regions.items():
             local_results = local.search_from_all(objective, region, options.local_tolerance)
             searches.append(
                 Search(source, box, objective, region, evolve(objective, region, options.genetic), local_results)

@@ -51,8 +51,9 @@ def _introduction(scenario: Scenario, comparison: pd.DataFrame) -> list[str]:
     if differences := departures(scenario.mechanism, scenario.simulate):
         return [
             scenario.description,
-            f"The paper's printed numbers are not comparable with this mechanism ({'; '.join(differences)}), so none "
-            f"is listed. {_claims(comparison)}",
+            f"This mechanism is not the paper's ({'; '.join(differences)}). So none of its numbers stands here, and of "
+            "its claims those alone that have no size and no speed in them. What came out for this mechanism: "
+            f"`summary.html`. {_claims(comparison)}",
         ]
     return [
         scenario.description,

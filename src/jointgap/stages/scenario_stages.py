@@ -222,6 +222,30 @@ def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"
 
 
 @SCENARIO_STAGES.stage(
+    reads=_COMPUTED,
+    files=("summary.json", "summary.md", "summary.html"),
+    sections=("description", *_OPTIMUM),
+)
+def summarise(results: "ScenarioResults") -> str:
+    """Put the outcome on one page: lengths, gain, price and remarks, for whoever designs the mechanism.
+
+    The page takes in the figures that lie in the scenario's folder.
+    """
+    from jointgap.report.page import to_html, to_markdown
+    from jointgap.summary.scenario_outcome import NEEDED, outcome
+    from jointgap.summary.scenario_page import document, page
+    from jointgap.summary.scenario_remarks import remarks
+
+    found = outcome(results.read_all(NEEDED), results.scenario)
+    remarked, name = remarks(found), results.path.name
+    shown, known = page(found, name, remarked), document(found, name, remarked)
+    tables.write_text(results.path / "summary.html", to_html(shown, results.path / "figures"))
+    tables.write_text(results.path / "summary.md", to_markdown(shown))
+    tables.write_text(results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n")
+    return "\n".join([known["headline"], *(f"- {remark}" for remark in remarked)])
+
+
+@SCENARIO_STAGES.stage(
     reads=(*_COMPUTED, COMPARISON),
     writes=(OVERVIEW,),
     files=("overview.md", "overview.html"),

@@ -1,0 +1,213 @@
+"""What a scenario found, in numbers: the lengths, what they gain, and what they cost."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Scenario
+from jointgap.joints import PINS
+
+NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "optimise_worth", "optimise_loads")
+"""Names of the tables that an outcome is made of."""
+
+ORIGINAL = "original"
+
+MOTIONS = {
+    "simulation_settled": "simulation, a settled revolution",
+    "simulation": "simulation, the first revolution",
+    "clearance": "second surrogate, the first revolution",
+    "networks": "networks, the first revolution",
+}
+"""Sources of the frozen motion in the joints, in words; the nearest to the running machine first."""
+
+_WHOLE_TURN = 2 * math.pi * (1 - 1e-9)
+
+
+@dataclass(frozen=True)
+class Gain:
+    """One measure of the error of the transmission angle before and after, over one stretch.
+
+    Attributes
+    ----------
+    before, after : float
+        Medians of the ensembles [rad].
+    reduction, low, high : float
+        By which share the error falls, simulated again: median, 5 % and 95 % quantile over pairs of runs.
+    frozen : float
+        The same with the motion in the joints frozen at the original lengths.
+    share_better : float
+        Share of the pairs of runs in which the new lengths have the smaller error.
+    """
+
+    before: float
+    after: float
+    reduction: float
+    low: float
+    high: float
+    frozen: float
+    share_better: float
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the ensemble leaves no doubt that the error falls."""
+        return self.low > 0.0
+
+    @property
+    def is_loss(self) -> bool:
+        """Whether the ensemble leaves no doubt that the error grows."""
+        return self.high < 0.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a scenario found.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    point : str
+        Name of the lengths found, as in the table optimise_optima.
+    source : str
+        Of the motion that they were found on, a key of `MOTIONS`.
+    original, lengths : tuple of float
+        Crank and rod length before and after [m].
+    bounds : tuple of str
+        Bounds and constraints that the lengths lie at, in words.
+    stretch : str
+        What counts: ``settled``, a whole settled revolution, or ``window``, where one was asked for.
+    gains : mapping of (str, str) to Gain
+        By stretch and measure (rms, mean_absolute, peak).
+    worth, loads : DataFrame
+        Rows of the tables optimise_worth and optimise_loads.
+    optima, resimulated, errors : DataFrame
+        The tables optimise_optima, optimise_resimulated and fit_errors.
+    """
+
+    scenario: Scenario
+    point: str
+    source: str
+    original: tuple[float, float]
+    lengths: tuple[float, float]
+    bounds: tuple[str, ...]
+    stretch: str
+    gains: Mapping[tuple[str, str], Gain]
+    worth: pd.DataFrame
+    loads: pd.DataFrame
+    optima: pd.DataFrame
+    resimulated: pd.DataFrame
+    errors: pd.DataFrame
+
+    @property
+    def gain(self) -> Gain:
+        """Of the RMS error over the stretch that counts."""
+        return self.gains[self.stretch, "rms"]
+
+    @property
+    def stretch_in_words(self) -> str:
+        """``a settled revolution``."""
+        return self.words_of(self.stretch)
+
+    def words_of(self, stretch: str) -> str:
+        """A stretch in words.
+
+        Parameters
+        ----------
+        stretch : str
+            ``settled`` or ``window``.
+        """
+        first, last = (math.degrees(angle) for angle in self.scenario.optimise.window)
+        whole = last - first >= math.degrees(_WHOLE_TURN)
+        if stretch == "settled":
+            return "a settled revolution"
+        return "the first revolution" if whole else f"the first revolution from {first:g} to {last:g} deg"
+
+    def cycle(self, kind: str) -> tuple[pd.Series, pd.Series]:
+        """Rows of the table optimise_worth before and after.
+
+        Parameters
+        ----------
+        kind : str
+            ``ideal`` or ``simulated``.
+        """
+        own = self.worth[self.worth["cycle"] == kind].set_index("point")
+        return own.loc[ORIGINAL], own.loc[self.point]
+
+    def load(self, joint: str) -> tuple[pd.Series, pd.Series]:
+        """Rows of the table optimise_loads of one `joint` before and after."""
+        own = self.loads[self.loads["joint"] == joint].set_index("point")
+        return own.loc[ORIGINAL], own.loc[self.point]
+
+    @property
+    def peak_pin_forces(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Largest force in each pin over the settled revolution before and after [N], medians."""
+        pairs = {joint: self.load(joint) for joint in PINS}
+        return tuple({joint: float(pair[side]["peak_force"]) for joint, pair in pairs.items()} for side in (0, 1))
+
+
+def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
+    """What was found in the main box, judged by simulating again.
+
+    Of the lengths that were found on the several descriptions of the motion, those with the smallest error simulated
+    again are taken: over a whole settled revolution, or over the window where the scenario asks for one.
+
+    Parameters
+    ----------
+    frames : mapping of str to DataFrame
+        The tables `NEEDED`, by name.
+    scenario : Scenario
+    """
+    first, last = scenario.optimise.window
+    stretch = "settled" if last - first >= _WHOLE_TURN else "window"
+    optima, again = frames["optimise_optima"], frames["optimise_resimulated"]
+    main = next(iter(scenario.optimise.boxes))
+    names = [f"{source}_{main}_local" for source in MOTIONS]
+    rms = again[(again["measure"] == "rms") & (again["stretch"] == stretch)].set_index("point")["error"]
+    point = min((name for name in names if name in rms.index), key=rms.get)  # of equal ones the first
+    source = point.removesuffix(f"_{main}_local")
+    row = optima[(optima["source"] == source) & (optima["point"] == point)].iloc[0]
+    gains = {
+        (each["stretch"], each["measure"]): Gain(
+            each["original_error"],
+            each["error"],
+            each["reduction"],
+            each["reduction_low"],
+            each["reduction_high"],
+            each["frozen_reduction"],
+            each["share_better"],
+        )
+        for each in again[again["point"] == point].to_dict("records")
+    }
+    applied = scenario.mechanism.applied()
+    bounds = row["active_bounds"]
+    return Outcome(
+        scenario=scenario,
+        point=point,
+        source=source,
+        original=(applied.crank.length, applied.rod.length),
+        lengths=(float(row["crank_length"]), float(row["rod_length"])),
+        bounds=() if bounds == "none" else tuple(bounds.split("; ")),
+        stretch=stretch,
+        gains=gains,
+        worth=frames["optimise_worth"],
+        loads=frames["optimise_loads"],
+        optima=optima,
+        resimulated=again,
+        errors=frames["fit_errors"],
+    )
+
+
+def ideal_swing(lengths: tuple[float, float], offset: float) -> tuple[float, float]:
+    """Smallest and largest transmission angle without clearance over a turn [rad].
+
+    Parameters
+    ----------
+    lengths : tuple of float
+        Crank and rod length [m].
+    offset : float
+        Of the slide [m].
+    """
+    crank, rod = lengths
+    return tuple(math.pi / 2 + float(np.arcsin((offset + side * crank) / rod)) for side in (-1, 1))

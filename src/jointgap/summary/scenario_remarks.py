@@ -1,0 +1,119 @@
+"""What whoever designs the mechanism has to know before taking over the lengths; a sentence for each."""
+
+from collections.abc import Iterator
+
+from jointgap.dynamics.model import mechanism_warnings
+from jointgap.report.plain_words import in_words
+from jointgap.summary.scenario_outcome import Outcome
+
+NOTICED = 0.001
+"""Change of the stroke, as a share of it, from which on it is worth a remark."""
+
+NOTICED_FORCE = 0.05
+"""The same of the largest force in a pin."""
+
+FORCE_MET = 1.005
+"""Factor up to which the largest force, a median of an ensemble, counts as the one asked for."""
+
+WORSE_BETWEEN_POINTS = 10.0
+"""Factor on a network's error from which on it does not know the motion between the points it was trained at."""
+
+
+def remarks(outcome: Outcome) -> tuple[str, ...]:
+    """Remarks on an `outcome`, the most important first; empty where all is as one would think."""
+    return (
+        *_gain(outcome),
+        *_unmet(outcome),
+        *_bounds(outcome),
+        *_price(outcome),
+        *_contacts(outcome),
+        *_networks(outcome),
+    )
+
+
+def _gain(outcome: Outcome) -> Iterator[str]:
+    gain = outcome.gain
+    spread = f"{-100 * gain.high:+.1f} to {-100 * gain.low:+.1f} %"
+    if gain.is_loss:
+        yield (
+            f"The lengths found are worse than your own once simulated again (error {spread} over "
+            f"{outcome.stretch_in_words}): keep your own."
+        )
+    elif not gain.is_certain:
+        yield (
+            f"The gain cannot be told from chance: simulated again from slightly different starts, the error over "
+            f"{outcome.stretch_in_words} changes by {spread}."
+        )
+
+
+def _unmet(outcome: Outcome) -> Iterator[str]:
+    """The largest force is known once simulated; constraints on the lengths alone were refused before the search."""
+    most = outcome.scenario.optimise.constraints.largest_pin_force
+    if most is not None and (found := max(outcome.peak_pin_forces[1].values())) > FORCE_MET * most:
+        box = next(iter(outcome.scenario.optimise.boxes))
+        yield (
+            f"No lengths were found in the box `{box}` with a largest force in a pin of {most:.4g} N at most; the "
+            f"nearest are shown, with {found:.4g} N. Widen the box, or allow more."
+        )
+
+
+def _bounds(outcome: Outcome) -> Iterator[str]:
+    box = next(iter(outcome.scenario.optimise.boxes))
+    for bound in outcome.bounds:
+        yield f"The {bound.replace(' at ', ' lies at ', 1)}; {what_to_do(bound, box)}."
+
+
+def what_to_do(bound: str, box: str) -> str:
+    """Advice on a `bound` that lengths lie at, in words, of the `box` called so."""
+    if "times the rod length" in bound:
+        return "this limit decides the result: raise `optimise.ratio_limit` if the drive allows it"
+    key = next((key for key in ("crank_length", "rod_length") if bound.startswith(in_words(key))), None)
+    if key is None:
+        return "this limit decides the result: without it the error would fall further"
+    return (
+        f"this decides the result, and beyond it the error falls further: move `optimise.boxes.{box}.{key}` if you can"
+    )
+
+
+def _price(outcome: Outcome) -> Iterator[str]:
+    """What changes by more than a designer may want, and how to hold it."""
+    constraints, (before, after) = outcome.scenario.optimise.constraints, outcome.cycle("simulated")
+    change = after["stroke"] / before["stroke"] - 1
+    if constraints.stroke is None and abs(change) > NOTICED:
+        yield (
+            f"The stroke changes by {1e3 * (after['stroke'] - before['stroke']):+.3g} mm ({100 * change:+.1f} %): if "
+            "it may not, fix it with `optimise.constraints.stroke`."
+        )
+    old, new = (max(force.values()) for force in outcome.peak_pin_forces)
+    if constraints.largest_pin_force is None and new / old - 1 > NOTICED_FORCE:
+        yield (
+            f"The largest force in a pin grows from {old:.3g} to {new:.3g} N ({100 * (new / old - 1):+.0f} %): if it "
+            "may not, limit it with `optimise.constraints.largest_pin_force`."
+        )
+
+
+def _contacts(outcome: Outcome) -> Iterator[str]:
+    for remark in mechanism_warnings.remarks(outcome.scenario.mechanism):
+        joint, _, sentence = remark.partition(": ")
+        yield f"Contact of the {in_words(joint)}: {sentence}."
+
+
+def _networks(outcome: Outcome) -> Iterator[str]:
+    errors = outcome.errors
+    own = errors[
+        (errors["model"] == "network")
+        & (errors["region"] == "all")
+        & (errors["seed"] == outcome.scenario.surrogate.seeds[0])
+    ]
+    factor = own["held_out_mse"] / own["training_mse"]
+    worse = int((factor > WORSE_BETWEEN_POINTS).sum())
+    if worse:
+        yield (
+            f"{worse} of {len(own)} networks {'does' if worse == 1 else 'do'} not know the motion between the points "
+            f"of {'its' if worse == 1 else 'their'} training (mean square error {factor.max():.0f} times as large). "
+            + (
+                "The lengths were found on such networks; what they gain is simulated again and does not rest on them."
+                if outcome.source == "networks"
+                else "The lengths do not rest on them."
+            )
+        )

@@ -1,0 +1,119 @@
+"""What a designer asks of the lengths is met exactly: against geometry that is drawn, not computed by the code."""
+
+import re
+
+import numpy as np
+import pytest
+
+from jointgap.config import Box, Constraints, Genetic, Optimise, load_mechanism
+from jointgap.errors import InputError
+from jointgap.link_lengths.constraints import PinForce, geometric
+from jointgap.link_lengths.genetic import evolve
+from jointgap.link_lengths.local import search_from_all
+from jointgap.link_lengths.objective import frozen_objective
+from jointgap.link_lengths.region import Region, regions
+from jointgap.mechanism import clearance_lift
+
+BOX = Box(crank_length=("147 mm", "153 mm"), rod_length=("555 mm", "575 mm"))
+OFFSET = 0.02
+QUICK = Genetic(population=8, generations=6)
+
+
+def slide(crank, rod, offset):
+    """Crank angles and slider positions over a turn, from the triangle of crank, rod and slide."""
+    angles = np.linspace(0.0, 2 * np.pi, 200_001)
+    return angles, crank * np.cos(angles) + np.sqrt(rod**2 - (offset - crank * np.sin(angles)) ** 2)
+
+
+def region(offset=OFFSET, **asked):
+    return Region.of(BOX, None).under(geometric(Constraints(**asked), offset), "mine")
+
+
+@pytest.fixture(scope="module")
+def offset_objective(clearance):
+    mechanism = load_mechanism("config/mechanisms/erkaya2009.yaml")
+    mechanism = mechanism.model_copy(update={"slider": mechanism.slider.model_copy(update={"offset": OFFSET})})
+    angle, vectors = clearance
+    return frozen_objective(mechanism, angle, clearance_lift(vectors))
+
+
+def found(objective, within):
+    """Lengths that both optimisers find."""
+    ends = [result.lengths for result in search_from_all(objective, within, 1e-9)]
+    return [*ends, evolve(objective, within, QUICK).lengths]
+
+
+def test_a_fixed_stroke_is_kept_with_an_offset_by_both_optimisers(offset_objective):
+    for crank, rod in found(offset_objective, region(stroke="300.5 mm")):
+        assert np.ptp(slide(crank, rod, OFFSET)[1]) == pytest.approx(0.3005, abs=2e-7)
+
+
+def test_a_fixed_stroke_in_line_fixes_the_crank_and_leaves_the_rod_to_the_search(objective):
+    within = region(offset=0.0, stroke="300 mm")
+    for crank, rod in found(objective, within):
+        assert crank == pytest.approx(0.150, abs=1e-7)
+        best = min(objective.value((0.150, length)) for length in np.linspace(*BOX.rod_length, 401))
+        assert objective.value((crank, rod)) <= best * 1.01
+
+
+def test_dead_centres_lie_where_they_are_asked_for(offset_objective):
+    asked = {"outer_dead_centre": ["710 mm", "711 mm"], "inner_dead_centre_angle": ["182.78 deg", "182.8 deg"]}
+    for crank, rod in found(offset_objective, region(**asked)):
+        angles, position = slide(crank, rod, OFFSET)
+        assert 0.710 - 2e-7 <= position.max() <= 0.711 + 2e-7
+        assert 182.779 <= np.degrees(angles[np.argmin(position)]) <= 182.801
+
+
+def test_the_space_that_the_joints_sweep_is_kept(offset_objective):
+    asked = {"length_along": "860 mm", "length_across": "298 mm"}
+    for crank, rod in found(offset_objective, region(**asked)):
+        angles, position = slide(crank, rod, OFFSET)
+        assert position.max() - (crank * np.cos(angles)).min() <= 0.860 + 2e-7
+        assert np.ptp(crank * np.sin(angles)) <= 0.298 + 2e-7
+
+
+def test_a_constraint_that_decides_is_named_with_its_value(objective):
+    within = region(offset=0.0, stroke="300 mm")
+    assert "stroke at the 300 mm asked for" in within.active((0.150, 0.57))
+    within = region(offset=0.0, outer_dead_centre=["705 mm", "711 mm"])
+    assert "outer dead centre at its upper limit 711 mm" in within.active((0.150, 0.561))
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"stroke": "310 mm"}, ["box mine", "stroke 310 mm cannot be reached", "294.* mm to 306.* mm"]),
+        ({"stroke": "300 mm", "length_across": "290 mm"}, ["length_across 290 mm at most cannot be reached"]),
+        (
+            {"stroke": "304 mm", "length_across": "300 mm"},
+            ["no lengths", "stroke and length_across together", "nearest"],
+        ),
+        ({"inner_dead_centre_angle": "190 deg"}, ["inner_dead_centre_angle 190 deg cannot be reached"]),
+    ],
+)
+@pytest.mark.parametrize("offset", [0.0, OFFSET])
+def test_what_no_lengths_can_meet_is_refused_before_the_search(offset, asked, words):
+    with pytest.raises(InputError) as caught:
+        region(offset, **asked)
+    for word in words:
+        assert re.search(word, str(caught.value)), caught.value
+
+
+def test_a_dead_centre_without_offset_is_where_it_always_is():
+    assert region(offset=0.0, inner_dead_centre_angle="180 deg", outer_dead_centre_angle=0).constraints == ()
+
+
+def test_boxes_have_their_regions_by_name():
+    options = Optimise(boxes={"a": BOX, "b": BOX}, constraints={"stroke": ["290 mm", "301 mm"]})
+    found = regions(load_mechanism("config/mechanisms/erkaya2009.yaml"), options)
+    assert list(found) == ["a", "b"] and found["a"].constraints[0].high == 0.301
+
+
+def test_a_largest_force_bends_the_search_to_lengths_that_carry_no_more(objective):
+    cranks, rods = (np.linspace(*ends, 7) for ends in (BOX.crank_length, BOX.rod_length))
+    surface = PinForce(cranks, rods, 2000.0 * (cranks[:, None] / 0.150) * (rods[None, :] / 0.564) ** 2)
+    free = found(objective, region(offset=0.0))
+    most = float(surface.value(free[0])) - 30.0
+    for lengths in found(objective, Region.of(BOX, None).under([surface.limited(most)])):
+        assert surface.value(lengths) <= most + 1e-3
+    assert np.linalg.norm(surface.gradient((0.150, 0.564)) - [2000 / 0.150, 4000 / 0.564]) < 1e-3 * 2000 / 0.150
