@@ -5,6 +5,7 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import read_yaml, resolve
+from jointgap.paper import claims
 from jointgap.paper import scenario_overview as overview
 from jointgap.paper.comparison_page import page
 from jointgap.paper.looseness_variants import (
@@ -133,3 +134,12 @@ def test_printed_numbers_are_not_held_against_another_mechanism_which_says_why(s
 @pytest.mark.parametrize("name", ["paper", "frictionless", "printed_optimum", "journals_on_rod", "lugre"])
 def test_what_the_paper_does_not_print_makes_no_other_mechanism(scenarios, name):
     assert not departures(scenarios[name].mechanism, scenarios[name].simulate)
+
+
+def test_of_a_mechanism_that_is_not_the_paper_s_neither_numbers_nor_claims_with_a_size_are_told(scenarios, monkeypatch):
+    general = [claim("general", 14.98, 5.0, "%", True, "")]
+    monkeypatch.setattr(claims, "_general", lambda *given: iter(general))
+    compressor = resolve(read_yaml("config/compressor.yaml"))["compressor"]
+    assert [(row.item, row.paper) for row in claims.claims({}, compressor, ())] == [("general", None)]
+    table = pd.DataFrame([row.record() for row in general])
+    assert "speed: 1450 rpm, not 600 rpm" in to_markdown(page(table, compressor))
