@@ -5,13 +5,13 @@ import re
 import numpy as np
 import pytest
 
-from jointgap.config import Box, Constraints, Genetic, Optimise, load_mechanism
+from jointgap.config import Box, Constraints, Genetic, Optimise, load_mechanism, resolve
 from jointgap.errors import InputError
 from jointgap.link_lengths.constraints import PinForce, geometric
 from jointgap.link_lengths.genetic import evolve
 from jointgap.link_lengths.local import search_from_all
 from jointgap.link_lengths.objective import frozen_objective
-from jointgap.link_lengths.region import Region, regions
+from jointgap.link_lengths.region import Region, check_constraints, regions
 from jointgap.mechanism import clearance_lift
 
 BOX = Box(crank_length=("147 mm", "153 mm"), rod_length=("555 mm", "575 mm"))
@@ -101,6 +101,13 @@ def test_what_no_lengths_can_meet_is_refused_before_the_search(offset, asked, wo
 
 def test_a_dead_centre_without_offset_is_where_it_always_is():
     assert region(offset=0.0, inner_dead_centre_angle="180 deg", outer_dead_centre_angle=0).constraints == ()
+
+
+def test_a_configuration_whose_constraints_leave_nothing_is_refused_with_the_scenario_s_name():
+    options = {"boxes": {"mine": BOX.model_dump()}, "constraints": {"stroke": "310 mm"}}
+    mine = resolve({"scenarios": {"mine": {"mechanism": "config/mechanisms/erkaya2009.yaml", "optimise": options}}})
+    with pytest.raises(InputError, match=r"scenario mine: .*stroke 310 mm cannot be reached.*nearest: crank 153 mm"):
+        check_constraints(mine)
 
 
 def test_boxes_have_their_regions_by_name():

@@ -33,10 +33,9 @@ try:
     SCENARIOS = resolve(config, FOLDERS)
     CAMPAIGNS = campaigns(config.get("campaigns", []), FOLDERS, config.get("fit_parts"))
     if any(scenario.optimise.constraints != Constraints() for scenario in SCENARIOS.values()):
-        from jointgap.link_lengths.region import regions  # loads scipy
+        from jointgap.link_lengths.region import check_constraints  # loads scipy
 
-        for scenario in SCENARIOS.values():
-            regions(scenario.mechanism.applied(), scenario.optimise)
+        check_constraints(SCENARIOS)
 except InputError as error:
     raise WorkflowError(str(error)) from None
 

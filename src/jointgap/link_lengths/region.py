@@ -1,13 +1,13 @@
 """Where the link lengths may lie: bounds, crank length at most a share of the rod length, and constraints."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from jointgap.config import Box, Mechanism, Optimise
+from jointgap.config import Box, Mechanism, Optimise, Scenario
 from jointgap.errors import InputError
 from jointgap.link_lengths.constraints import MET, Constraint, geometric
 
@@ -106,11 +106,11 @@ class Region:
         if not words:
             keys = " and ".join(constraint.key for constraint in self.constraints)
             found = ", ".join(f"{each.key} {each.show(float(each.value(best)))}" for each in self.constraints)
-            words.append(f"no lengths within the bounds meet {keys} together; nearest come {found}")
+            words.append(f"no lengths within the bounds meet {keys} together; nearest is {found}")
         crank, rod = 1e3 * best
         return (
-            f"optimise.constraints, box {name}: {'; '.join(words)} (crank {crank:.6g} mm, rod {rod:.6g} mm); widen the "
-            "box or the constraint"
+            f"optimise.constraints, box {name}: {'; '.join(words)} (nearest: crank {crank:.6g} mm, rod {rod:.6g} mm); "
+            "widen the box or the constraint"
         )
 
     def _corners(self) -> np.ndarray:
@@ -263,3 +263,23 @@ def regions(mechanism: Mechanism, options: Optimise) -> dict[str, Region]:
     """
     constraints = geometric(options.constraints, mechanism.slider.offset)
     return {name: Region.of(box, options.ratio_limit).under(constraints, name) for name, box in options.boxes.items()}
+
+
+def check_constraints(scenarios: Mapping[str, Scenario]) -> None:
+    """Whether the constraints of each scenario leave lengths to search, before hours are spent.
+
+    Parameters
+    ----------
+    scenarios : mapping of str to Scenario
+        By name.
+
+    Raises
+    ------
+    InputError
+        As `regions`, with the scenario's name.
+    """
+    for name, scenario in scenarios.items():
+        try:
+            regions(scenario.mechanism.applied(), scenario.optimise)
+        except InputError as error:
+            raise InputError(f"configuration, scenario {name}: {error}") from None
