@@ -17,6 +17,7 @@ from jointgap.figures import draw_figures as stage
 from jointgap.figures import style
 from jointgap.figures.catalogue import CATALOGUE, SPECS, needed_tables
 from jointgap.figures.draw_figures import draw
+from jointgap.figures.sheet import Quantity, Sheet
 
 SPECIFIED = files.TABLES
 every_still_figure = pytest.mark.parametrize("name", CATALOGUE)
@@ -198,6 +199,29 @@ def test_a_box_whose_name_ends_like_that_of_the_main_one_stays_out_of_the_re_sim
     both = pd.concat([tables["optimise_resimulated"], more], ignore_index=True)
     shown = draw("resimulation", dict(tables, optimise_resimulated=both), scenario).data["label"]
     assert "networks_paper_genetic" in set(shown) and "networks_my_paper_genetic" not in set(shown)
+
+
+@every_still_figure
+def test_a_scale_that_is_not_linear_throughout_is_explained_in_the_legend(name, drawings):
+    drawing = drawings(name)
+    if any(axes.get_yscale() == "symlog" for axes in drawing.figure.axes):
+        (legend,) = drawing.figure.legends
+        assert "scale linear here, logarithmic beyond" in [text.get_text() for text in legend.get_texts()]
+
+
+def test_curves_and_marks_of_thousands_of_points_are_drawn_as_pixels():
+    sheet = Sheet(3.0, 1, 1)
+    panel = sheet.panel((0, 0), "dense", Quantity("x", "m"), Quantity("y", "m"))
+    for count in (100, 6000):
+        panel.line("line", np.arange(count), np.arange(count), "ideal")
+        panel.marks("marks", np.arange(count), np.arange(count), "ideal")
+    assert [line.get_rasterized() for line in panel.axes.get_lines()] == [False, False, True, True]
+
+
+def test_a_constant_speed_is_called_so(drawings):
+    speed = drawings("drive_and_guide").figure.axes[0]
+    assert [text.get_text() for text in speed.texts] == ["constant"]
+    assert [label.get_text() for label in speed.get_yticklabels()] == ["600"]
 
 
 def test_an_unknown_figure_is_refused_with_a_hint(tables, scenario):

@@ -15,6 +15,7 @@ from jointgap.report.plain_words import in_words
 DEPTH_MAGNIFIED = 20.0  # times that penetrations of the settled orbit are drawn
 INNERMOST = 10.0  # [um] the gap to the wall is shown linearly up to here, logarithmically beyond
 SECTOR = 60.0  # [deg] the figure of impacts ends with a multiple of it
+CONSTANT = 1e-4  # [1] a speed that varies by a smaller share is a constant one
 SMALLEST_FORCE = 1.0  # [N] where the axis of forces begins
 MODES = ("flight", "impact", "contact")
 
@@ -93,7 +94,7 @@ def contact_forces(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Dr
         below.axes.set_title("")
         for place, name in zip(range(len(joints))[::-1], joints, strict=True):
             force, words = samples[f"{name}_normal_force"].to_numpy(), in_words(name)
-            panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.7, alpha=0.85)
+            panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.9)
             below.bands(place, words, angle, samples[f"{name}_mode"].to_numpy(), MODES)
         panel.axes.set_yscale("log")
         panel.axes.set_ylim(SMALLEST_FORCE, 2.0 * max(largest, SMALLEST_FORCE))
@@ -102,6 +103,13 @@ def contact_forces(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Dr
         below.over_crank_angle(angle[0], angle[-1])
     sheet.legend()
     return sheet.drawing()
+
+
+_KINDS = (
+    ("hits and rebounds", False, {}),
+    ("stays in contact", True, {"markerfacecolor": "white", "marker": "s"}),
+)
+"""Contacts in words, whether they stay, and how they are marked."""
 
 
 def impacts(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
@@ -122,23 +130,19 @@ def impacts(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
     )
     for row, (column, words, unit) in enumerate(shown):
         panel = sheet.panel((row, 0), f"{words} of each contact", CRANK_ANGLE, Quantity(words, unit), below=above)
-        for name in loose_joints(scenario):
-            contacts = _contacts(events[events["joint"] == name])
-            angle = turn + np.degrees(contacts["crank_angle"].to_numpy(dtype=float))
-            rebounds = (contacts["maxima"] <= 1).to_numpy()
-            sizes = contacts[column].to_numpy(dtype=float)
-            for chosen, kind, style in (
-                (rebounds, "impact", {}),
-                (~rebounds, "longer contact", {"markerfacecolor": "white", "marker": "s"}),
-            ):
-                series = f"{in_words(name)}: {kind}"
-                if chosen.any():
-                    panel.marks(series, angle[chosen], sizes[chosen], in_words(name), markersize=3.5, **style)
+        for kind, stays, style in _KINDS:  # so that the legend has a column for each
+            for name in loose_joints(scenario):
+                contacts = _contacts(events[events["joint"] == name])
+                own = contacts[(contacts["maxima"] <= 1) != stays]
+                angle = turn + np.degrees(own["crank_angle"].to_numpy(dtype=float))
+                if len(own):
+                    sizes = own[column].to_numpy(dtype=float)
+                    panel.marks(f"{in_words(name)}: {kind}", angle, sizes, in_words(name), markersize=4.0, **style)
         panel.logarithmic()
         panel.over_crank_angle(first, last)
         above = panel
     if sheet.panels[0].axes.get_legend_handles_labels()[0]:
-        sheet.legend()
+        sheet.legend(columns=len(_KINDS))
     return sheet.drawing()
 
 
@@ -169,13 +173,16 @@ def drive_and_guide(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> D
         for series, (number, colour) in parts.items():
             samples = revolution(tables["trajectory"], scenario, number)
             angle, values = degrees(samples["crank_angle"]), factor * samples[column].to_numpy()
-            panel.line(series, angle, values, colour, linewidth=0.9)
+            panel.line(series, angle, values, colour, linewidth=1.7 if colour == "first" else 0.9)
             panel.over_crank_angle(angle[0], angle[-1])
             drawn.append(values)
-        if column == "crank_speed":
-            middle, swing = np.mean(drawn), np.ptp(drawn)
-            room = max(0.6 * swing, 0.05 * middle)  # a constant speed is a line in the middle
-            panel.axes.set_ylim(np.min(drawn) + 0.5 * swing - room, np.max(drawn) - 0.5 * swing + room)
+        middle, swing = float(np.mean(drawn)), float(np.ptp(drawn))
+        if column == "crank_speed" and swing <= CONSTANT * abs(middle):
+            panel.axes.set_ylim(0.9 * middle, 1.1 * middle)
+            panel.axes.set_yticks([middle], [f"{middle:.4g}"])
+            panel.axes.text(0.5, 0.55, "constant", ha="center", va="bottom", transform=panel.axes.transAxes)
+        elif column == "crank_speed":
+            panel.axes.margins(y=0.15)
         else:
             panel.spread_scale(np.concatenate(drawn))
     sheet.legend()

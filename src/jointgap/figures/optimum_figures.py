@@ -22,6 +22,7 @@ MEASURES = {  # with the colour of each
     "sum_of_squares": ("sum of squares", "limit"),
 }
 PRINTED = "paper's three points"
+_APART = 0.07  # that what is frozen lies above what is simulated again: the two may be equal
 LENGTHS = {
     "printed_genetic": "paper, genetic",
     "printed_local": "paper, best local",
@@ -54,7 +55,7 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
 
 
 def _map(sheet: Sheet, chosen: dict[str, pd.DataFrame], optima: pd.DataFrame, scenario: Scenario, box: str) -> None:
-    panel = sheet.panel((0, 0), f"objective in the box '{box}'", CRANK, ROD)
+    panel = sheet.panel((0, 0), f"error over both lengths, box '{box}'", CRANK, ROD)
     grid = chosen["valley"].pivot(index="rod_length", columns="crank_length", values="rms")
     x, y, value = 1e3 * grid.columns.to_numpy(), 1e3 * grid.index.to_numpy(), np.degrees(grid.to_numpy())
     levels = np.geomspace(value.min(), value.max(), 15)
@@ -134,20 +135,22 @@ def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
     wanted = [point for point in table["point"].unique() if point in origin_of]
     names = [origin_of[point] for point in wanted]
     place = np.arange(len(wanted))[::-1]
-    sheet = Sheet(1.6 + 0.62 * len(wanted), 1, 2)
+    sheet = Sheet(1.6 + 0.72 * len(wanted), 1, 2)
     left_panel: Panel | None = None
     for column, (stretch, title) in enumerate(
         (("window", "window of the first revolution"), ("settled", "whole settled revolution"))
     ):
         panel = sheet.panel((0, column), title, Quantity("reduction of the error", "%"), Quantity("lengths from", ""))
         part = table[table["stretch"] == stretch]
-        for shift, measure in ((0.2, "rms"), (0.0, "mean_absolute"), (-0.2, "peak")):
+        for lengths in place[::2]:
+            panel.axes.axhspan(lengths - 0.5, lengths + 0.5, color="#F4F4F4", zorder=0)
+        for shift, measure in ((0.3, "rms"), (0.0, "mean_absolute"), (-0.3, "peak")):
             words, colour = MEASURES[measure]
             rows = part[part["measure"] == measure].set_index("point").loc[wanted]
             panel.marks(
-                f"{words}, re-simulated",
+                f"{words}, simulated again",
                 100 * rows["reduction"],
-                place + shift,
+                place + shift - _APART,
                 colour,
                 100 * rows["reduction_low"],
                 100 * rows["reduction_high"],
@@ -155,9 +158,9 @@ def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
                 along="x",
             )
             panel.marks(
-                f"{words}, frozen",
+                f"{words}, motion frozen",
                 100 * rows["frozen_reduction"],
-                place + shift,
+                place + shift + _APART,
                 colour,
                 labels=wanted,
                 marker="D",
@@ -165,6 +168,7 @@ def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
             )
         panel.vertical_line("no change", 0.0, named=False)
         panel.rows(names if left_panel is None else [""] * len(names), place)
+        panel.axes.set_ylim(-0.5, len(names) - 0.5)
         if left_panel is not None:
             panel.axes.set_ylabel("")
         left_panel = panel

@@ -68,6 +68,11 @@ def width_for(columns: int) -> float:
 
 BULK = 95.0  # [%] of the samples lie in the linear part of a scale that is logarithmic beyond
 IMPACTS_DWARF = 4.0  # times beyond the bulk, or the desired motion, from which a scale becomes logarithmic
+LINEAR_BAND = "scale linear here, logarithmic beyond"
+DENSE_LINE, DENSE_MARKS = (
+    5000,
+    1000,
+)  # points beyond which they are drawn as pixels, also in SVG, which would grow to megabytes
 CRANK_ANGLE = Quantity("crank angle", "deg", r"$\theta_2$")
 
 
@@ -86,7 +91,8 @@ class Panel:
 
         `colour` is a name of `COLOURS`, `style` what else matplotlib takes.
         """
-        self.axes.plot(x, y, label=series, color=COLOURS[colour], **style)
+        pixels = {"rasterized": np.size(x) > DENSE_LINE}
+        self.axes.plot(x, y, label=series, color=COLOURS[colour], **pixels | style)
         self.record(series, x, y)
 
     def marks(
@@ -96,7 +102,8 @@ class Panel:
 
         With bars from `low` to `high` (n,) `along` an axis where these are given; `labels` name categories.
         """
-        style = {"marker": "o", "markersize": 4.0, "linestyle": "none"} | style
+        pixels = {"rasterized": np.size(x) > DENSE_MARKS}
+        style = {"marker": "o", "markersize": 4.0, "linestyle": "none"} | pixels | style
         if low is not None:
             centre = np.asarray(y if along == "y" else x)
             spread = {f"{along}err": np.abs([centre - np.asarray(low), np.asarray(high) - centre])}
@@ -181,8 +188,11 @@ class Panel:
         self.axes.yaxis.set_major_formatter(FuncFormatter(tick_label))
         self.axes.yaxis.set_minor_locator(NullLocator())
 
-    def linear_then_logarithmic(self, threshold: float) -> None:
-        """An ordinate that is linear up to +-`threshold` (grey band) and logarithmic beyond; call it after plotting."""
+    def linear_then_logarithmic(self, threshold: float, named: bool = True) -> None:
+        """An ordinate that is linear up to +-`threshold` (grey band) and logarithmic beyond; call it after plotting.
+
+        The legend says so if `named`.
+        """
         bottom, top = self.axes.dataLim.intervaly
         decades = 10.0 ** np.arange(np.floor(np.log10(threshold)) + 1.0, 20.0)
         beyond = decades[decades > 4.0 * threshold]  # a label nearer would touch that of the threshold
@@ -192,7 +202,9 @@ class Panel:
         self.axes.yaxis.set_major_formatter(FuncFormatter(tick_label))
         self.axes.yaxis.set_minor_locator(NullLocator())
         self.axes.set_ylim(min(1.5 * bottom, -1.2 * threshold), max(1.5 * top, 1.2 * threshold))
-        self.axes.axhspan(-threshold, threshold, color="#F4F4F4", zorder=0)
+        if named:
+            self.axes.axhspan(-threshold, threshold, color="#EEEEEE", zorder=0, label=LINEAR_BAND)
+            self.record(LINEAR_BAND, [np.nan], [0.0], low=[-threshold], high=[threshold])
 
     def spread_scale(self, shown: np.ndarray) -> None:
         """An ordinate linear for the bulk of the values `shown` and logarithmic beyond, where the first impacts dwarf
@@ -244,14 +256,19 @@ class Sheet:
         self.panels.append(panel)
         return panel
 
-    def legend(self, panels: Sequence[Panel] | None = None) -> None:
-        """One legend for some panels (all by default), above them; each series once."""
+    def legend(self, panels: Sequence[Panel] | None = None, columns: int | None = None) -> None:
+        """One legend for some panels (all by default), above them; each series once, in as many `columns` as have room
+        unless they are given.
+        """
         handles: dict[str, object] = {}
         for panel in panels or self.panels:
             for handle, label in zip(*panel.axes.get_legend_handles_labels(), strict=True):
                 handles.setdefault(label, handle)
-        longest = max(map(len, handles))
-        columns = max(1, min(len(handles), int(14 * self.figure.get_figwidth() / (longest + 7))))
+        if LINEAR_BAND in handles:  # last: it is about the scale
+            handles[LINEAR_BAND] = handles.pop(LINEAR_BAND)
+        if columns is None:
+            longest = max(map(len, handles))
+            columns = max(1, min(len(handles), int(14 * self.figure.get_figwidth() / (longest + 7))))
         self.figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=columns)
 
     def drawing(self) -> Drawing:

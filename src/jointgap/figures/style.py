@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib as mpl
@@ -138,11 +139,15 @@ def _still(drawing: Drawing) -> dict[str, Callable]:
 
     def vectors(path):
         with matplotlib_style():
-            figure.savefig(path, format="svg", metadata={"Date": None, "Creator": None})
+            figure.savefig(path, format="svg", dpi=DOTS_PER_INCH, metadata={"Date": None, "Creator": None})
 
     def pixels(path):
+        drawn = BytesIO()
         with matplotlib_style():
-            figure.savefig(path, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
+            figure.savefig(drawn, format="png", dpi=DOTS_PER_INCH)
+        # a palette of 256 colours is enough for curves and maps, and halves what pages and reports weigh
+        reduced = Image.open(drawn).convert("RGB").quantize(256, dither=Image.Dither.NONE)
+        reduced.save(path, format="PNG", optimize=True, dpi=(DOTS_PER_INCH, DOTS_PER_INCH))
 
     return {".svg": vectors, ".png": pixels}
 

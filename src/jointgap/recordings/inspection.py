@@ -9,11 +9,13 @@ import pandas as pd
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.channels import CHANNELS
 from jointgap.recordings.recording import Measurements, Recording
+from jointgap.report.plain_words import in_words, unit_in_words
 
 if TYPE_CHECKING:
     from jointgap.figures.style import Drawing
 
 _FIRST, _LATER = "first cycle", "later cycles"
+_DEPARTURE = "departure from steady rotation"
 _MARKED_BELOW_PER_REVOLUTION = (
     100.0  # samples a revolution below which each is marked, as a line alone would hide the gaps
 )
@@ -36,14 +38,14 @@ def inspect(campaign: Campaign, measurements: Measurements) -> "tuple[pd.DataFra
         (extremes), scatter (standard deviation of a cycle from the one before, over sqrt(2): noise, and whatever does
         not repeat; NaN of less than two cycles), stated_noise [SI of the channel; NaN where none is stated].
     figures : dict of str to Drawing
-        By run: every channel over the crank angle, cycles on top of each other.
+        By run: every channel over the crank angle in the unit of its column, cycles on top of each other.
 
     Crank angles, and extremes of a crank angle, are those of the file also where the crank turns clockwise.
     """
     runs = {run.id: run for run in campaign.runs}
     recordings = [(runs[recording.run], recording) for recording in measurements.runs.values()]
     numbers = [row for run, recording in recordings for row in _numbers(run, recording)]
-    return pd.DataFrame(numbers), {run.id: _draw(run, recording) for run, recording in recordings}
+    return pd.DataFrame(numbers), {run.id: _draw(campaign, run, recording) for run, recording in recordings}
 
 
 def _turned(run: CampaignRun, recording: Recording) -> np.ndarray:
@@ -132,10 +134,10 @@ def cycle_scatter(angle: np.ndarray, values: np.ndarray) -> float:
     return float(np.sqrt(squares.mean())) if squares.size >= 8 else np.nan
 
 
-def _draw(run: CampaignRun, recording: Recording) -> "Drawing":
+def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawing":
     """Every channel over the crank angle, cycles on top of each other; the angle as departure from steady rotation."""
     from jointgap.figures import style
-    from jointgap.figures.sheet import CRANK_ANGLE, Quantity, Sheet
+    from jointgap.figures.sheet import CRANK_ANGLE, DENSE_LINE, Quantity, Sheet
 
     angle = _turned(run, recording)
     cycle = np.floor(angle / tau).astype(int)
@@ -143,21 +145,23 @@ def _draw(run: CampaignRun, recording: Recording) -> "Drawing":
     mirrored = run.direction == "clockwise" and recording.has_angle  # recordings of a clockwise crank are mirror images
     shown_angle = np.degrees(tau - within if mirrored else within)
     sparse = angle.size * tau / (angle[-1] - angle[0]) < _MARKED_BELOW_PER_REVOLUTION
-    markers = {"marker": ".", "markersize": 3.0} if sparse else {}
+    look = {"linewidth": 0.9, "rasterized": angle.size > DENSE_LINE}
+    look |= {"marker": ".", "markersize": 3.0} if sparse else {}
     no_encoder = Quantity("crank angle since the first sample, at nominal speed", "deg")
     abscissa = CRANK_ANGLE if recording.has_angle else no_encoder
     panels = [
-        (name.replace("_", " "), CHANNELS[name].replace("*", " ").replace("^2", "²"), values)
+        (in_words(name), unit_in_words(campaign.channels[name].unit), values / campaign.factor(name))
         for name, values in recording.channels.items()
     ]
     if recording.has_angle and recording.has_time:
         departure = (-1.0 if mirrored else 1.0) * np.degrees(recording.crank_angle - _steady_rotation(recording))
-        panels.insert(0, ("departure from steady rotation", "deg", departure))
+        panels.insert(0, (_DEPARTURE, "deg", departure))
     with style.matplotlib_style():
         sheet = Sheet(0.9 + 1.6 * len(panels), len(panels), 1)
         panel = None
         for row, (title, unit, values) in enumerate(panels):
-            panel = sheet.panel((row, 0), f"{recording.run}: {title}", abscissa, Quantity("", unit), below=panel)
+            words = "departure" if title == _DEPARTURE else title.split()[-1]
+            panel = sheet.panel((row, 0), f"{recording.run}: {title}", abscissa, Quantity(words, unit), below=panel)
             for number in np.unique(cycle):
                 own, first = cycle == number, number == cycle[0]
                 panel.line(
@@ -166,8 +170,8 @@ def _draw(run: CampaignRun, recording: Recording) -> "Drawing":
                     values[own],
                     "first" if first else "settled",
                     alpha=1.0 if first else 0.5,
-                    linewidth=0.9,
-                    **markers,
+                    zorder=3 if first else 2,
+                    **look,
                 )
         panel.over_crank_angle(0.0, 360.0)
         sheet.legend()
