@@ -1,4 +1,4 @@
-"""Reference pages from what the code itself reads: JSON schemas, the records of tables, the catalogue of effects.
+"""Reference pages from what the code itself reads: JSON schemas, records of tables, catalogues of effects and figures.
 
 A page holds the comment `<!-- filled by the build: NAME -->` where the tables of NAME come.
 """
@@ -16,6 +16,7 @@ from sphinx.application import Sphinx
 from jointgap import tables
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import example, parameters_of
+from jointgap.figures import campaign_catalogue, catalogue
 
 SCHEMAS = Path(__file__).parents[2] / "workflow" / "schemas"
 MARK = re.compile(r"<!-- filled by the build: (\w+) -->")
@@ -255,12 +256,38 @@ def _effects() -> list[str]:
     return lines
 
 
+# -- gallery ----------------------------------------------------------------------------------------------------------
+
+GALLERY = Path(__file__).parents[1] / "figures" / "gallery"  # scripts/docs-figures fills it
+
+
+def _gallery() -> list[str]:
+    lines = []
+    for folder in sorted({path.parent for path in GALLERY.rglob("*.png")}, reverse=True):
+        place = folder.relative_to(GALLERY)
+        campaign = place.parts[0] == "campaigns"
+        kind, command = (
+            ("Campaign", f"make campaign CAMPAIGN=config/{place}.yaml") if campaign else ("Scenario", "make run")
+        )
+        lines += [f"## {kind} `{place.name}`", "", f"Made by `{command}`, in `results/{place}/figures/`.", ""]
+        lines += ["::::{grid} 1 1 2 2", ":gutter: 3", ""]
+        for name, spec in (campaign_catalogue.CATALOGUE if campaign else catalogue.CATALOGUE).items():
+            file = folder / f"{name}.png"
+            if file.exists():
+                picture = f"figures/gallery/{place}/{name}.png"
+                lines += [":::{grid-item}", f"[![{spec.title}]({picture})]({picture})", ""]
+                lines += [f"**{spec.title}.** {_sentence(spec.caption)}", ":::", ""]
+        lines += ["::::", ""]
+    return lines
+
+
 FILLS: dict[str, Callable[[], list[str]]] = {
     "configuration": _configuration,
     "campaign": _campaign,
     "verdict": _verdict,
     "tables": _tables,
     "effects": _effects,
+    "gallery": _gallery,
 }
 
 
