@@ -14,7 +14,7 @@ from jointgap.errors import InputError
 from jointgap.joints import JOINT_NUMBERS
 from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FIGURES
 from jointgap.stages.scenario_results import parts_of
-from jointgap.stages.scenario_stages import SCENARIO_STAGES
+from jointgap.stages.scenario_stages import IMPACTS_PAGE, SCENARIO_STAGES
 from jointgap.sweep.study_catalogue import FIGURES as STUDY_FIGURES
 from jointgap.tables import outputs, write_text
 
@@ -116,6 +116,7 @@ def made_of_scenario(name):
             rules.kinematics,
             rules.optimise,
             rules.figures,
+            rules.explore,
             rules.compare,
             rules.summarise,
             rules.track,

@@ -127,6 +127,19 @@ use rule scenario_stage as animation with:
         "{wildcards.scenario}: animate"
 
 
+use rule scenario_stage as explore with:
+    input:
+        **read_by("explore"),
+    output:
+        page=f"results/{{scenario}}/{IMPACTS_PAGE}",
+    pathvars:
+        stage="explore",
+    params:
+        **of_stage("explore"),
+    message:
+        "{wildcards.scenario}: a page to zoom into the impacts"
+
+
 use rule scenario_stage as compare with:
     input:
         **read_by("compare"),

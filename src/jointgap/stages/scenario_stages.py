@@ -42,6 +42,9 @@ if TYPE_CHECKING:  # loads pandas
 
 SCENARIO_STAGES = Stages()
 
+IMPACTS_PAGE = "figures/impacts.html"
+"""Place of the page to zoom into the impacts, in the folder of a scenario."""
+
 _MOTION = ("mechanism", "simulate")
 _LEARNING = (*_MOTION, "surrogate")
 _OPTIMUM = (*_LEARNING, "optimise")
@@ -189,6 +192,18 @@ def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path 
     if "predictions" in needed:
         frames["predictions"] = predictions(trained_surrogates(results), frames["trajectory"], results.scenario)
     draw_all(frames, results.scenario, folder or results.path / "figures", wanted)
+
+
+@SCENARIO_STAGES.stage(reads=(TRAJECTORY, EVENTS), files=(IMPACTS_PAGE,), sections=_MOTION)
+def explore(results: "ScenarioResults") -> None:
+    """Write figures/impacts.html, to zoom into the impacts: gaps, contact forces and modes over the crank angle.
+
+    The page is complete in itself, 5 MB and more, and opens in any browser without a network. Needs plotly.
+    """
+    from jointgap.figures.interactive import impacts_page
+
+    page = impacts_page(results.read(TRAJECTORY), results.read(EVENTS), results.scenario, results.path.resolve().name)
+    tables.write_text(results.path / IMPACTS_PAGE, page)
 
 
 @SCENARIO_STAGES.stage(
