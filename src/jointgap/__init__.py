@@ -1,3 +1,118 @@
-"""Contact, learning, optimisation and diagnosis of slider-cranks with clearance in their joints."""
+"""Contact, learning, optimisation and diagnosis of slider-cranks with clearance in their joints.
+
+Examples
+--------
+>>> import jointgap as jg
+>>> mechanism = jg.load_mechanism("config/mechanisms/erkaya2009.yaml")
+>>> run = jg.simulate(mechanism, speed="600 rpm", revolutions=2)
+>>> run.plot("orbits").save("orbits.png")
+"""
+
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+_PUBLIC = {
+    "jointgap.api.ensembles": ("Sweep", "ensemble"),
+    "jointgap.api.motion": ("Motion", "simulate"),
+    "jointgap.api.optimum": ("Optimum", "optimise"),
+    "jointgap.api.plan": ("Preflight", "preflight"),
+    "jointgap.api.verdict": ("Finding", "Verdict", "analyse", "read_verdict"),
+    "jointgap.config": (
+        "Box",
+        "ConstantDrive",
+        "Contact",
+        "Joint",
+        "Joints",
+        "Link",
+        "MeasuredDrive",
+        "Mechanism",
+        "MotorDrive",
+        "Optimise",
+        "Simulate",
+        "Slider",
+        "Surrogate",
+        "change",
+        "load_mechanism",
+    ),
+    "jointgap.errors": ("InputError", "SimulationError"),
+    "jointgap.figures.style": ("Drawing",),
+    "jointgap.tables.store": ("read_table",),
+}
+_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
+
+__all__ = [
+    "Box",
+    "ConstantDrive",
+    "Contact",
+    "Drawing",
+    "Finding",
+    "InputError",
+    "Joint",
+    "Joints",
+    "Link",
+    "MeasuredDrive",
+    "Mechanism",
+    "Motion",
+    "MotorDrive",
+    "Optimise",
+    "Optimum",
+    "Preflight",
+    "Simulate",
+    "SimulationError",
+    "Slider",
+    "Surrogate",
+    "Sweep",
+    "Verdict",
+    "analyse",
+    "change",
+    "ensemble",
+    "load_mechanism",
+    "optimise",
+    "preflight",
+    "read_table",
+    "read_verdict",
+    "simulate",
+]
+
+if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
+    from jointgap.api.ensembles import Sweep, ensemble
+    from jointgap.api.motion import Motion, simulate
+    from jointgap.api.optimum import Optimum, optimise
+    from jointgap.api.plan import Preflight, preflight
+    from jointgap.api.verdict import Finding, Verdict, analyse, read_verdict
+    from jointgap.config import (
+        Box,
+        ConstantDrive,
+        Contact,
+        Joint,
+        Joints,
+        Link,
+        MeasuredDrive,
+        Mechanism,
+        MotorDrive,
+        Optimise,
+        Simulate,
+        Slider,
+        Surrogate,
+        change,
+        load_mechanism,
+    )
+    from jointgap.errors import InputError, SimulationError
+    from jointgap.figures.style import Drawing
+    from jointgap.tables.store import read_table
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, whose module is loaded when it is first asked for: ``import jointgap`` loads next to nothing."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'jointgap' has no attribute '{name}'", name=name, obj=sys.modules[__name__])
+    value = globals()[name] = getattr(import_module(_HOME[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """All public names, loaded or not, for tab completion."""
+    return sorted({*globals(), *_HOME})

@@ -63,22 +63,21 @@ def kinematics(
     """
     first = trajectory.iloc[: options.samples_per_revolution + 1]
     angle = first["crank_angle"].to_numpy()
-    crank = Motion.of(angle, first["crank_speed"].to_numpy(), first["crank_acceleration"].to_numpy())
+    crank = _crank(first)
     simulated = ClearanceMotion.from_table(first, mechanism.loose)
     clearances = {"simulation_exact": simulated, "simulation_paper_form": simulated.paper_form()}
     for name, fits in surrogates.items():
         forms = clearance_motions(fits, crank, mechanism.loose)
         clearances |= {f"{name}_{form}": motion for form, motion in forms.items()}
 
-    frames = {"simulation": first[list(UNITS)], "ideal": _frame(linkage_motion(mechanism, crank), angle)}
+    frames = linkage_frames(mechanism, first)
     frames |= {name: _frame(linkage_motion(mechanism, crank, motion), angle) for name, motion in clearances.items()}
 
     index = np.arange(len(first))
     held_out = index % (options.samples_per_revolution // (training_points - 1)) != 0
     regions = {"first_revolution": held_out, "past_60_deg": held_out & (angle - angle[0] > PAST)}
-    motion = pd.concat([frame.assign(source=name, crank_angle=angle) for name, frame in frames.items()])
     return Kinematics(
-        motion=motion[["source", "crank_angle", *UNITS]].reset_index(drop=True),
+        motion=motion_table(frames, angle),
         errors=_errors(frames, regions),
         contradictions=pd.DataFrame(
             [
@@ -88,6 +87,30 @@ def kinematics(
             ]
         ),
     )
+
+
+def linkage_frames(mechanism: Mechanism, samples: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The quantities of the table kinematics as simulated, and without clearance: sources ``simulation``, ``ideal``.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With its effects applied.
+    samples : DataFrame
+        Of the table trajectory.
+    """
+    ideal = linkage_motion(mechanism, _crank(samples))
+    return {"simulation": samples[list(UNITS)], "ideal": _frame(ideal, samples["crank_angle"].to_numpy())}
+
+
+def motion_table(frames: Mapping[str, pd.DataFrame], angle: np.ndarray) -> pd.DataFrame:
+    """Frame of the table kinematics: `frames` by source below each other, at the crank angles `angle` (n,) [rad]."""
+    motion = pd.concat([frame.assign(source=name, crank_angle=angle) for name, frame in frames.items()])
+    return motion[["source", "crank_angle", *UNITS]].reset_index(drop=True)
+
+
+def _crank(samples: pd.DataFrame) -> Motion:
+    return Motion.of(*(samples[f"crank_{name}"].to_numpy() for name in ("angle", "speed", "acceleration")))
 
 
 def clearance_motions(fits: Mapping[str, Fit], crank: Motion, loose: Iterable[str]) -> dict[str, ClearanceMotion]:

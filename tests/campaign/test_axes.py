@@ -74,7 +74,7 @@ def test_the_missing_force_of_a_clockwise_run_is_the_mirror_image():
 
 @pytest.mark.slow
 def test_the_clockwise_twin_of_a_campaign_has_the_same_verdict_at_mirrored_angles(tmp_path):
-    from jointgap.campaign import analyse
+    from jointgap.stages.campaign_pipeline import analyse
 
     source = ROOT / "config/campaigns"
     plan = yaml.safe_load((source / "demonstration.yaml").read_text())

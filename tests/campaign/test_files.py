@@ -167,7 +167,7 @@ def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path)
 
 @pytest.mark.slow
 def test_the_demonstration_names_what_its_data_hide(tmp_path):
-    from jointgap.campaign import analyse
+    from jointgap.stages.campaign_pipeline import analyse
 
     found = analyse(ROOT / DEMONSTRATION, tmp_path)
     (effect,) = found["effects"]
@@ -187,7 +187,7 @@ def test_the_demonstration_names_what_its_data_hide(tmp_path):
 
 @pytest.mark.slow
 def test_the_demonstration_of_a_loose_joint_names_it_and_holds_its_clearance(tmp_path):
-    from jointgap.campaign import analyse
+    from jointgap.stages.campaign_pipeline import analyse
 
     found = analyse(ROOT / "config/campaigns/demonstration_clearance.yaml", tmp_path)
     (effect,) = found["effects"]

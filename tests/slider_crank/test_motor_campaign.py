@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 import yaml
 
-from jointgap.campaign import analyse
 from jointgap.campaign.preflight import preflight_tables
 from jointgap.config import Simulate, load_mechanism
 from jointgap.config.load import load_campaign
@@ -19,6 +18,7 @@ from jointgap.identification.noise_model import noise_of_model
 from jointgap.identification.problem import Problem
 from jointgap.recordings import read_measurements
 from jointgap.slider_crank import build_model
+from jointgap.stages.campaign_pipeline import analyse
 from tests.slider_crank.test_library import MECHANISM
 
 MOTOR = {"stall_torque": 30.0, "no_load_speed": 40.0, "inertia": 0.02}

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointgap.campaign import analyse
 from jointgap.errors import InputError
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.noise_model import estimate_noise, noise_of_model
@@ -15,6 +14,7 @@ from jointgap.identification.problem import Problem
 from jointgap.identification.whitening import Noise
 from jointgap.recordings import read_measurements
 from jointgap.slider_crank.model_from_campaign import build_model
+from jointgap.stages.campaign_pipeline import analyse
 from tests.slider_crank import recorded_rig
 from tests.slider_crank.recorded_rig import Rig
 from tests.slider_crank.rigs import campaign, mechanism, recorded

@@ -1,6 +1,9 @@
 """Stage conclude: the verdict with all that belongs to it, in words and pictures."""
 
+from collections.abc import Iterable
 from typing import Any
+
+import pandas as pd
 
 from jointgap.campaign import verdict
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
@@ -11,6 +14,7 @@ from jointgap.campaign.verdict_page import page
 from jointgap.identification.fit import Fit
 from jointgap.report.page import to_html, to_markdown
 from jointgap.tables import write_text
+from jointgap.tables.results_folder import ResultsFolder
 
 
 def conclude(state: CampaignState) -> dict[str, Any]:
@@ -52,12 +56,7 @@ def show(state: CampaignState) -> None:
 
     folder = state.folder
     content = verdict.read(folder.path / VERDICT)
-    stages = {"ranking": "verdict"}  # written by several stages, of which the last one counts
-    frames = {
-        table: folder.read(table, stages.get(table, ""))
-        for table in TABLES
-        if folder.place(table, stages.get(table, "")).is_file()
-    }
+    frames = figure_tables(folder, TABLES)
     for name in CATALOGUE:
         style.save(draw(name, frames, content), folder.path / "figures" / name)
     remarks = (*folder.read("remarks")["remark"], *_noise_remarks(state))
@@ -65,6 +64,13 @@ def show(state: CampaignState) -> None:
     markdown, html = (folder.path / name for name in SUMMARIES)
     write_text(markdown, to_markdown(summary))
     write_text(html, to_html(summary, folder.path / "figures"))
+
+
+def figure_tables(folder: ResultsFolder, names: Iterable[str]) -> dict[str, pd.DataFrame]:
+    """Those of the tables `names`, which figures need, that are in the `folder` of a campaign; by name."""
+    stages = {"ranking": "verdict"}  # written by several stages, of which the last one counts
+    places = {name: (name, stages.get(name, "")) for name in names}
+    return {name: folder.read(*place) for name, place in places.items() if folder.place(*place).is_file()}
 
 
 def _noise_remarks(state: CampaignState) -> list[str]:

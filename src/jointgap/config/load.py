@@ -46,7 +46,26 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
 def load_mechanism(path: Path | str) -> Mechanism:
     """The mechanism in a file, or the one of a name such as ``"erkaya2009"`` that comes with jointgap.
 
-    The keys of such a file: config/README.md; the names: `jointgap.config.shipped_mechanisms`.
+    Parameters
+    ----------
+    path : Path or str
+        A YAML or JSON file, whose keys are in config/README.md; or one of `shipped_mechanisms`.
+
+    Returns
+    -------
+    Mechanism
+
+    Raises
+    ------
+    InputError
+        No such file, an unknown key, a value that is impossible; the message names file, key, value and what to do.
+
+    Examples
+    --------
+    >>> import jointgap as jg
+    >>> mechanism = jg.load_mechanism("erkaya2009")
+    >>> mechanism.crank.length, mechanism.loose
+    (0.15, ('crank_pin', 'piston_pin'))
     """
     return validate(Mechanism, _mechanism(str(path), (Path(),), "mechanism"), str(path))
 

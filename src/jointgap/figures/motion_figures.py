@@ -23,6 +23,10 @@ _SIMULATED, _PREDICTED, _DESIRED = (
 )
 
 
+_NETWORKS = "networks_paper_form"
+"""Source of what the networks say, which is not there where none were trained."""
+
+
 @dataclass(frozen=True)
 class Curve:
     """A column of the table kinematics as figures show it."""
@@ -50,18 +54,21 @@ def _compare(curves: list[Curve], tables: Tables, scenario: Scenario) -> Drawing
     angle = degrees(sources["simulation"]["crank_angle"])
     sheet = Sheet(5.0, 2, len(curves))
     for column, curve in enumerate(curves):
-        desired, simulated, networks = (
-            curve.factor * sources[source][curve.column].to_numpy()
-            for source in ("ideal", "simulation", "networks_paper_form")
+        desired, simulated = (
+            curve.factor * sources[source][curve.column].to_numpy() for source in ("ideal", "simulation")
         )
+        actual = {_SIMULATED: (simulated, "simulation", 0.9)}
+        if _NETWORKS in sources:  # below the simulation's
+            networks = curve.factor * sources[_NETWORKS][curve.column].to_numpy()
+            actual = {_PREDICTED: (networks, "network", 0.8)} | actual
         above = sheet.panel((0, column), curve.title, CRANK_ANGLE, Quantity(curve.name, curve.unit))
         below = sheet.panel(
             (1, column), "deviation", CRANK_ANGLE, Quantity("actual − desired", curve.unit), below=above
         )
         for panel, less in ((above, 0.0), (below, desired)):
-            panel.line(_PREDICTED, angle, networks - less, "network", linewidth=0.8)
-            panel.line(_SIMULATED, angle, simulated - less, "simulation", linewidth=0.9)
-            _spread_scale(panel, desired, np.concatenate([simulated - less, networks - less]))
+            for series, (values, colour, width) in actual.items():
+                panel.line(series, angle, values - less, colour, linewidth=width)
+            _spread_scale(panel, desired, np.concatenate([values - less for values, _, _ in actual.values()]))
         above.line(_DESIRED, angle, desired, "ideal", linestyle="--", linewidth=1.1)
         below.over_crank_angle(angle[0], angle[-1])
     sheet.legend()

@@ -21,6 +21,7 @@ MEASURES = {  # with the colour of each
     "peak": ("peak", "spline"),
     "sum_of_squares": ("sum of squares", "limit"),
 }
+SETTLED = "simulation_settled"
 PRINTED = "paper's three points"
 _APART = 0.07  # that what is frozen lies above what is simulated again: the two may be equal
 LENGTHS = {
@@ -40,13 +41,13 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
 
     Arguments as in `draw`.
     """
-    box = next(iter(scenario.optimise.boxes))
+    box, optima = next(iter(scenario.optimise.boxes)), tables["optimise_optima"]
+    source = NETWORKS if NETWORKS in set(optima["source"]) else SETTLED  # where no networks were trained
     chosen = {
-        name: frame[(frame["source"] == NETWORKS) & (frame["box"] == box)]
+        name: frame[(frame["source"] == source) & (frame["box"] == box)]
         for name, frame in ((name, tables[f"optimise_{name}"]) for name in ("valley", "floor", "paths", "population"))
     }
-    optima = tables["optimise_optima"]
-    optima = optima[optima["source"] == NETWORKS]
+    optima = optima[optima["source"] == source]
     sheet = Sheet(4.9, 1, 2, width_ratios=[1.35, 1.0])
     _map(sheet, chosen, optima, scenario, box)
     _floor(sheet, chosen["floor"], optima, box)

@@ -1,5 +1,6 @@
 """The one style of all figures, what a figure function hands back, and the only place that saves it."""
 
+from base64 import b64encode
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -13,6 +14,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from jointgap import tables
+from jointgap.errors import InputError
+
+_NOTEBOOK_DOTS = 110
+"""Dots per inch at which a notebook shows a figure."""
 
 INK = "#222222"
 COLOURS = {
@@ -75,7 +80,7 @@ WIDTH = 7.5  # inches
 DOTS_PER_INCH = 160  # [1/in] sharp on a screen; printing takes the SVG
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Drawing:
     """A figure, or the frames of an animation, and the data that it shows.
 
@@ -95,6 +100,43 @@ class Drawing:
     data: pd.DataFrame
     frames: tuple[np.ndarray, ...] = ()
     frame_duration: float = 0.0
+
+    def save(self, path: Path | str) -> Path:
+        """Write the figure alone, without its data.
+
+        Parameters
+        ----------
+        path : Path or str
+            Its suffix says how: ``.png`` or ``.svg``; of an animation ``.gif``.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            Another suffix, or a file that cannot be written.
+        """
+        path, savers = Path(path), _savers(self)
+        if path.suffix not in savers:
+            raise InputError(
+                f"{path}: figures are not written as '{path.suffix}'; end the name in {' or '.join(savers)}"
+            )
+        tables.write_atomically(path, savers[path.suffix])
+        return path
+
+    def _repr_mimebundle_(self, include=None, exclude=None) -> tuple[dict[str, str], dict[str, dict[str, int]]]:
+        """The picture, for a notebook."""
+        suffix, content = ".gif" if self.frames else ".png", BytesIO()
+        _savers(self)[suffix](content)
+        kind = f"image/{suffix[1:]}"
+        width = {} if self.frames else {"width": round(self.figure.get_figwidth() * _NOTEBOOK_DOTS)}
+        return {kind: b64encode(content.getvalue()).decode()}, {kind: width}
+
+    def __repr__(self) -> str:
+        return f"Figure of {len(self.figure.axes)} panels: .save('name.{'gif' if self.frames else 'png'}') writes it"
 
 
 def matplotlib_style() -> AbstractContextManager[None]:
@@ -120,15 +162,19 @@ def save(drawing: Drawing, stem: Path | str) -> tuple[Path, ...]:
         The files written: ``.svg``, ``.png`` and ``.parquet`` (``.gif`` and ``.parquet`` for an animation).
     """
     stem = Path(stem)
-    savers = _moving(drawing) if drawing.frames else _still(drawing)
     paths = []
-    for suffix, saver in savers.items():
+    for suffix, saver in _savers(drawing).items():
         path = stem.with_name(stem.name + suffix)
         tables.write_atomically(path, saver)
         paths.append(path)
     data = stem.with_name(stem.name + ".parquet")
     tables.write(tables.PLOTTED, drawing.data, data)
     return (*paths, data)
+
+
+def _savers(drawing: Drawing) -> dict[str, Callable]:
+    """Functions that write the `drawing`, by suffix."""
+    return _moving(drawing) if drawing.frames else _still(drawing)
 
 
 def _still(drawing: Drawing) -> dict[str, Callable]:

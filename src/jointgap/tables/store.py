@@ -2,7 +2,7 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from jointgap.errors import InputError
+from jointgap.errors import InputError, did_you_mean
 from jointgap.tables.columns import Table
 from jointgap.tables.digest import BLANK, is_as_written, write_digest
 
@@ -225,6 +225,51 @@ def _open(reader: Callable[[Path | str], Any], path: Path | str, fix: str) -> tu
             "or run its stage again"
         )
     return read, as_written is not None
+
+
+def read_table(path: Path | str) -> pd.DataFrame:
+    """The frame in a Parquet file that jointgap wrote, or in another one, with the units of its columns.
+
+    Parameters
+    ----------
+    path : Path or str
+        A file such as ``results/paper/simulate/trajectory.parquet``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        In SI units, which ``frame.attrs["units"]`` holds by column (empty where the file says none); null is NaN, None
+        in text.
+
+    Raises
+    ------
+    InputError
+        No such file, not Parquet, or damaged.
+
+    Examples
+    --------
+    >>> import jointgap as jg
+    >>> runs = jg.read_table("results/sweep/runs.parquet")
+    >>> runs.attrs["units"]["clearance"]
+    'm'
+    """
+    arrow, _ = _open(pq.read_table, path, "check the path")
+    frame = arrow.to_pandas()
+    frame.attrs["units"] = {field.name: _word((field.metadata or {}).get(b"unit", b"")) for field in arrow.schema}
+    return frame
+
+
+def with_units(table: Table, frame: pd.DataFrame) -> pd.DataFrame:
+    """A `frame` of `table` with the units of its columns in ``attrs["units"]``, as `read_table` gives them."""
+    frame.attrs["units"] = {column.name: column.unit for column in table.columns}
+    return frame
+
+
+def unit_in(units: Mapping[str, str], column: str) -> str:
+    """The unit of a `column` in `units` by column; InputError where there is none."""
+    if column not in units:
+        raise InputError(f"no column '{column}'; {did_you_mean(column, units)}")
+    return units[column]
 
 
 def read_footer(path: Path | str) -> pq.FileMetaData:

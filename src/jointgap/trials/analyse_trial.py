@@ -39,7 +39,7 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
         id, seconds, doubts (what `measure` found to contradict), and verdict, greedy, sparse, statistics and fits (of
         `least_chi2`), or error.
     """
-    from jointgap.campaign import analyse
+    from jointgap.stages.campaign_pipeline import analyse
 
     begin = time.process_time()
     record: dict[str, Any] = {"id": campaign.name}
