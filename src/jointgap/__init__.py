@@ -10,7 +10,8 @@ Examples
 
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+
+TYPE_CHECKING = False  # as checkers know it; typing would take longer to load than all else here
 
 __version__ = "0.1.0"
 
@@ -105,7 +106,7 @@ if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
     from jointgap.tables.store import read_table
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """A public name, whose module is loaded when it is first asked for: ``import jointgap`` loads next to nothing."""
     if name not in _HOME:
         raise AttributeError(f"module 'jointgap' has no attribute '{name}'", name=name, obj=sys.modules[__name__])
