@@ -32,12 +32,12 @@ smoke: set-up ## the whole chain, small: about a minute, then results/smoke-repo
 		--configfile config/smoke.yaml $(snakemake_options)
 
 study: set-up ## map clearance x speed x friction of the first scenario, then results/study-report.html
-	@scripts/in-venv scripts/run-workflow results/study-report.html studied $(snakemake_options)
+	@scripts/in-venv scripts/run-workflow results/study-report.html $(snakemake_options)
 
 # $$CAMPAIGN and $$SET are read from the environment, where a quote in a path means itself; Snakemake reads YAML, where
 # in quotes a backslash and a quote need a backslash.
 campaign: set-up ## what is missing in the model of CAMPAIGN=config/campaigns/mine.yaml, then results/campaign-report.html
-	@campaign=$${CAMPAIGN//\\/\\\\}; scripts/in-venv scripts/run-workflow results/campaign-report.html campaigned \
+	@campaign=$${CAMPAIGN//\\/\\\\}; scripts/in-venv scripts/run-workflow results/campaign-report.html \
 		$(snakemake_options) $(if $(CAMPAIGN),--config "campaigns=[\"$${campaign//\"/\\\"}\"]")
 
 blind: ## campaigns with hidden effects, analysed and scored: a night; SET=small for a quick one

@@ -21,7 +21,6 @@ _SHELL_FILE = "drill-was-here"
 
 _CLEAR = "ends in a clear error or a result"
 _DEAD = "pages hold no markup that comes of a name"
-_REPORT = "the report holds no markup that comes of a description"
 _ANALYSED = "the pages of a campaign hold no markup of its headings and files"
 _SHELL = "no shell obeys the path of a campaign or of its files"
 
@@ -253,36 +252,6 @@ def _file_in(message: str, name: str, folder: Path) -> str:
     return next((file for file in ("drill.yaml", name) if file and file in message), str(folder))
 
 
-def _report(names: list[str]) -> dict[str, Complaint | None]:
-    """The report's own page with each of the `names` as the description of a scenario, in one run of Snakemake."""
-    with clean_folder() as folder:
-        (folder / _CANARY_FILE).write_text(CANARY)
-        scenarios = {f"s{place}": {"description": name} for place, name in enumerate(names)}
-        text = _yaml({"run": list(scenarios), "campaigns": [], "scenarios": scenarios})
-        (folder / "drill.yaml").write_text(text, encoding="utf-8")
-        target = "results/s0/simulate/trajectory.parquet"  # nothing is run for a report of what is not there yet
-        done = snakemake(folder, "--configfile", "drill.yaml", "--report", "report.html", target)
-        if done.returncode:
-            said = done.stdout + done.stderr
-            refused = "drill.yaml, line" in said or ", scenario s0: description = " in said
-            if len(names) == 1 and refused and not crashed_in(said):
-                return dict.fromkeys(names)
-            wrong = crashed_in(said) or Complaint("the report is not written", said[-500:])
-            return dict.fromkeys(names, wrong) if len(names) == 1 else {name: _report([name])[name] for name in names}
-        page = json.JSONDecoder().raw_decode(
-            (folder / "report.html").read_text(encoding="utf-8").partition("var workflow_desc = ")[2]
-        )[0]
-    items = re.split(r"<strong>s\d+</strong>", page)[1:]
-    if len(items) != len(names):
-        return (
-            dict.fromkeys(names, Complaint("descriptions run into each other", f"{len(items)} of {len(names)}"))
-            if len(names) == 1
-            else {name: _report([name])[name] for name in names}
-        )
-    plain = "<ul><li><p>x</p></li></ul><div><section><h1><a class=x></a></h1></section></div>"
-    return {name: live(item, plain, CANARY) for name, item in zip(names, items, strict=True)}
-
-
 def crashed_in(said: str) -> Complaint | None:
     """A traceback in what a command printed."""
     if "Traceback (most recent call last)" not in said:
@@ -335,7 +304,7 @@ _PAGE = (
 )
 """Elements that a campaign's page has of its own."""
 
-_DESCRIPTIONS, _PER_REPORT, _WHOLE, _PATHS = 100, 25, 4, 8
+_WHOLE, _PATHS = 4, 8
 _SHELL_NAMES = [name for name in NAMES if _SHELL_FILE in name] + [
     "$HOME",
     "*",
@@ -354,9 +323,6 @@ def run(sitting: Sitting) -> list[Row]:
     rows = SWEEP.run(sitting)
     random = sitting.random("names of the workflow", 0)
     many = [str(name) for name in random.permutation(NAMES)]
-    described = [name for name in many if name.strip()][: sitting.of(_DESCRIPTIONS)]
-    batches = [described[first : first + _PER_REPORT] for first in range(0, len(described), _PER_REPORT)]
-    rows.append(_row(_REPORT, sitting, (_report(batch) for batch in batches)))
     markup = [name for name in many if "<" in name and len(name) < 100][: sitting.of(_WHOLE)]
     rows.append(_row(_ANALYSED, sitting, ({name: _analysed(name)} for name in markup)))
     shell = [str(name) for name in random.permutation(_SHELL_NAMES)][: sitting.of(_PATHS)]
@@ -377,7 +343,7 @@ def _row(question: str, sitting: Sitting, found) -> Row:
 def judge_again(case: Case) -> Answers:
     """Judge a kept name again."""
     name, place = case["name"], case["place"]
-    whole = {_REPORT: lambda: _report([name])[name], _ANALYSED: lambda: _analysed(name), _SHELL: lambda: _obeyed(name)}
+    whole = {_ANALYSED: lambda: _analysed(name), _SHELL: lambda: _obeyed(name)}
     return {place: whole[place]()} if place in whole else SWEEP.judge_again(case)
 
 

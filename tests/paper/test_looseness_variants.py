@@ -102,12 +102,17 @@ def test_the_overview_lists_scenarios_in_their_order_and_families_by_count(scena
     assert tuple(found["family"]) == ("three_loose", "three_loose", "motor", "three_loose")
     text = to_markdown(overview.page(found))
     assert "| 1 of 1 | 0 of 1 | 0 of 1 |" in text
-    section = text[text.index("By count of loose joints") :]
+    assert text.startswith("# The scenarios side by side: In 4 scenarios the RMS error of the transmission angle is 10")
+    assert "| [motor](./motor/summary.html) |" in text
+    assert "(figures/motor/figures/resimulation.svg)" in text
+    section = text[text.index("By count of loose joints") : text.index("## Does the gain last?")]
     assert (
         section.index("| 1 | loose_crank_pin |") < section.index("| 2 | paper |") < section.index("| 3 | three_loose |")
     )
     assert "motor" not in section
-    assert "| 149.000 | 564.000 | 10.00 | 20.00 | 10.00 (9.00 to 11.00) | 10.00 (9.00 to 11.00) |" in text  # mm and %
+    assert (
+        "| 149.000 | 564.000 | 10.00 | 20.00 | 10.00 (9.00 to 11.00) | 10.00 (9.00 to 11.00) | 1 of 1 |" in text
+    )  # mm, %
     angles = "0.1146 | 0.0573"  # 2e-3 and 1e-3 rad in deg
     row = f"| 1 | loose_crank_pin | crank pin | 30.00 (29.00 to 31.00) | 30.00 | {angles} |"
     assert row in section

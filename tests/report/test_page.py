@@ -158,12 +158,13 @@ def test_figures_and_tables_with_captions_are_numbered_each_by_itself():
 
 def test_a_link_leads_to_a_file_beside_the_page_whatever_that_is_called():
     blocks = (
-        Bullets((Link("the run", "my run/summary.html", "is `new`"),)),
+        Bullets((Link("the run", "my run/summary.html", "is `new`"), Link("it", "#a", ": `b`"))),
         TableBlock(("where",), ((Link("a]b", "javascript:alert(1)"),), (Link("below", "#where"),))),
     )
     page = Page("A", blocks)
     for part in (
         "<li><a href='./my%20run/summary.html'>the run</a> is <code>new</code></li>",
+        "<li><a href='#a'>it</a>: <code>b</code></li>",
         "<a href='./javascript%3Aalert%281%29'>a]b</a>",
         "<a href='#where'>below</a>",
     ):

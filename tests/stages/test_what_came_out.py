@@ -34,12 +34,14 @@ def test_each_scenario_with_an_optimum_has_a_row_and_shared_remarks_are_told_onc
         given = {"stretch": ["window", "settled"], "measure": ["rms"] * 2, "reduction": [0.0381, 0.05]}
         given |= {"reduction_low": [0.038, 0.04], "reduction_high": [0.0382, 0.06]}
         folder.write(RESIMULATED, numbers(RESIMULATED, 2, point=point, **given))
+        (folder.path / "summary.json").write_text('{"remarks": ["the crank lies at its bound"]}')
     lines = optimum_lines(dict.fromkeys(("short", "a_longer_name", "not_run"), scenario()), tmp_path)
-    heads, short, longer, *_, remark = lines
+    heads, short, longer, *_, remark, short_page, _ = lines
     assert short.split()[:2] == ["short", "149.000"] and longer.split()[0] == "a_longer_name"
     assert short.split()[-8:] == "3.81 (3.80 to 3.82) 5.00 (4.00 to 6.00)".split()
     assert len(heads) == len(short) == len(longer)
-    assert remark.startswith("remark on all scenarios: lankarani_nikravesh delivers a restitution of")
+    assert remark == "remark on all scenarios: the crank lies at its bound"
+    assert short_page == f"page of short: {tmp_path / 'short' / 'summary.html'}"
 
 
 def test_nothing_is_said_where_nothing_was_optimised(tmp_path):

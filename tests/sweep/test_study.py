@@ -12,9 +12,10 @@ from jointgap import tables
 from jointgap.cli import cli
 from jointgap.config import Scenario, Study
 from jointgap.errors import InputError
+from jointgap.report.page import to_markdown
 from jointgap.sweep.study_catalogue import FIGURES
 from jointgap.sweep.study_figures import draw_study, ideal_orders
-from jointgap.sweep.study_page import summary
+from jointgap.sweep.study_page import page
 from jointgap.sweep.study_points import high_order_rms, join_points, orders, samples_per_revolution, simulate_points
 from jointgap.tables.study_tables import MEASURES, ORDERS
 from tests.dynamics.cases import CRANK, MOTOR, ROD, SPEED, effect, mechanism, options
@@ -169,19 +170,19 @@ def test_orders_are_shown_at_a_speed_that_has_some_and_none_where_all_failed(sce
 
 
 def test_the_summary_names_ranges_and_where_only_statistics_hold(scenario, found):
-    text = summary(found, scenario)
+    text = to_markdown(page(found, scenario))
     assert "clearance 0.1 mm to 0.4 mm" in text and "speed 400 rpm to 800 rpm" in text
     assert f"At {found['sensitive'].sum()} of 8 points" in text
-    settled = summary(found[~found["sensitive"]], scenario)
+    settled = to_markdown(page(found[~found["sensitive"]], scenario))
     assert "At no point" in settled and "nan" not in settled
 
 
 def test_where_too_many_starts_fail_nothing_is_said_of_a_small_change(scenario, found):
     lonely = found.assign(growth=math.nan, sensitive=False)
-    text = summary(lonely, scenario)
+    text = to_markdown(page(lonely, scenario))
     assert "Too many starts failed" in text and "At no point" not in text and "Spread" not in text
     partly = found.assign(growth=found["growth"].mask(found.index == found.index[found["sensitive"]][0]))
-    assert f"At {found['sensitive'].sum() - 1} of 7 points" in summary(partly, scenario)
+    assert f"At {found['sensitive'].sum() - 1} of 7 points" in to_markdown(page(partly, scenario))
 
 
 def test_the_command_writes_the_map_its_figures_and_its_words(tmp_path):

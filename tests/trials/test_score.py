@@ -12,12 +12,13 @@ from jointgap import tables
 from jointgap.config import EFFECTS
 from jointgap.errors import InputError
 from jointgap.identification.estimates import LEVELS
+from jointgap.report.page import to_markdown
 from jointgap.slider_crank.sensor_faults import FAULTS
 from jointgap.trials.analyse_trial import greedy_names, statistics_names
 from jointgap.trials.make_trial import ANGLE_PIECES
 from jointgap.trials.score import BASELINES, LEAST_GAP, TRIALS, effect_label, score_batches, score_trial
 from jointgap.trials.trial_figures import draw_score
-from jointgap.trials.trials_report import EFFECT_CLASSES, class_confusion, markdown, metrics, rates, share_interval
+from jointgap.trials.trials_report import EFFECT_CLASSES, class_confusion, metrics, page, rates, share_interval
 
 DRAG = {"name": "slider_quadratic_drag", "site": "slider", "listed": True, "parameters": {"drag_N_s2_m2": 2.0}}
 SPRING = {"name": "slider_spring", "site": "slider", "listed": True, "parameters": {"stiffness_N_m": 100.0}}
@@ -338,15 +339,15 @@ def test_a_set_becomes_a_table_a_page_numbers_and_figures(set_of_trials, tmp_pat
     assert found["nothing found, nothing hidden", "all"] == 1.0
     assert found["both named and no third", "all"] == 0.0
     assert found["sparse regression: wrong name", "all"] == 1.0
-    page = markdown("hand-made", set_of_trials)
-    assert "| right name | all | 1 | 1 | 0.025 - 1 |" in page
-    assert "SimulationError: it stops" in page
-    assert "| slider_quadratic_drag or slider_quadratic_drag + slider_spring |" in page
+    text = to_markdown(page("hand-made", set_of_trials))
+    assert "| right name | all | 1 | 1 | 0.025 - 1 |" in text
+    assert "SimulationError: it stops" in text
+    assert "| slider_quadratic_drag or slider_quadratic_drag + slider_spring |" in text
     assert (
-        page.index("## Wrong or failed")
-        < page.index("| c |")
-        < page.index("## Neither right nor wrong")
-        < page.index("| d |")
+        text.index("## Wrong or failed")
+        < text.index("| c |")
+        < text.index("## Neither right nor wrong")
+        < text.index("| d |")
     )
     assert metrics(set_of_trials)["right name, all"] == 1.0
     for drawing in draw_score(set_of_trials).values():

@@ -1,44 +1,16 @@
-"""The HTML report, opened in a browser and clicked through."""
+"""The report of a run: one page in one file, whose text can be searched."""
 
-import html
-import json
 import re
 
 import pytest
 
 from benchmarks.project import SMOKE_REPORT
-
-# Walks through every category of the report (`app` and `categories` are the report's own) and writes down what can
-# be read there.
-WALK = """
-<script>
-const pause = () => new Promise(done => setTimeout(done, 300));
-(async () => {
-    const seen = {};
-    await pause();
-    seen["start"] = document.body.innerText;
-    seen["graphics"] = document.querySelectorAll("#rulegraph canvas, #rulegraph svg").length;
-    for (const category of Object.keys(categories)) {
-        for (const subcategory of Object.keys(categories[category])) {
-            app.setView({navbarMode: "subcategory", category: category, subcategory: subcategory});
-            await pause();
-            const list = document.querySelector("#app").innerText;
-            const captions = [];
-            for (const path of categories[category][subcategory]) {
-                app.showResultInfo(path);
-                await pause();
-                captions.push(document.querySelector("#app").innerText);
-            }
-            seen[category + "/" + subcategory] = {list: list, captions: captions};
-        }
-    }
-    const note = document.createElement("pre");
-    note.id = "seen";
-    note.textContent = JSON.stringify(seen);
-    document.body.append(note);
-})();
-</script>
-"""
+from jointgap.config import resolve
+from jointgap.config.documents import read_yaml
+from jointgap.figures.catalogue import CATALOGUE
+from jointgap.report.page import to_html
+from jointgap.stages import report_page
+from jointgap.stages.scenario_results import ScenarioResults
 
 
 @pytest.fixture(scope="module")
@@ -46,35 +18,38 @@ def report(smoke):
     return (smoke.folder / SMOKE_REPORT).read_text(encoding="utf-8")
 
 
-@pytest.fixture
-def seen(report, tmp_path, page_text):
-    """What a reader of the report sees, by category and subcategory."""
-    end = report.rindex("</body>")
-    page = tmp_path / "report.html"
-    page.write_text(report[:end] + WALK + report[end:], encoding="utf-8")
-    noted = re.search(r'<pre id="seen">(.*?)</pre>', page_text(page.as_uri(), patience_ms=60_000), re.DOTALL)
-    assert noted, "the report's own scripts did not get through"
-    return json.loads(html.unescape(noted[1]))
+def text_of(page: str) -> str:
+    """What a browser's search finds on a page."""
+    return " ".join(re.sub("<[^>]*>", "", page.partition("</style>")[2]).replace("&#39;", "'").split())
 
 
-def test_the_report_is_one_file_that_loads_nothing(report):
-    assert not re.search(r"<(script|img|iframe)[^>]*\ssrc=[\"']?(https?:)?//", report)
-    assert not re.search(r"<link[^>]*\shref=[\"']?(https?:)?//", report)
+def test_the_report_is_one_small_file_that_loads_nothing_and_fits_a_phone(report):
+    assert len(report) < 10e6
+    assert not re.search(r"<(script|link|iframe)\b", report)
+    assert set(re.findall(r"<img [^>]*src='([^:]*:)", report)) == {"data:"}
+    assert "name='viewport'" in report
 
 
-def test_a_browser_shows_the_rule_graph_the_figures_their_captions_and_the_comparison(seen, smoke):
-    assert seen.pop("graphics") > 0
-    assert "Workflow" in seen.pop("start")
-    assert all(place.startswith("1. smoke/") for place in seen)
+def test_the_report_begins_with_what_came_out_and_a_picture(report):
+    headline = report.partition("<h1>")[2].partition("</h1>")[0]
+    assert re.search(r"RMS error of the transmission angle is [\d.]+\D+ % (smaller|larger)|no gain", headline), headline
+    assert report.index("<h1>") < report.index("<img") < report.index("<h2")
 
-    listed = "\n".join(place["list"] for place in seen.values())
-    captions = [caption for place in seen.values() for caption in place["captions"]]
-    figures = {path.stem for path in (smoke.folder / "results/smoke/figures").glob("*.png")}
-    assert figures
-    for figure in figures:
-        assert any(f"figures/{figure}." in caption for caption in captions), figure
-    assert "comparison" in listed.lower()
-    for caption in captions:
-        described = re.search(r"DESCRIPTION\s+(.*?)\s+SIZE", caption, re.DOTALL)
-        assert described, f"no caption: {caption}"
-        assert len(described[1]) > 40, f"hardly a caption: {described[1]}"
+
+def test_every_figure_stands_in_the_report_with_its_caption_in_the_order_of_its_category(report):
+    text = text_of(report)
+    places = [text.index(f". {spec.title}: smoke. {spec.caption}") for spec in CATALOGUE.values()]
+    order = list(dict.fromkeys(spec.category for spec in CATALOGUE.values()))
+    by_category = sorted(zip([order.index(spec.category) for spec in CATALOGUE.values()], places, strict=True))
+    assert [place for _, place in by_category] == sorted(places)
+
+
+def test_a_report_that_would_be_too_large_shows_some_figures_and_links_the_others(smoke, monkeypatch):
+    scenario = resolve(read_yaml(smoke.folder / "config/smoke.yaml"), (smoke.folder,))["smoke"]
+    folder = smoke.folder / "results"
+    monkeypatch.setattr(report_page, "MOST_BYTES", 0)
+    page = to_html(report_page.page({"smoke": ScenarioResults(folder / "smoke", scenario)}, [], {}, folder), folder)
+    assert page.count("<img") == 5
+    linked = set(re.findall(r"href='\./(smoke/figures/[^']*)'", page))
+    assert len(linked) == len(CATALOGUE) - 4 and all((folder / path).is_file() for path in linked)
+    assert all(spec.caption in text_of(page) for spec in CATALOGUE.values())

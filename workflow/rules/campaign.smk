@@ -178,27 +178,11 @@ use rule campaign_stage as campaign_conclude with:
     output:
         verdict=campaign_place(VERDICT),
         summaries=campaign_place(SUMMARIES[0]),
-        page=report(
-            campaign_place(SUMMARIES[1]),
-            caption="../report/campaign_summary.rst",
-            category=campaign_section,
-            subcategory="Verdict",
-            labels={"figure": "The verdict on one page"},
-        ),
-        figures=[
-            report(
-                campaign_place(f"figures/{name}.png"),
-                caption=caption(f"campaign_{name}", figure.rst("campaign")),
-                category=campaign_section,
-                subcategory=figure.category,
-                labels={"figure": figure.title},
-            )
-            for name, figure in CAMPAIGN_FIGURES.items()
-        ],
-        more=expand(
+        page=campaign_place(SUMMARIES[1]),
+        figures=expand(
             campaign_place("figures/{figure}.{ending}"),
             figure=CAMPAIGN_FIGURES,
-            ending=["svg", "parquet"],
+            ending=["png", "svg", "parquet"],
             allow_missing=True,
         ),
     pathvars:

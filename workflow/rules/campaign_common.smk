@@ -70,8 +70,3 @@ def made_of_campaign(name):
     ]
     paths = [str(path) for rule in made for path in rule.output]
     return [file for path in paths for file in expand(path, campaign=name, part=range(CAMPAIGNS[name].parts))]
-
-
-def campaign_section(wildcards):
-    """For the report: the campaign, after the scenarios."""
-    return f"Campaign {wildcards.campaign}"

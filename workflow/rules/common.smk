@@ -12,7 +12,7 @@ from jointgap.paper.looseness_variants import looseness_variants
 from jointgap.config import Constraints, resolve
 from jointgap.errors import InputError
 from jointgap.joints import JOINT_NUMBERS
-from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FIGURES
+from jointgap.figures.catalogue import FIGURES
 from jointgap.stages.scenario_results import parts_of
 from jointgap.stages.scenario_stages import IMPACTS_PAGE, SCENARIO_STAGES
 from jointgap.sweep.study_catalogue import FIGURES as STUDY_FIGURES
@@ -136,38 +136,6 @@ def made_of_study(name):
     return [file for path in paths for file in expand(path, scenario=name, number=numbers)]
 
 
-def section(wildcards):
-    """For the report, which sorts its sections by name: the scenario, in the order in which scenarios are run."""
-    place = list(SCENARIOS).index(wildcards.scenario) + 1
-    return f"{place:0{len(str(len(SCENARIOS)))}}. {wildcards.scenario}"
-
-
-def caption(name, text):
-    """For the report, which takes captions as files only: one that holds `text`, from a catalogue of figures."""
-    path = Path(".snakemake", "captions", f"{name}.rst").absolute()
-    if not path.is_file() or path.read_text(encoding="utf-8") != text:
-        write_text(path, text)
-    return str(path)
-
-
-def reported(name, figure, ending):
-    """For output: one figure with its caption and its place in the report."""
-    return report(
-        f"results/{{scenario}}/figures/{name}.{ending}",
-        caption=caption(name, figure.rst("scenario")),
-        category=section,
-        subcategory=figure.category,
-        labels={"figure": figure.title},
-    )
-
-
-def tell_outcomes():
-    """Prints what came out of each scenario, with its remarks and its page: called when a run has ended well."""
-    for name in LOOSE:
-        path = Path("results", name, "summary.json")
-        if path.is_file():
-            known = json.loads(path.read_text(encoding="utf-8"))
-            logger.info(f"{name}: {known['headline']}")
-            for remark in known["remarks"]:
-                logger.info(f"    - {remark}")
-            logger.info(f"    page: {path.with_suffix('.html')}")
+def drawn(name, ending):
+    """For output: where a figure of a scenario lies."""
+    return f"results/{{scenario}}/figures/{name}.{ending}"

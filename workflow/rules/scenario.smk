@@ -102,8 +102,7 @@ use rule scenario_stage as figures with:
     input:
         **read_by("figures"),
     output:
-        expand("results/{{scenario}}/figures/{figure}.{ending}", figure=FIGURES, ending=["svg", "parquet"]),
-        **{name: reported(name, figure, "png") for name, figure in CATALOGUE.items()},
+        [drawn(name, ending) for name in FIGURES for ending in ("png", "svg", "parquet")],
     pathvars:
         stage="figures",
     params:
@@ -116,8 +115,8 @@ use rule scenario_stage as animation with:
     input:
         trajectory=rules.simulate.output.trajectory,
     output:
-        gif=reported("animation", ANIMATION, "gif"),
-        data="results/{scenario}/figures/animation.parquet",
+        gif=drawn("animation", "gif"),
+        data=drawn("animation", "parquet"),
     pathvars:
         stage="animation",
     params:
@@ -149,13 +148,7 @@ use rule scenario_stage as compare with:
     output:
         table="results/{scenario}/comparison.parquet",
         text="results/{scenario}/comparison.md",
-        page=report(
-            "results/{scenario}/comparison.html",
-            caption="../report/comparison.rst",
-            category=section,
-            subcategory="Comparison",
-            labels={"figure": "The paper's numbers and claims beside ours"},
-        ),
+        page="results/{scenario}/comparison.html",
     pathvars:
         stage="compare",
     params:
@@ -174,13 +167,7 @@ use rule scenario_stage as summarise with:
     output:
         known="results/{scenario}/summary.json",
         text="results/{scenario}/summary.md",
-        page=report(
-            "results/{scenario}/summary.html",
-            caption="../report/scenario_summary.rst",
-            category=section,
-            subcategory="0. Summary",
-            labels={"figure": "The lengths found, what they gain and what they cost"},
-        ),
+        page="results/{scenario}/summary.html",
     pathvars:
         stage="summarise",
     params:
@@ -218,16 +205,12 @@ use rule scenario_stage as track with:
 
 rule overview:
     input:
-        expand(rules.compare.output.table, scenario=LOOSE),
+        tables=expand(rules.compare.output.table, scenario=LOOSE),
+        figures=expand(drawn("resimulation", "png"), scenario=LOOSE),
     output:
         table="results/overview.parquet",
         text="results/overview.md",
-        page=report(
-            "results/overview.html",
-            caption="../report/overview.rst",
-            category="0. All scenarios",
-            labels={"figure": "The scenarios side by side"},
-        ),
+        page="results/overview.html",
     log:
         "results/logs/overview.log",
     conda:

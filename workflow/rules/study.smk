@@ -41,18 +41,10 @@ rule study:
     output:
         points="results/{scenario}/study/points.parquet",
         text="results/{scenario}/study/summary.md",
-        figures=[
-            report(
-                f"results/{{scenario}}/study/{name}.png",
-                caption="../report/study.rst",
-                category=section,
-                subcategory="Study",
-                labels={"figure": title},
-            )
-            for name, title in STUDY_FIGURES.items()
-        ],
-        more=expand(
-            "results/{{scenario}}/study/{figure}.{ending}", figure=STUDY_FIGURES, ending=["svg", "parquet"]
+        figures=expand(
+            "results/{{scenario}}/study/{figure}.{ending}",
+            figure=STUDY_FIGURES,
+            ending=["png", "svg", "parquet"],
         ),
     log:
         "results/{scenario}/logs/study.log",

@@ -83,7 +83,7 @@ def page(
         Whose runs and files are listed.
     """
     return Page(
-        _headline(verdict),
+        title(verdict),
         (
             *_answer(verdict),
             *_measured(verdict, tables.get("channel_errors"), tables.get("gaps")),
@@ -104,7 +104,7 @@ def page(
     )
 
 
-def _headline(verdict: Mapping[str, Any]) -> str:
+def title(verdict: Mapping[str, Any]) -> str:
     """The answer in a line, with its number and interval."""
     if verdict["effects"]:
         return _capital(headline(verdict["effects"]))

@@ -134,12 +134,35 @@ def _overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
     stage.function({name: open_results(options, results / name) for name, options in scenarios}, results)
 
 
+def _report(
+    results: Path,
+    report: Path,
+    scenarios: tuple[tuple[str, str], ...],
+    studies: tuple[tuple[str, str], ...],
+    campaigns: tuple[str, ...],
+) -> None:
+    tables.check_writable(report)
+    opened = [{name: open_results(options, results / name) for name, options in each} for each in (scenarios, studies)]
+    SCENARIO_STAGES["report"].function(opened[0], campaigns, opened[1], results, report)
+
+
+_NAMED = "Name and options of a scenario"
+_REPORT_OPTIONS = [
+    need("--results", "Folder of the folders of results.", FOLDER),
+    need("--report", "HTML file to write; its links hold where it lies in that folder."),
+    click.option("--scenario", "scenarios", nargs=2, multiple=True, help=f"{_NAMED}, repeatable."),
+    click.option("--study", "studies", nargs=2, multiple=True, help=f"{_NAMED} whose study is shown, repeatable."),
+    click.option("--campaign", "campaigns", multiple=True, help="Name of a campaign, repeatable."),
+]
+
 for _stage in SCENARIO_STAGES.values():
     if _stage.name == "overview":
         _folder = need(
             "--results", "Folder of the scenarios' folders; overview.md, .html and .parquet go there.", FOLDER
         )
         add_command(_stage.name, _stage.help, _overview, [_folder, _scenario], OF_SCENARIO)
+    elif _stage.name == "report":
+        add_command(_stage.name, _stage.help, _report, _REPORT_OPTIONS, OF_SCENARIO)
     elif "results" in inspect.signature(_stage.function).parameters:
         _results_command(_stage)
     else:

@@ -29,7 +29,7 @@ class FigureSpec:
         of the fits, ``fit_history`` and ``fit_errors`` are those of all outputs below each other, with a column
         ``output``.
     caption : str
-        What it shows and how to read it, as reStructuredText.
+        What it shows and how to read it.
     nothing : str
         What a campaign's figure says where there is nothing to draw.
     """
@@ -45,16 +45,7 @@ class FigureSpec:
         """The function that draws it."""
         return resolve_name(f"jointgap.figures.{self.function}")
 
-    def rst(self, wildcard: str) -> str:
-        """The caption as Snakemake's report takes it; `wildcard` is what the figure is of, ``scenario`` or
-        ``campaign``.
-        """
-        sources = [_FITS if table == "predictions" else table for table in self.tables]
-        source = f"{'Table' if len(sources) == 1 else 'Tables'}: {', '.join(sources)}."
-        return f"**{self.title}** ({wildcard} ``{{{{ snakemake.wildcards.{wildcard} }}}}``). {self.caption} {source}\n"
 
-
-_FITS = "fit (the networks' predictions)"
 _NETWORKS, _MOTION, _CONTACT, _OPTIMUM = "Networks", "Motion", "Contact", "Optimum"
 _LEARNED = ("trajectory", "predictions")
 

@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.figures.catalogue import CATALOGUE
 from jointgap.paper.looseness_variants import VariantOptimum, conclusion, looseness_variants, variant_optimum
-from jointgap.report.page import Block, Heading, Page, Paragraph, TableBlock
+from jointgap.report.page import Block, FigureBlock, Heading, Link, Page, Paragraph, TableBlock, written_today
 
 NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated")
 
@@ -24,17 +25,18 @@ HEADS = (
     "drive",
     "friction, largest",
     "window [deg]",
+    "crank [mm]",
+    "rod [mm]",
+    "networks, frozen [%]",
+    "simulation, frozen [%]",
+    "simulated again, window [%]",
+    "simulated again, settled [%]",
     "training MSE reached",
     "held-out MSE reached",
     "second surrogate, held out",
-    "L2 [mm]",
-    "L3 [mm]",
-    "networks, frozen [%]",
-    "simulation, frozen [%]",
-    "again, window [%]",
-    "again, settled [%]",
 )
 _ALIGN = "lllrrrrrrrrrrr"
+_FIGURE = "resimulation"
 TITLE = "The scenarios side by side"
 TEXT = (
     "Reductions of the RMS error of the transmission angle at the lengths that the genetic algorithm finds on the "
@@ -47,8 +49,8 @@ COUNT_HEADS = (
     "loose joints",
     "scenario",
     "which",
-    "again, window [%]",
-    "again, settled [%]",
+    "simulated again, window [%]",
+    "simulated again, settled [%]",
     "error before [deg]",
     "after [deg]",
 )
@@ -110,24 +112,24 @@ def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> d
     }
 
 
-def _cells(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
+def _cells(table: pd.DataFrame) -> Iterator[tuple[str | Link, ...]]:
     for row in table.itertuples(index=False):
         yield (
-            row.scenario,
+            Link(row.scenario, f"{row.scenario}/summary.html"),
             row.loose,
             row.drive,
             f"{row.friction:g}",
             f"{np.degrees(row.window_start):.0f}-{np.degrees(row.window_end):.0f}",
-            *(
-                f"{count} of {row.judged}" if row.judged else "–"
-                for count in (row.training_reached, row.held_out_reached, row.second_reached)
-            ),
             f"{1e3 * row.crank_length:.3f}",
             f"{1e3 * row.rod_length:.3f}",
             f"{100 * row.networks_reduction:.2f}",
             f"{100 * row.simulation_reduction:.2f}",
             _spread(row.window_reduction, row.window_reduction_low, row.window_reduction_high),
             _spread(row.settled_reduction, row.settled_reduction_low, row.settled_reduction_high),
+            *(
+                f"{count} of {row.judged}" if row.judged else "–"
+                for count in (row.training_reached, row.held_out_reached, row.second_reached)
+            ),
         )
 
 
@@ -159,9 +161,30 @@ def _families(table: pd.DataFrame) -> Iterator[tuple[str, list[tuple[str, ...]]]
         yield words, cells
 
 
+def headline(table: pd.DataFrame) -> str:
+    """What came out of the scenarios of the `table` overview, in a line."""
+    low, high = (100.0 * end for end in (table["window_reduction"].min(), table["window_reduction"].max()))
+    return (
+        f"In {len(table)} scenarios the RMS error of the transmission angle is {low:.1f} to {high:.1f} % smaller at "
+        "the lengths found, simulated again"
+    )
+
+
 def page(table: pd.DataFrame) -> Page:
-    """The `table` overview on one page."""
+    """The `table` overview on one page, with a small figure of each scenario; figures and links are relative to the
+    folder of results.
+    """
+    spec = CATALOGUE[_FIGURE]
+    figures = [
+        FigureBlock(f"{name}/figures/{_FIGURE}", f"{spec.title}: {name}", small=True) for name in table["scenario"]
+    ]
+    shown = [*side_by_side(table), Heading("Does the gain last?"), Paragraph(spec.caption), *figures]
+    return Page(headline(table), tuple(shown), subject=TITLE, footer=written_today(), width="100rem")
+
+
+def side_by_side(table: pd.DataFrame) -> list[Block]:
+    """The `table` overview in words and tables."""
     blocks: list[Block] = [Paragraph(TEXT), TableBlock(HEADS, tuple(_cells(table)), _ALIGN)]
     for words, cells in _families(table):
         blocks += [Heading(COUNT_TITLE), Paragraph(words), TableBlock(COUNT_HEADS, tuple(cells), _COUNT_ALIGN)]
-    return Page(TITLE, tuple(blocks))
+    return blocks

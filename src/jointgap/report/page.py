@@ -21,7 +21,8 @@ from jointgap.report.images import data_address
 from jointgap.report.plain_words import day_in_words
 
 _UNBROKEN = 24  # [characters] a cell up to this length stays on one line: a table scrolls sooner than it squeezes words
-_CONTENTS_FROM = 4  # sections; a page with fewer is read as it is
+_CONTENTS_FROM, _PARTS_UP_TO = 4, 30
+"""Sections from which on a page has a table of contents, and how many it may list with parts of sections among them."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,11 @@ class Link(NamedTuple):
     text: str
     target: str
     then: str = ""
+
+    @property
+    def gap(self) -> str:
+        """What stands between the link and what follows it."""
+        return " " if self.then and self.then.strip()[:1] not in ",;:.)" else ""
 
     @property
     def address(self) -> str:
@@ -116,7 +122,8 @@ def _styled(cell: str | Cell | Link, rule: str) -> tuple[str | Link, str]:
 class FigureBlock:
     """A saved figure by the stem of its files, relative to the folder of figures, with its title and what it shows.
 
-    HTML leaves it out where it was not drawn. A `moving` one is a GIF, a still one PNG and SVG.
+    HTML leaves it out where it was not drawn. A `moving` one is a GIF, a still one PNG and SVG; `small` ones stand
+    beside each other where there is room.
     """
 
     kind: ClassVar = "figure"
@@ -124,6 +131,7 @@ class FigureBlock:
     title: str
     caption: str = ""
     moving: bool = False
+    small: bool = False
 
     @property
     def image(self) -> str:
@@ -194,6 +202,8 @@ def to_html(page: Page, figures: Path | str = "figures") -> str:
     )
     ahead = next((n for n, one in enumerate(shown) if isinstance(one.block, Heading)), len(shown))
     sections = [one for one in shown if isinstance(one.block, Heading)]
+    if len(sections) > _PARTS_UP_TO:
+        sections = [one for one in sections if one.block.level == 2]
     return _TEMPLATES.get_template("page.html.j2").render(
         page=page,
         first=shown[:ahead],
@@ -262,15 +272,16 @@ def _markdown_point(point: str | Link, of_cell: bool = False) -> str:
     if not isinstance(point, Link):
         return escaped(point)
     words = re.sub(r"(?<!\\)([\[\]])", r"\\\1", _markdown_cell(point.text))
-    return f"[{words}]({point.address})" + (f" {_markdown_cell(point.then)}" if point.then else "")
+    return f"[{words}]({point.address}){point.gap}{_markdown_cell(point.then)}"
 
 
 def _html_point(point: str | Link) -> Markup:
     """A point of a list or a cell of a table."""
     if not isinstance(point, Link):
         return _with_code(point)
-    then = f" {_with_code(point.then)}" if point.then else ""
-    return Markup(f"<a href='{escape(point.address)}'>{_with_code(point.text)}</a>{then}")
+    return Markup(
+        f"<a href='{escape(point.address)}'>{_with_code(point.text)}</a>{point.gap}{_with_code(point.then.strip())}"
+    )
 
 
 def _with_code(text: str) -> Markup:

@@ -283,9 +283,37 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
         name: (results.read_all(scenario_overview.NEEDED), results.scenario) for name, results in scenarios.items()
     }
     result = scenario_overview.overview(needed)
-    tables.write_text(folder / "overview.html", to_html(scenario_overview.page(result)))
-    tables.write_text(folder / "overview.md", to_markdown(scenario_overview.page(result)))
+    page = scenario_overview.page(result)
+    tables.write_text(folder / "overview.html", to_html(page, folder))
+    tables.write_text(folder / "overview.md", to_markdown(page, "."))
     tables.write(OVERVIEW, result, folder / OVERVIEW.path)
+
+
+@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=("description", *_OPTIMUM))
+def report(
+    scenarios: Mapping[str, "ScenarioResults"],
+    campaigns: Sequence[str],
+    studies: Mapping[str, "ScenarioResults"],
+    folder: Path,
+    file: Path,
+) -> None:
+    """Put what came out of a run on one page in one file, with its figures.
+
+    Parameters
+    ----------
+    scenarios, studies : mapping of str to ScenarioResults
+        By name; of those of `studies` the maps of clearance, speed and friction.
+    campaigns : sequence of str
+        Names.
+    folder : Path
+        In which the folders of results lie.
+    file : Path
+        To write.
+    """
+    from jointgap.report.page import to_html
+    from jointgap.stages.report_page import page
+
+    tables.write_text(file, to_html(page(scenarios, campaigns, studies, folder), folder))
 
 
 @SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
@@ -362,8 +390,9 @@ def study(scenario: "Scenario", folder: Path, parts: Sequence[Path], workers: in
         Processes.
     """
     from jointgap.figures import style
+    from jointgap.report.page import to_markdown
     from jointgap.sweep.study_figures import draw_study
-    from jointgap.sweep.study_page import summary
+    from jointgap.sweep.study_page import page
     from jointgap.sweep.study_points import join_points, simulate_points
 
     table, text = folder / "points.parquet", folder / "summary.md"
@@ -371,8 +400,8 @@ def study(scenario: "Scenario", folder: Path, parts: Sequence[Path], workers: in
     frames = [tables.read(STUDY, part) for part in parts] or [simulate_points(scenario, workers=workers)]
     points = join_points(frames, scenario.study)
     tables.write(STUDY, points, table)
-    page = summary(points, scenario)
-    tables.write_text(text, page)
+    summary = to_markdown(page(points, scenario))
+    tables.write_text(text, summary)
     for name, drawing in draw_study(points, scenario).items():
         style.save(drawing, folder / name)
-    return page
+    return summary

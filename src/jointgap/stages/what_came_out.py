@@ -1,5 +1,6 @@
 """What a run of the workflow came to, in lines for the terminal: the verdict of a campaign, the optima of scenarios."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,11 @@ from jointgap.errors import InputError
 from jointgap.report.plain_words import in_words
 from jointgap.tables.optimise_tables import OPTIMA, RESIMULATED
 from jointgap.tables.results_folder import ResultsFolder
+
+SUMMARY, SUMMARY_PAGE = "summary.json", "summary.html"
+"""Files of a scenario: what came out for programs, and for people."""
+
+_MOST_PAGES = 3  # that are named one by one
 
 _HEADS = ("scenario", "crank [mm]", "rod [mm]", "error [deg]", "gain, window [%]", "gain, revolution [%]")
 _LEGEND = (
@@ -77,7 +83,9 @@ def optimum_lines(scenarios: Mapping[str, Scenario], results: Path) -> list[str]
     rows = {name: row for name, scenario in scenarios.items() if (row := _optimum(name, scenario, results / name))}
     if not rows:
         return []
-    return [*_aligned([_HEADS, *rows.values()]), *_LEGEND, *_remarks({name: scenarios[name] for name in rows})]
+    pages = [f"page of {name}: {results / name / SUMMARY_PAGE}" for name in rows]
+    shown = pages if len(pages) <= _MOST_PAGES else [f"pages: {results}/*/{SUMMARY_PAGE}"]
+    return [*_aligned([_HEADS, *rows.values()]), *_LEGEND, *_remarks(list(rows), results), *shown]
 
 
 def _optimum(name: str, scenario: Scenario, path: Path) -> tuple[str, ...] | None:
@@ -116,15 +124,15 @@ def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
         yield "  ".join((first, *others)).rstrip()
 
 
-def _remarks(scenarios: Mapping[str, Scenario]) -> Iterator[str]:
-    """What a user should know of the scenarios; what several joints or scenarios share is told once."""
-    from jointgap.dynamics.model.mechanism_warnings import remarks
-
+def _remarks(names: Sequence[str], results: Path) -> Iterator[str]:
+    """What the summaries of scenarios remark; what several share is told once."""
     told: dict[str, dict[str, None]] = {}
-    for name, scenario in scenarios.items():
-        for remark in remarks(scenario.mechanism):
-            _, _, sentence = remark.partition(": ")  # before it stands the joint
-            told.setdefault(sentence, {})[name] = None
-    for sentence, names in told.items():
-        everyone = len(names) > 1 and len(names) == len(scenarios)
-        yield f"remark on {'all scenarios' if everyone else ', '.join(names)}: {sentence}"
+    for name in names:
+        summary = results / name / SUMMARY
+        if not summary.is_file():
+            continue
+        for remark in json.loads(summary.read_text(encoding="utf-8"))["remarks"]:
+            told.setdefault(remark, {})[name] = None
+    for sentence, owners in told.items():
+        everyone = len(owners) > 1 and len(owners) == len(names)
+        yield f"remark on {'all scenarios' if everyone else ', '.join(owners)}: {sentence}"

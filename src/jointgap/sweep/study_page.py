@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.report.page import Page, Paragraph, TableBlock, to_markdown
-from jointgap.sweep.study_catalogue import SHOWN
+from jointgap.report.page import FigureBlock, Page, Paragraph, TableBlock
+from jointgap.sweep.study_catalogue import FIGURES, SHOWN
 
 _AXES = {
     "clearance": ("clearance", lambda value: f"{1e3 * value:.3g} mm"),
@@ -14,8 +14,21 @@ _AXES = {
 }
 
 
-def summary(points: pd.DataFrame, scenario: Scenario) -> str:
-    """Markdown: what was varied, what it does, where only statistics hold.
+_CAPTION = (
+    "Every point is simulated from several starts that differ by a hair; numbers are medians over them, measured over "
+    "the settled revolutions. Where a number is underlined, the small change has grown beyond a thousandth of the "
+    "clearance: the motion is chaotic or has not settled, and only statistics can be compared. Acceleration orders are "
+    'amplitudes at multiples of the crank speed; "above order 10" is what the ideal mechanism does not have.'
+)
+
+
+def figures(place: str) -> list[FigureBlock]:
+    """The maps, with what they show; `place` is where they lie, relative to the folder of figures, with a slash."""
+    return [FigureBlock(f"{place}{name}", title, _CAPTION) for name, title in FIGURES.items()]
+
+
+def page(points: pd.DataFrame, scenario: Scenario) -> Page:
+    """What was varied, what it does, where only statistics hold.
 
     Parameters
     ----------
@@ -47,7 +60,7 @@ def summary(points: pd.DataFrame, scenario: Scenario) -> str:
         _effects(points),
         *(Paragraph(text) for text in findings if text),
     )
-    return to_markdown(Page("Clearance, speed and friction", blocks))
+    return Page("Clearance, speed and friction", blocks)
 
 
 def _effects(points: pd.DataFrame) -> TableBlock:

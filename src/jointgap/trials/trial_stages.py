@@ -94,18 +94,21 @@ def blind_score(name: str, truths: Sequence[Path], founds: Sequence[Path], folde
         To write into.
     """
     from jointgap.figures import style
+    from jointgap.report.page import to_html, to_markdown
     from jointgap.trials.score import TRIALS, score_batches
     from jointgap.trials.trial_figures import draw_score
-    from jointgap.trials.trials_report import markdown, metrics
+    from jointgap.trials.trials_report import metrics, page
 
     frame = score_batches(truths, founds)
     tables.write(TRIALS, frame, folder / "trials.parquet")
     for stem, drawing in draw_score(frame).items():
         style.save(drawing, folder / stem)
     tables.write_text(folder / "metrics.json", json.dumps(metrics(frame), indent=2) + "\n")
-    page = markdown(name, frame)
-    tables.write_text(folder / "summary.md", page)
-    return page
+    summary = page(name, frame)
+    tables.write_text(folder / "summary.html", to_html(summary, folder))
+    text = to_markdown(summary, ".")
+    tables.write_text(folder / "summary.md", text)
+    return text
 
 
 @TRIAL_STAGES.stage()

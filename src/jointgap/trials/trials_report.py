@@ -9,7 +9,7 @@ from scipy.stats import binom, binomtest
 
 from jointgap import tables
 from jointgap.identification.estimates import LEVELS
-from jointgap.report.page import Block, Heading, Page, Paragraph, TableBlock, to_markdown
+from jointgap.report.page import Block, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
 from jointgap.slider_crank.sensor_faults import FAULTS
 from jointgap.track.run_record import Dataset, Record
 from jointgap.trials.score import BASELINES, NAMED, TRIALS
@@ -237,8 +237,8 @@ def _without_sites(names: str) -> str:
     return " + ".join(sorted(name.partition(":")[0] for name in names.split(" + ")))
 
 
-def markdown(name: str, trials: pd.DataFrame) -> str:
-    """The summary as a page.
+def page(name: str, trials: pd.DataFrame) -> Page:
+    """The summary on one page, with the figures of the score.
 
     Parameters
     ----------
@@ -254,9 +254,14 @@ def markdown(name: str, trials: pd.DataFrame) -> str:
     intervals = "Shares with 95 % intervals of Clopper and Pearson, medians with those of order statistics."
     blocks = [
         Paragraph(f"{len(trials)} campaigns. {intervals}"),
+        FigureBlock("rates", "Shares of right and wrong verdicts"),
         TableBlock(("what", "group", "of", "value", "95 %"), tuple(rows), "llrrl"),
     ]
-    blocks += [Heading("What was named, by class"), _table(class_confusion(trials))]
+    blocks += [
+        Heading("What was named, by class"),
+        FigureBlock("confusion", "What was hidden and what was named"),
+        _table(class_confusion(trials)),
+    ]
     for base in BASES:
         part = trials[trials["base"] == base]
         if len(part):
@@ -265,7 +270,7 @@ def markdown(name: str, trials: pd.DataFrame) -> str:
     blocks += _section("Wrong or failed", trials[wrong])
     abstained = (trials["kind"] == "off_list") & (trials["outcome"] == "unexplained")
     blocks += _section("Neither right nor wrong", trials[~wrong & ~abstained & (trials["outcome"] != "right")])
-    return to_markdown(Page(f"Blind trials: {name}", tuple(blocks)))
+    return Page(f"Blind trials: {name}", tuple(blocks), footer=written_today())
 
 
 def _section(heading: str, trials: pd.DataFrame) -> list[Block]:

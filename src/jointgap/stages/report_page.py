@@ -1,0 +1,232 @@
+"""The report of a run: what came out, on one page in one file."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from jointgap import tables
+from jointgap.campaign import verdict, verdict_page
+from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
+from jointgap.campaign.verdict_sentences import answer
+from jointgap.figures.campaign_catalogue import CATALOGUE as CAMPAIGN_FIGURES
+from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FigureSpec
+from jointgap.paper import scenario_overview
+from jointgap.report.page import (
+    Block,
+    Bullets,
+    FigureBlock,
+    Heading,
+    Link,
+    Page,
+    Paragraph,
+    TableBlock,
+    place_of,
+    written_today,
+)
+from jointgap.report.plain_words import joined
+from jointgap.stages.scenario_results import ScenarioResults
+from jointgap.sweep import study_page
+from jointgap.tables import STUDY
+
+MOST_BYTES = 6_000_000
+"""Of the images that a report takes in: as text in the page they have a third more, and the page stays below 10 MB."""
+
+_PACKED = 0.4  # size of a still figure in a page over that of its PNG file, at most
+
+_KEY_FIGURES = ("resimulation", "valley", "figure_12", "contact_forces")
+_KEY_FIGURES_OF_CAMPAIGNS = ("measured_against_model", "disagreement", "ranking")
+"""Figures that stand in a report of so many scenarios that all would be too large for a page; the others are linked."""
+
+
+def page(
+    scenarios: Mapping[str, ScenarioResults],
+    campaigns: Sequence[str],
+    studies: Mapping[str, ScenarioResults],
+    folder: Path,
+) -> Page:
+    """What came out of a run.
+
+    Parameters
+    ----------
+    scenarios, studies : mapping of str to ScenarioResults
+        By name; of a scenario of `studies` the maps of its study.
+    campaigns : sequence of str
+        Names.
+    folder : Path
+        In which the folders of results lie.
+    """
+    verdicts = {name: verdict.read(_of_campaign(folder, name) / VERDICT) for name in campaigns}
+    learned = {name: results for name, results in scenarios.items() if results.scenario.mechanism.applied().loose}
+    table = None
+    if learned:
+        read = {name: (own.read_all(scenario_overview.NEEDED), own.scenario) for name, own in learned.items()}
+        table = scenario_overview.overview(read)
+    gains = {} if table is None else dict(zip(table["scenario"], map(_gain, table.to_dict("records")), strict=True))
+    whole = _size(folder, scenarios, campaigns) <= MOST_BYTES
+    return Page(
+        _headline(table, gains, verdicts, studies),
+        (
+            *_first_picture(scenarios, campaigns, studies, folder),
+            Bullets(tuple(_glance(scenarios, gains, verdicts, studies))),
+            *_side_by_side(table),
+            *(block for name, own in scenarios.items() for block in _scenario(own, gains.get(name, ""), whole, folder)),
+            *(block for name, own in studies.items() for block in _study(name, own)),
+            *(block for name, content in verdicts.items() for block in _campaign(content, whole, folder)),
+            *([] if whole else _other_figures(scenarios, campaigns)),
+        ),
+        subject="What came out of this run",
+        footer=f"{written_today()} The runs side by side, with their files: `jointgap dashboard`. What each stage "
+        "reads and writes: docs/workflow.md.",
+    )
+
+
+def _of_campaign(folder: Path, name: str) -> Path:
+    return folder / "campaigns" / name
+
+
+def _gain(row: Mapping[str, Any]) -> str:
+    """How much smaller the error is at the lengths that were found, of a row of the overview."""
+    low, middle, high = (100.0 * row[f"window_reduction{end}"] for end in ("_low", "", "_high"))
+    lengths = f"crank {1e3 * row['crank_length']:.2f} mm, rod {1e3 * row['rod_length']:.2f} mm"
+    if low <= 0.0 <= high:
+        return f"at {lengths} no gain that can be told from chance ({low:.1f} to {high:.1f} %), simulated again"
+    return (
+        f"at {lengths} the RMS error of the transmission angle is {abs(middle):.2f} % "
+        f"{'smaller' if middle > 0 else 'larger'} ({low:.2f} to {high:.2f} %), simulated again"
+    )
+
+
+def _headline(
+    table: pd.DataFrame | None, gains: Mapping[str, str], verdicts: Mapping[str, Any], studies: Mapping[str, Any]
+) -> str:
+    parts = []
+    if table is not None and len(gains) == 1:
+        parts = [_capital(next(iter(gains.values())))]
+    elif table is not None:
+        parts = [scenario_overview.headline(table)]
+    elif verdicts:
+        parts = [verdict_page.title(content) for content in verdicts.values()]
+    elif studies:
+        parts = [f"What clearance, speed and friction do in {joined(studies)}"]
+    return "; ".join(parts) or "The motion of the mechanism, simulated"
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
+
+
+def _first_picture(
+    scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], studies: Mapping[str, Any], folder: Path
+) -> list[Block]:
+    if scenarios:
+        name = next(iter(scenarios))
+        return [FigureBlock(f"{name}/figures/animation", f"{ANIMATION.title}: {name}", ANIMATION.caption, moving=True)]
+    if campaigns:
+        spec = CAMPAIGN_FIGURES["measured_against_model"]
+        stem = _of_campaign(folder, campaigns[0]).relative_to(folder) / "figures/measured_against_model"
+        return [FigureBlock(str(stem), f"{spec.title}: {campaigns[0]}", spec.caption)]
+    return study_page.figures(f"{next(iter(studies))}/study/")[:1] if studies else []
+
+
+def _glance(
+    scenarios: Mapping[str, ScenarioResults],
+    gains: Mapping[str, str],
+    verdicts: Mapping[str, Any],
+    studies: Mapping[str, Any],
+) -> Iterator[Link]:
+    """One point for each part, with what came out of it."""
+    for name in scenarios:
+        yield Link(name, f"#{place_of(_of_scenario(name))}", f": {gains.get(name, 'all joints are ideal: simulated')}")
+    for name in studies:
+        yield Link(name, f"#{place_of(_of_study(name))}", ": maps of clearance, speed and friction")
+    for name, content in verdicts.items():
+        yield Link(name, f"#{place_of(_of_verdict(name))}", f": {verdict_page.title(content)}")
+
+
+def _of_scenario(name: str) -> str:
+    return f"Scenario {name}"
+
+
+def _of_study(name: str) -> str:
+    return f"Study of {name}"
+
+
+def _of_verdict(name: str) -> str:
+    return f"Campaign {name}"
+
+
+def _side_by_side(table: pd.DataFrame | None) -> list[Block]:
+    if table is None or len(table) < 2:
+        return []
+    return [Heading(scenario_overview.TITLE), *scenario_overview.side_by_side(table)]
+
+
+def _scenario(own: ScenarioResults, gain: str, whole: bool, folder: Path) -> list[Block]:
+    name, description = own.path.name, own.scenario.description
+    pages = {
+        "summary.html": "the lengths, what they gain and what they cost",
+        "comparison.html": "the paper's numbers and claims beside these",
+    }
+    links = [Link(words, f"{name}/{path}") for path, words in pages.items() if (folder / name / path).is_file()]
+    specs = {key: spec for key, spec in CATALOGUE.items() if (folder / name / f"figures/{key}.png").is_file()}
+    return [
+        Heading(_of_scenario(name)),
+        *([Paragraph(description)] if description else []),
+        *([Paragraph(f"{_capital(gain)}.", strong=True)] if gain else []),
+        *([Bullets(tuple(links))] if links else []),
+        *_figures(specs, f"{name}/figures/", name, () if whole else _KEY_FIGURES),
+    ]
+
+
+def _campaign(content: Mapping[str, Any], whole: bool, folder: Path) -> list[Block]:
+    name = content["campaign"]
+    place = f"{_of_campaign(folder, name).relative_to(folder)}/"
+    specs = {key: spec for key, spec in CAMPAIGN_FIGURES.items() if (folder / f"{place}figures/{key}.png").is_file()}
+    return [
+        Heading(_of_verdict(name)),
+        Paragraph(f"{verdict_page.title(content)}.", strong=True),
+        Paragraph(answer(content)),
+        Bullets((Link("the whole page, with numbers, parameters and what to do next", f"{place}{SUMMARIES[1]}"),)),
+        *_figures(specs, f"{place}figures/", name, () if whole else _KEY_FIGURES_OF_CAMPAIGNS),
+    ]
+
+
+def _figures(specs: Mapping[str, FigureSpec], place: str, name: str, wanted: Collection[str]) -> Iterator[Block]:
+    """All figures by category, or those `wanted` and links to the others."""
+    categories = dict.fromkeys(spec.category for spec in specs.values())
+    for category in categories if not wanted else ():
+        yield Heading(f"{category} ({name})", 3)
+        for key in (key for key, spec in specs.items() if spec.category == category):
+            yield _figure(specs[key], place, key, name)
+    for key in wanted:
+        if key in specs:
+            yield _figure(specs[key], place, key, name)
+    if wanted:
+        others = [key for key in specs if key not in wanted]
+        yield Bullets(tuple(Link(specs[key].title, f"{place}{key}.png") for key in others))
+
+
+def _figure(spec: FigureSpec, place: str, key: str, name: str) -> FigureBlock:
+    return FigureBlock(f"{place}{key}", f"{spec.title}: {name}", spec.caption)
+
+
+def _other_figures(scenarios: Collection[str], campaigns: Collection[str]) -> list[Block]:
+    """What the figures show that are linked only."""
+    linked = [spec for key, spec in CATALOGUE.items() if scenarios and key not in _KEY_FIGURES]
+    linked += [spec for key, spec in CAMPAIGN_FIGURES.items() if campaigns and key not in _KEY_FIGURES_OF_CAMPAIGNS]
+    rows = tuple((spec.title, spec.caption) for spec in linked)
+    return [Heading("What the figures show that are linked"), TableBlock(("figure", "what it shows"), rows)]
+
+
+def _study(name: str, own: ScenarioResults) -> list[Block]:
+    points = own.path / "study/points.parquet"
+    shown = study_page.page(tables.read(STUDY, points), own.scenario)
+    return [Heading(_of_study(name)), *shown.blocks, *study_page.figures(f"{name}/study/")]
+
+
+def _size(folder: Path, scenarios: Mapping[str, Any], campaigns: Sequence[str]) -> float:
+    """Bytes of all figures as a page would take them in."""
+    places = [*(folder / name for name in scenarios), *(_of_campaign(folder, name) for name in campaigns)]
+    return _PACKED * sum(path.stat().st_size for place in places for path in place.glob("figures/*.png"))
