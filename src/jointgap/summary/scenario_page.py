@@ -273,7 +273,7 @@ def _cost(words: str, before: float, after: float, relative: bool = True) -> tup
     old, new = _alike(before, after)
     changed = f"{100 * (after / before - 1):+.1f}" if relative and before else "–"
     decimals = len(old.partition(".")[2])
-    return words, old, new, f"{after - before:+.{decimals}f}", changed
+    return words, old, new, f"{float(new) - float(old):+.{decimals}f}", changed
 
 
 def _limits(outcome: Outcome) -> Iterator[Block]:

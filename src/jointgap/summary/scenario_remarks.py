@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from jointgap.dynamics.model import mechanism_warnings
+from jointgap.optimise.constraints import MET, geometric
 from jointgap.report.plain_words import in_words
 from jointgap.summary.scenario_outcome import Outcome
 
@@ -35,15 +36,23 @@ def _gain(outcome: Outcome) -> Iterator[str]:
     gain = outcome.gain
     spread = f"{-100 * gain.high:+.1f} to {-100 * gain.low:+.1f} %"
     if gain.is_loss:
+        advice = "keep your own" if _own_lengths_meet_all(outcome) else "that is what the constraints cost"
         yield (
-            f"The lengths found are worse than your own once simulated again (error {spread} over "
-            f"{outcome.stretch_in_words}): keep your own."
+            f"The error at the lengths found is larger than at your own once simulated again ({spread} over "
+            f"{outcome.stretch_in_words}): {advice}."
         )
     elif not gain.is_certain:
         yield (
             f"The gain cannot be told from chance: simulated again from slightly different starts, the error over "
             f"{outcome.stretch_in_words} changes by {spread}."
         )
+
+
+def _own_lengths_meet_all(outcome: Outcome) -> bool:
+    options = outcome.scenario.optimise.constraints
+    asked = geometric(options, outcome.scenario.mechanism.applied().slider.offset)
+    force, most = max(outcome.peak_pin_forces[0].values()), options.largest_pin_force
+    return all(each.missed(outcome.original) <= MET for each in asked) and (most is None or force <= FORCE_MET * most)
 
 
 def _unmet(outcome: Outcome) -> Iterator[str]:
