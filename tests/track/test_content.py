@@ -42,8 +42,14 @@ def test_results_costs_and_configuration_of_the_simulation_are_logged(published,
     metrics, params = run.data.metrics, run.data.params
     assert metrics["seconds"] == 3.5 and metrics["peak_memory_mb"] == 123.4
     assert metrics["crank_pin_impacts"] == 2 and metrics["piston_pin_impacts"] == 1
-    assert params["mechanism.crank.length"] == "0.15" and params["simulate.revolutions"] == "4"
-    assert params["mechanism.joints.crank_pin.contact.friction"] == "0.05"
+    assert params == {
+        "loose": "crank pin, piston pin",
+        "clearance_mm": "1",
+        "restitution": "0.46",
+        "friction": "0.05",
+        "drive": "constant",
+        "speed_rpm": "600",
+    }
     with open(client.download_artifacts(run.info.run_id, "options.json")) as file:
         assert json.load(file)["simulate"]["revolutions"] == 4
 
@@ -172,6 +178,8 @@ def test_the_optimum_of_the_paper_s_way_stands_for_the_scenario(published):
     metrics = published["optimise"].data.metrics
     assert published["optimise"].data.tags["jointgap.point"] == "networks_paper_genetic"
     assert metrics["crank_length_mm"] == pytest.approx(149.0)
+    assert metrics["crank_length_change_um"] == pytest.approx(-1000.0)
+    assert published["optimise"].data.params["window_deg"] == "0 to 360"
     assert metrics == published["optimise/networks_paper_genetic"].data.metrics
     assert published["optimise/simulation_wide_local"].data.metrics["crank_length_mm"] == pytest.approx(148.0)
 
@@ -184,6 +192,9 @@ def test_an_optimum_has_lengths_counts_and_four_reductions_frozen_and_true_with_
         for stretch in ("window", "settled"):
             for end in ("reduction", "reduction_low", "reduction_high"):
                 assert f"resimulated_{stretch}/{measure}_{end}_percent" in metrics
+    assert metrics["gain_revolution_low_percent"] == pytest.approx(
+        metrics["resimulated_settled/rms_reduction_low_percent"], abs=1e-4
+    )
     assert {"ideal_cycle/stroke_change_mm", "simulated_cycle/smallest_transmission_angle_deg"} <= set(metrics)
 
 

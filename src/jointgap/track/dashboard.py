@@ -1,26 +1,26 @@
 """The dashboard: addresses in MLflow's interface that compare the scenarios, and MLflow's own server to open them."""
 
-import json
 import os
 import socket
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from urllib.parse import quote
 
 from jointgap.errors import InputError
-from jointgap.track.mlflow_store import Store, StoredRun, address_for, artifact_folder
+from jointgap.track.experiment_views import KEY
+from jointgap.track.mlflow_store import Store, address_for, artifact_folder
 from jointgap.track.sqlite_store import Holds, file_of, look
 
 HOST = "127.0.0.1"
 _PORTS = 100  # that are tried, from the one asked for on
 
 _COMPARED = {
-    "optimise": "optima of all scenarios",
-    "campaign": "verdicts of all campaigns",
-    "blind": "scores of all blind trials",
+    "optimise": ("optima of all scenarios", "CHART"),
+    "surrogate": ("MSE curves of all scenarios", "CHART"),
+    "campaign": ("verdicts of all campaigns", "TABLE"),
+    "blind": ("scores of all blind trials", "TABLE"),
 }
-"""Stages whose runs are compared in a table, with what that shows."""
+"""Stages whose runs are compared, with what that shows, and the way it is shown first."""
 
 _TRAINING = "workflowType=machine_learning"  # the interface has another face, for language models
 
@@ -107,26 +107,17 @@ def addresses(store_address: str, base: str) -> dict[str, str]:
         Where its interface is served, e.g. ``http://127.0.0.1:5000``.
     """
     store, links = Store(store_address), {}
-    for stage, title in _COMPARED.items():
-        if published := _published(store, stage):
-            experiment, runs = published
-            values = {"runs": [run.run_id for run in runs], "experiments": [experiment]}
-            # the interface reads values as JSON
-            query = "&".join(
-                f"{key}={quote(json.dumps(value, separators=(',', ':')))}" for key, value in values.items()
-            )
-            links[title] = f"{base}/#/compare-runs?{query}&{_TRAINING}"
-    if published := _published(store, "surrogate"):
-        path = f"experiments/{published[0]}/runs?compareRunsMode=CHART"
-        links["MSE curves of all scenarios"] = f"{base}/#/{path}&{_TRAINING}"
+    for stage, (title, mode) in _COMPARED.items():
+        if experiment := _published(store, stage):
+            query = f"viewStateShareKey={KEY}&compareRunsMode={mode}&{_TRAINING}"
+            links[title] = f"{base}/#/experiments/{experiment}/runs?{query}"
     return links
 
 
-def _published(store: Store, stage: str) -> tuple[str, list[StoredRun]] | None:
-    """The stage's experiment and the complete run of each scenario in it."""
+def _published(store: Store, stage: str) -> str | None:
+    """The stage's experiment, if a complete run of a scenario is in it."""
     experiment = store.experiment(stage, create=False)
     if experiment is None:
         return None
     runs = store.runs(experiment, {"jointgap.stage": stage})
-    complete_runs = [run for run in runs if run.complete and not run.tags["jointgap.output"]]
-    return (experiment, complete_runs) if complete_runs else None
+    return experiment if any(run.complete and not run.tags["jointgap.output"] for run in runs) else None

@@ -13,7 +13,8 @@ from jointgap.config import Scenario
 from jointgap.config.scenario import SECTIONS
 from jointgap.errors import InputError
 from jointgap.tables import Table
-from jointgap.track.run_record import Dataset, flatten
+from jointgap.track.run_parameters import run_parameters
+from jointgap.track.run_record import Dataset
 
 TablePaths = Mapping[str, Path]
 """Parquet files by ``table`` or ``table/output``."""
@@ -58,14 +59,12 @@ class FinishedTables:
         )
 
     def configuration(self, stage: str) -> dict[str, Any]:
-        """Parameters and the file of the options that the stage reads, as arguments of a record."""
+        """Parameters, and the file of all options that the stage reads, as arguments of a record."""
         # the sections that tracking is not told of would show their defaults, not what was used
         sections = set(SECTIONS[stage]) & set(SECTIONS["track"]) - {"description"}
-        read = self.options.model_dump(mode="json", include=sections)
-        # each joint carries its contact; listed by name they would give every scenario parameters of its own
-        read["mechanism"].pop("contacts", None)
         text = self.options.model_dump_json(include=sections, indent=2) + "\n"
-        return {"params": flatten(read), "files": {"options.json": text.encode()}}
+        parameters = run_parameters(self.options, window="optimise" in sections)
+        return {"params": parameters, "files": {"options.json": text.encode()}}
 
     def cost(self, *names: str) -> dict[str, float]:
         """Cost of the jobs whose names start with one of `names`: seconds added up, largest peak of memory."""

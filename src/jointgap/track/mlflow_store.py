@@ -208,6 +208,16 @@ class Store:
                 self._still_here(existing)
             return existing.experiment_id
 
+    def describe(self, experiment_id: str, tags: dict[str, str], missing: dict[str, str]) -> None:
+        """Set `tags` of an experiment where they differ, and those of `missing` that it has not: people may have
+        written their own.
+        """
+        with self._explained():
+            present = self._client.get_experiment(experiment_id).tags
+            for key, value in {**{key: value for key, value in missing.items() if key not in present}, **tags}.items():
+                if present.get(key) != value:
+                    self._client.set_experiment_tag(experiment_id, key, value)
+
     def _still_here(self, experiment) -> None:
         """Refuse a SQLite store that was moved with its folder: MLflow keeps absolute paths of artifacts."""
         if self._artifacts is None:

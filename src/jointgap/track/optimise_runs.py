@@ -13,6 +13,9 @@ from jointgap.track.finished_tables import FinishedTables
 from jointgap.track.run_record import Curve, Record
 
 MEASURES = ("rms", "mean_absolute", "peak", "sum_of_squares")
+STRETCHES = {"window": "window", "settled": "revolution"}
+ENDS = ("", "_low", "_high")
+"""Of the names of gains: over what, and of its spread the median and both ends."""
 _COUNTS = ("evaluations", "evaluations_within_1_percent", "evaluations_within_0_1_percent")
 _ANGLES = ("smallest_transmission_angle", "largest_departure")
 _WAYS = ("stroke", "outer_dead_centre", "inner_dead_centre")
@@ -62,11 +65,13 @@ def _point(finished: FinishedTables, row: dict) -> Record:
     metrics = {
         "crank_length_mm": 1e3 * row["crank_length"],
         "rod_length_mm": 1e3 * row["rod_length"],
+        **_changes(finished, row),
         "ratio": row["ratio"],
         "invariant_mm": 1e3 * row["invariant"],
         **{name: row[name] for name in _COUNTS if pd.notna(row[name])},
         **{f"frozen/{measure}_reduction_percent": 100 * row[f"{measure}_reduction"] for measure in MEASURES},
         **_sizes(row),
+        **_gains(finished, row["point"]),
         **_resimulated(finished, row["point"]),
         **_machine_metrics(finished, row["point"]),
     }
@@ -82,10 +87,35 @@ def _point(finished: FinishedTables, row: dict) -> Record:
     )
 
 
+def _changes(finished: FinishedTables, row: dict) -> dict[str, float]:
+    """The lengths as differences from the original ones: of one part in a thousand the interface shows no digit."""
+    mechanism = finished.options.mechanism.applied()
+    original = {"crank": mechanism.crank.length, "rod": mechanism.rod.length}
+    return {
+        f"{link}_length_change_um": round(1e6 * (row[f"{link}_length"] - length), 3)
+        for link, length in original.items()
+    }
+
+
 def _sizes(row: dict) -> dict[str, float]:
     """The errors themselves: angles in degrees, the sum of squares as equation (12) has it."""
     angles = {f"frozen/{measure}_deg": np.rad2deg(row[measure]) for measure in MEASURES[:3]}
     return angles | {"frozen/sum_of_squares_rad2": row["sum_of_squares"]}
+
+
+def _gains(finished: FinishedTables, point: str) -> dict[str, float]:
+    """What comes out: the reduction of the RMS error, simulated again, with its spread; the interface shows the
+    beginning of a name and every digit of a number.
+    """
+    if not finished.has(RESIMULATED):
+        return {}
+    rows = finished.read(RESIMULATED)
+    rows = rows[(rows["point"] == point) & (rows["measure"] == "rms")]
+    return {
+        f"gain_{STRETCHES[row['stretch']]}{end}_percent": round(100 * row[f"reduction{end}"], 4)
+        for row in rows.to_dict("records")
+        for end in ENDS
+    }
 
 
 def _resimulated(finished: FinishedTables, point: str) -> dict[str, float]:

@@ -13,12 +13,19 @@ from pathlib import Path
 from jointgap import __version__
 from jointgap.config import Scenario
 from jointgap.report.page import markdown_text
+from jointgap.track.experiment_views import NOTE, TAG, VIEWS
 from jointgap.track.mlflow_store import Store, StoredRun, address_for, opened, without_password
 from jointgap.track.run_record import Record
 from jointgap.track.scenario_runs import records
 
 SCENARIO, STAGE, OUTPUT, DIGEST = (f"jointgap.{key}" for key in ("scenario", "stage", "output", "digest"))
-PARENT = "mlflow.parentRunId"
+PARENT, COLOUR = "mlflow.parentRunId", "mlflow.runColor"
+
+_COLOURS = (
+    *("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf"),
+    *("#08306b", "#7f2704", "#00441b", "#67000d", "#3f007d", "#aec7e8", "#ffbb78", "#98df8a", "#ff9896", "#c5b0d5"),
+)
+"""Of scenarios: MLflow's own follow from the runs' numbers, and with ten of them some are alike."""
 
 
 @dataclass(frozen=True)
@@ -105,15 +112,22 @@ def publish_records(
 def _publish_stage(store: Store, shared: _Scenario, stage: str, content: list[Record]) -> tuple[dict, int]:
     """Bring one experiment in line; what became of each run, and how many old ones were deleted."""
     experiment = store.experiment(stage)
+    if stage in VIEWS:
+        store.describe(experiment, {TAG: VIEWS[stage].state()}, {NOTE: VIEWS[stage].note})
     present = store.runs(experiment, {SCENARIO: shared.name})
     keep = {record.output: _same(present, record) for record in content}
+    colour = _colour(store, experiment, present)
     done, parent = {}, None
     for record in content:  # the stage's own run comes first, the nested ones name it
         old = keep[record.output]
         if old is None:
-            run_id = store.write(experiment, _name(shared, record), record, _tags(shared, record, parent))
+            run_id = store.write(
+                experiment, _name(shared, record), record, _tags(shared, record, parent) | {COLOUR: colour}
+            )
         else:
             run_id = old.run_id
+            if COLOUR not in old.tags:  # an earlier version wrote it
+                store.tag(run_id, COLOUR, colour)
             if record.nested and old.tags.get(PARENT) != parent:
                 store.tag(run_id, PARENT, parent)
         if not record.nested:
@@ -125,6 +139,15 @@ def _publish_stage(store: Store, shared: _Scenario, stage: str, content: list[Re
     for run in superseded:
         store.delete(run.run_id)
     return done, len(superseded)
+
+
+def _colour(store: Store, experiment: str, present: list[StoredRun]) -> str:
+    """The colour of a scenario: that of its runs, else the first one that no other scenario of the experiment has."""
+    own = next((run.tags[COLOUR] for run in present if COLOUR in run.tags), None)
+    if own is not None:
+        return own
+    taken = [run.tags.get(COLOUR) for run in store.runs(experiment, {OUTPUT: ""})]
+    return next((colour for colour in _COLOURS if colour not in taken), _COLOURS[len(taken) % len(_COLOURS)])
 
 
 def _same(present: list[StoredRun], record: Record) -> StoredRun | None:

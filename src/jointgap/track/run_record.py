@@ -91,7 +91,7 @@ class Record:
     output : str
         Which of the stage's runs it is; empty for the run that stands for the whole stage.
     params : mapping of str to str
-        The options of the stage.
+        What sets the run apart, by short names.
     metrics : mapping of str to float
         Numbers; those that are not finite are left out.
     curves : mapping of str to Curve
@@ -153,17 +153,3 @@ class Record:
             for step, value in zip(thin.steps, thin.values, strict=True)
         ]
         return [point for point in single + along if math.isfinite(point[1])]
-
-
-def flatten(options: Mapping, prefix: str = "") -> dict[str, str]:
-    """Nested `options` as one level of text: keys joined by dots behind a `prefix`, lists as JSON.
-
-    A list keeps one key, so that the names do not depend on how long it is.
-    """
-    flat: dict[str, str] = {}
-    for key, value in options.items():
-        if isinstance(value, Mapping):
-            flat |= flatten(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value if isinstance(value, str) else json.dumps(value)
-    return flat
