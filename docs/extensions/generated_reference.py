@@ -263,17 +263,16 @@ GALLERY = Path(__file__).parents[1] / "figures" / "gallery"  # scripts/docs-figu
 
 def _gallery() -> list[str]:
     lines = []
-    for folder in sorted({path.parent for path in GALLERY.rglob("*.png")}, reverse=True):
-        place = folder.relative_to(GALLERY)
-        campaign = place.parts[0] == "campaigns"
+    places = {path.parent.relative_to(GALLERY) for path in GALLERY.rglob("*.png")}
+    for place in sorted(places, key=lambda place: (len(place.parts), place)):  # scenarios, then campaigns
+        campaign = len(place.parts) > 1
         kind, command = (
             ("Campaign", f"make campaign CAMPAIGN=config/{place}.yaml") if campaign else ("Scenario", "make run")
         )
         lines += [f"## {kind} `{place.name}`", "", f"Made by `{command}`, in `results/{place}/figures/`.", ""]
         lines += ["::::{grid} 1 1 2 2", ":gutter: 3", ""]
         for name, spec in (campaign_catalogue.CATALOGUE if campaign else catalogue.CATALOGUE).items():
-            file = folder / f"{name}.png"
-            if file.exists():
+            if (GALLERY / place / f"{name}.png").exists():
                 picture = f"figures/gallery/{place}/{name}.png"
                 lines += [":::{grid-item}", f"[![{spec.title}]({picture})]({picture})", ""]
                 lines += [f"**{spec.title}.** {_sentence(spec.caption)}", ":::", ""]

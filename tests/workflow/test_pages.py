@@ -8,7 +8,13 @@ import pytest
 
 from benchmarks.project import ROOT
 
-PAGES = [ROOT / "README.md", ROOT / "config/README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md"))]
+PAGES = [
+    *(
+        ROOT / name
+        for name in ("README.md", "config/README.md", "CONTRIBUTING.md", "SECURITY.md", "CODE_OF_CONDUCT.md")
+    ),
+    *sorted(page for page in ROOT.glob("docs/**/*.md") if "_build" not in page.parts),
+]
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
