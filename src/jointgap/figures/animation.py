@@ -3,26 +3,26 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LogNorm
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
+from matplotlib.ticker import MultipleLocator
 
 from jointgap.config import Scenario
 from jointgap.figures.contact_figures import SMALLEST_FORCE, eccentricity
 from jointgap.figures.figure_data import degrees, loose_joints, revolution
 from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet
-from jointgap.figures.style import INK, Drawing
+from jointgap.figures.style import COLOURS, INK, Drawing
 from jointgap.joints import JOINT, JOINT_NUMBERS
 from jointgap.report.plain_words import in_words
 
 OPENING, SHARE = 60.0, 0.5  # [deg] the opening, where the journals fly and hit, gets this share of the frames
 FRAME_DURATION = 0.06  # s
-WIDTH, HEIGHT, DOTS_PER_INCH = 8.6, 5.8, 100  # [in], [in], [1/in]: a frame fits beside text on a page
+WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.9, 100  # [in], [in], [1/in]: a frame fits a front page and beside text
 JOURNAL = 14.0  # [mm] drawn radius of a journal
-FLIGHT = "#BBBBBB"
+ARROW = 30.0  # [mm] length of a force's arrow for each factor of 10 above SMALLEST_FORCE
+FLIGHT = "#DDDDDD"
 FORCE = Quantity("normal force", "N")
 
 
@@ -30,18 +30,21 @@ FORCE = Quantity("normal force", "N")
 class Pin:
     """One joint as drawn: centres magnified about the frame's, the crank's or the slider's, shapes (frames, 2) [mm].
 
-    `end` is the centre of the crank in the crank pivot, of the rod in the pins.
+    `end` is the centre of the crank in the crank pivot, of the rod in the pins; `force` (frames,) [N] the normal force,
+    `arrow` what is drawn of the force on the journal.
     """
 
+    name: str
     journal: np.ndarray
     bearing: np.ndarray
     end: np.ndarray
     force: np.ndarray
+    arrow: np.ndarray
 
 
 def animation(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """Mechanism with its clearances magnified, the loose joints' journals in their bearings, contact force by colour
-    and curve.
+    """Mechanism with its clearances magnified, the loose joints' journals in their bearings, contact force by arrow and
+    curve.
 
     Arguments as in `draw`.
     """
@@ -50,23 +53,12 @@ def animation(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing
     samples = first.iloc[chosen].reset_index(drop=True)
     joints = tuple(loose_joints(scenario))
     shown = joints or tuple(JOINT_NUMBERS)  # of ideal joints the reactions
-    largest = max(first[f"{name}_normal_force"].max() for name in shown)
-    norm = LogNorm(SMALLEST_FORCE, max(largest, 10.0 * SMALLEST_FORCE))
-    colours = mpl.colormaps["viridis_r"].resampled(9)
-
-    ratios, width = [1.0] * len(joints) + [1.5], WIDTH + 2.0 * max(len(joints) - 2, 0)
-    sheet = Sheet(HEIGHT, 2, len(ratios), width=width, height_ratios=[1.25, 1.0], width_ratios=ratios)
+    ratios, width = [1.0] * len(joints) + [1.5], WIDTH + 1.6 * max(len(joints) - 2, 0)
+    sheet = Sheet(HEIGHT, 2, len(ratios), width=width, height_ratios=[1.3, 1.0], width_ratios=ratios)
     moving = [_Mechanism(sheet, samples, scenario)]
     moving += [_Bearing(sheet, column, name, first, samples, scenario) for column, name in enumerate(joints)]
     moving.append(_Forces(sheet, len(joints), shown, first, samples))
-    panel = sheet.panels[-1]
-    bar = mpl.cm.ScalarMappable(norm, colours)
-    sheet.figure.colorbar(bar, ax=panel.axes, label=f"{FORCE.label}; grey: in flight")
-
-    def colour(force: float):
-        return colours(norm(max(force, SMALLEST_FORCE))) if force > 0.0 else FLIGHT
-
-    return Drawing(sheet.figure, sheet.drawing().data, _film(sheet, moving, len(samples), colour), FRAME_DURATION)
+    return Drawing(sheet.figure, sheet.drawing().data, _film(sheet, moving, len(samples)), FRAME_DURATION)
 
 
 def _frames(samples: int, frames: int) -> np.ndarray:
@@ -77,7 +69,7 @@ def _frames(samples: int, frames: int) -> np.ndarray:
     return np.unique(np.round(chosen).astype(int))
 
 
-def _film(sheet: Sheet, moving: list, frames: int, colour) -> tuple[np.ndarray, ...]:
+def _film(sheet: Sheet, moving: list, frames: int) -> tuple[np.ndarray, ...]:
     """Draw what stands still once, and what moves on top of it frame by frame."""
     canvas = FigureCanvasAgg(sheet.figure)
     sheet.figure.set_dpi(DOTS_PER_INCH)
@@ -90,7 +82,7 @@ def _film(sheet: Sheet, moving: list, frames: int, colour) -> tuple[np.ndarray, 
     for frame in range(frames):
         canvas.restore_region(still)
         for part in moving:
-            part.move(frame, colour)
+            part.move(frame)
             for artist in part.artists:
                 artist.axes.draw_artist(artist)
         shots.append(np.asarray(canvas.buffer_rgba())[:, :, :3].copy())
@@ -104,7 +96,17 @@ def _pin(samples: pd.DataFrame, name: str, centre: np.ndarray, scenario: Scenari
     magnified = scenario.figures.magnification * np.nan_to_num(np.stack(eccentricity(samples, name, joint), axis=-1))
     end = centre + (magnified if outward else -magnified)
     journal, bearing = (end, centre) if outward else (centre, end)
-    return Pin(1e3 * journal, 1e3 * bearing, 1e3 * end, samples[f"{name}_normal_force"].to_numpy())
+    force = samples[f"{name}_normal_force"].to_numpy()
+    vector = (1.0 if outward else -1.0) * samples[[f"{name}_force_x", f"{name}_force_y"]].to_numpy()
+    size = np.linalg.norm(vector, axis=-1)
+    length = ARROW * np.log10(np.maximum(size / SMALLEST_FORCE, 1.0)) * (force > 0.0)
+    arrow = length[:, None] * vector / np.maximum(size, SMALLEST_FORCE)[:, None]
+    return Pin(in_words(name), 1e3 * journal, 1e3 * bearing, 1e3 * end, force, arrow)
+
+
+def _face(words: str, force: float) -> str:
+    """Colour of a journal: its joint's in contact."""
+    return COLOURS[words] if force > 0.0 else FLIGHT
 
 
 class _Mechanism:
@@ -125,7 +127,9 @@ class _Mechanism:
         crank = 1e-3 * pivot.end + crank
         self.crank, self.angle, self.time = 1e3 * crank, degrees(samples["crank_angle"]), samples["time"].to_numpy()
         self.slider = 1e3 * slider
-        title = f"mechanism, first revolution; clearances drawn {times:g} times as large"
+        title = (
+            f"first revolution; clearances drawn {times:g} times as large\narrows: force on the journal, logarithmic"
+        )
         panel = sheet.panel((0, slice(None)), title, Quantity("x", "mm"), Quantity("y", "mm"))
         axes = panel.axes
         for series, pin in zip(("rod's crank end", "rod's piston end"), self.pins, strict=False):
@@ -148,24 +152,34 @@ class _Mechanism:
         self.half = half
         self.rings = [Circle((0, 0), radius, facecolor="none", edgecolor=INK, linewidth=1.2) for radius in radii]
         self.journals = [Circle((0, 0), JOURNAL, edgecolor=INK, linewidth=0.8) for _ in self.pins]
-        self.words = axes.text(0.99, 0.97, "", transform=axes.transAxes, ha="right", va="top")
-        for patch in (self.piston, *self.rings, *self.journals):
+        look = {
+            "arrowstyle": "-|>",
+            "mutation_scale": 9.0,
+            "linewidth": 1.6,
+            "color": INK,
+            "shrinkA": 0.0,
+            "shrinkB": 0.0,
+        }
+        self.arrows = [FancyArrowPatch((0, 0), (0, 1), **look) for _ in self.pins]
+        self.words = axes.text(0.99, 0.97, "", transform=axes.transAxes, ha="right", va="top", fontsize=8.5)
+        for patch in (self.piston, *self.rings, *self.journals, *self.arrows):
             axes.add_patch(patch)
-        self.artists = (self.piston, self.rod, self.link, *self.rings, *self.journals, self.words)
+        self.artists = (self.piston, self.rod, self.link, *self.rings, *self.journals, *self.arrows, self.words)
 
-    def move(self, frame: int, colour) -> None:
+    def move(self, frame: int) -> None:
         self.piston.set_xy((self.slider[frame, 0] - 1.1 * self.half, self.slider[frame, 1] - self.half))
         self.rod.set_data(*np.transpose([pin.end[frame] for pin in self.pins[:2]]))
         self.link.set_data(*np.transpose([self.pivot[frame], self.crank[frame]]))
-        for ring, journal, pin in zip(self.rings, self.journals, self.pins, strict=True):
+        for ring, journal, arrow, pin in zip(self.rings, self.journals, self.arrows, self.pins, strict=True):
             ring.set_center(pin.bearing[frame])
             journal.set_center(pin.journal[frame])
-            journal.set_facecolor(colour(pin.force[frame]))
+            journal.set_facecolor(_face(pin.name, pin.force[frame]))
+            arrow.set_positions(pin.journal[frame], pin.journal[frame] + pin.arrow[frame])
+            arrow.set_visible(bool(pin.arrow[frame].any()))
         nearby = slice(max(frame - 1, 0), max(frame - 1, 0) + 2)
         slowed = FRAME_DURATION / np.diff(self.time[nearby])[0]
         self.words.set_text(
-            f"crank angle {self.angle[frame]:5.1f} deg\ntime {1e3 * self.time[frame]:6.2f} ms\nslowed {slowed:.0f} "
-            "times"
+            f"{self.angle[frame]:5.1f} deg, {1e3 * self.time[frame]:6.2f} ms\nslowed {slowed:.0f} times"
         )
 
 
@@ -174,10 +188,12 @@ class _Bearing:
 
     def __init__(self, sheet, column, name, first, samples, scenario):
         joint, words = scenario.mechanism.applied().joint(name), in_words(name)
-        panel = sheet.panel((1, column), words, Quantity("journal, x", "mm"), Quantity("journal, y", "mm"))
+        self.name = words
+        panel = sheet.panel((1, column), words, Quantity("journal, x", "mm"), Quantity("y", "mm"))
         radius, circle = 1e3 * joint.clearance, np.linspace(0.0, 2.0 * np.pi, 181)
         panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
         panel.square(1.2 * radius)
+        panel.axes.set_title(words, color=COLOURS[words])  # what the curves of the forces are told by
         self.way = 1e3 * np.stack(eccentricity(first, name, joint), axis=-1)
         self.centre = 1e3 * np.nan_to_num(np.stack(eccentricity(samples, name, joint), axis=-1))
         self.force = samples[f"{name}_normal_force"].to_numpy()
@@ -187,28 +203,28 @@ class _Bearing:
         (self.dot,) = panel.axes.plot([], [], marker="o", markersize=9, markeredgecolor=INK)
         self.artists = (self.trail, self.dot)
 
-    def move(self, frame: int, colour) -> None:
+    def move(self, frame: int) -> None:
         self.trail.set_data(*self.way[: self.row[frame] + 1].T)
         self.dot.set_data(*self.centre[frame][:, None])
-        self.dot.set_markerfacecolor(colour(self.force[frame]))
+        self.dot.set_markerfacecolor(_face(self.name, self.force[frame]))
 
 
 class _Forces:
     """Normal forces over the crank angle with a cursor."""
 
     def __init__(self, sheet: Sheet, column: int, joints: tuple[str, ...], first: pd.DataFrame, samples: pd.DataFrame):
-        panel: Panel = sheet.panel((1, column), "contact", CRANK_ANGLE, FORCE)
+        panel: Panel = sheet.panel((1, column), "force in contact", CRANK_ANGLE, FORCE)
         angle = degrees(first["crank_angle"])
         for name in joints:
             force, words = first[f"{name}_normal_force"].to_numpy(), in_words(name)
             panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.5)
         panel.axes.set_yscale("log")
         panel.axes.set_ylim(bottom=SMALLEST_FORCE)
-        panel.axes.legend(loc="lower right", handlelength=1.0, frameon=True, framealpha=0.9)
         panel.over_crank_angle(angle[0], angle[-1])
+        panel.axes.xaxis.set_major_locator(MultipleLocator(120.0))
         self.angle = degrees(samples["crank_angle"])
         self.cursor = panel.axes.axvline(angle[0], color=INK, linewidth=1.0)
         self.artists = (self.cursor,)
 
-    def move(self, frame: int, colour) -> None:
+    def move(self, frame: int) -> None:
         self.cursor.set_xdata([self.angle[frame]] * 2)

@@ -275,10 +275,11 @@ ANIMATION = FigureSpec(
     _CONTACT,
     "animation:animation",
     ("trajectory",),
-    "First revolution. Above: the clearances drawn magnified as the title says; rings are bearings, dots are "
-    "journals, coloured by the normal force (grey: in flight). Below: the centres of the loose joints' journals in "
-    "their true clearance circles with the way they have come, and the normal forces with a cursor. The first 60 deg, "
-    "where the journals fly and hit, get half of the frames.",
+    "First revolution. Above: the clearances drawn magnified as the title says; rings are bearings, dots are journals, "
+    "grey in flight and in their joint's colour in contact; arrows are the forces on the journals, 30 mm longer for "
+    "each factor of ten above 1 N. Below: the centres of the loose joints' journals in their true clearance circles "
+    "with the way they have come, and the normal forces in the joints' colours with a cursor. The first 60 deg, where "
+    "the journals fly and hit, get half of the frames.",
 )
 """The animation of the first revolution, named ``animation``: saved as GIF."""
 

@@ -129,7 +129,7 @@ def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
             f"{source}: $L_2$ = {1e3 * best['crank_length']:.3f} mm, $L_3$ = {1e3 * best['rod_length']:.3f} mm, "
             f"RMS in the window {-100 * best['rms_reduction']:+.1f} %"
         ).replace("-", "−")
-        error = Quantity("error of $\\mu$", "deg")
+        error = Quantity("error of the angle", "deg", r"$\mu$")
         panel = sheet.panel((row, 0), title, CRANK_ANGLE, error, below=above)
         for series, (crank_length, rod_length, colour) in pairs.items():
             actual = transmission_angle(crank_length, rod_length, crank_angle, lift, offset)
