@@ -1,9 +1,9 @@
 """What lengths have to meet besides their bounds: stroke, dead centres, space, and the largest force in a pin.
 
-All but the force are functions of the lengths in closed form. The force is one of the simulated motion: it is simulated
-on a grid over the box, and a smooth surface through the grid stands for it in the search (`PinForce`), because a search
-with gradients can follow a surface, but not single simulations, which scatter where journals hit. What the lengths
-found carry in truth is simulated again afterwards.
+All but the force are functions of the lengths in closed form. The force is one of the simulated motion, and a rough
+function of the lengths: contacts ring after each reversal of the load, and which swing meets the largest load changes
+with a millimetre. So it is simulated on a fine grid over the box, and a surface through the grid stands for it in the
+search (`PinForce`). What the lengths found carry in truth is simulated again afterwards.
 """
 
 import math
@@ -40,7 +40,7 @@ class Constraint:
     value : callable
         From lengths (L2, L3) of shape (..., 2) [m] to the property, shape (...).
     gradient : callable
-        From lengths of shape (2,) to its derivative by them, shape (2,).
+        From lengths of shape (..., 2) to its derivative by them, shape (..., 2).
     """
 
     key: str
@@ -126,7 +126,7 @@ def _geometric(options: Constraints, offset: float) -> Iterator[Constraint]:
         "length_across": (
             "length across the slide",
             lambda at: _crank(at) + np.maximum(_crank(at), across),
-            lambda at: np.array([2.0 if at[0] > across else 1.0, 0.0]),
+            lambda at: np.stack([np.where(_crank(at) > across, 2.0, 1.0), np.zeros_like(_crank(at))], axis=-1),
         ),
     }
     for key, (words, value, gradient) in most.items():
@@ -146,8 +146,9 @@ def _dead_centre(offset: float, side: float) -> tuple[Callable, Callable]:
         return np.sqrt((lengths[..., 1] + side * lengths[..., 0]) ** 2 - offset**2)
 
     def gradient(lengths: ArrayLike) -> np.ndarray:
-        crank, rod = lengths
-        return (rod + side * crank) / value(lengths) * np.array([side, 1.0])
+        lengths = np.asarray(lengths)
+        slope = (lengths[..., 1] + side * lengths[..., 0]) / value(lengths)
+        return slope[..., None] * np.array([side, 1.0])
 
     return value, gradient
 
@@ -160,14 +161,16 @@ def _dead_centre_angle(offset: float, side: float) -> tuple[Callable, Callable]:
         return np.arcsin(offset / (lengths[..., 1] + side * lengths[..., 0])) + (0.0 if side > 0 else np.pi)
 
     def gradient(lengths: ArrayLike) -> np.ndarray:
-        reach = lengths[1] + side * lengths[0]
-        return -offset / (reach * np.sqrt(reach**2 - offset**2)) * np.array([side, 1.0])
+        lengths = np.asarray(lengths)
+        reach = lengths[..., 1] + side * lengths[..., 0]
+        slope = -offset / (reach * np.sqrt(reach**2 - offset**2))
+        return slope[..., None] * np.array([side, 1.0])
 
     return value, gradient
 
 
 class PinForce:
-    """The largest force in a pin over a box of lengths: a smooth surface through a grid of simulations.
+    """The largest force in a pin over a box of lengths: a surface of cubic splines through a grid of simulations.
 
     Parameters
     ----------
@@ -189,9 +192,10 @@ class PinForce:
         return self.factor * self._surface.ev(lengths[..., 0], lengths[..., 1])
 
     def gradient(self, lengths: ArrayLike) -> np.ndarray:
-        """Its derivative by lengths of shape (2,) [N/m]."""
-        crank, rod = lengths
-        return self.factor * np.array([self._surface.ev(crank, rod, dx=1), self._surface.ev(crank, rod, dy=1)])
+        """Its derivative by lengths of shape (..., 2) [N/m], shape (..., 2)."""
+        crank, rod = np.moveaxis(np.asarray(lengths), -1, 0)
+        slopes = [self._surface.ev(crank, rod, dx=1), self._surface.ev(crank, rod, dy=1)]
+        return self.factor * np.stack(slopes, axis=-1)
 
     def raised(self, factor: float) -> "PinForce":
         """The surface raised by a further `factor`."""

@@ -154,7 +154,7 @@ class _RegionSampling(Sampling):
 
 class _OntoConstraints(Repair):
     def _do(self, problem, x, **kwargs):
-        return np.array([problem.region.nearest(lengths) for lengths in x]) if problem.region.constraints else x
+        return problem.region.nearest(x) if problem.region.constraints else x
 
 
 class _Mating(InfillCriterion):

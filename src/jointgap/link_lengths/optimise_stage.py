@@ -152,20 +152,18 @@ def _searched(by_source: dict[str, Objective], again: _Simulations, options: Opt
     Where the lengths found carry more than the largest force asked for, once simulated again, the surface that stands
     for the force in the search is raised by as much, and the search is repeated.
     """
-    mechanism, simulate, _, training_points = again.arguments
+    mechanism, simulate, *_ = again.arguments
     regions = geometric_regions(mechanism, options)
     most = options.constraints.largest_pin_force
     if most is None:
         return searching.search_all(by_source, regions, options)
-    surfaces = {
-        box: pin_force(mechanism, simulate, options, training_points, region) for box, region in regions.items()
-    }
+    surfaces = {box: pin_force(mechanism, simulate, options, region) for box, region in regions.items()}
     for _ in range(FORCE_ROUNDS):
         under = {box: _under_force(region, surfaces[box], most) for box, region in regions.items()}
         searches = searching.search_all(by_source, under, options)
         raised = False
         for box, surface in surfaces.items():
-            points = [search.points[1] for search in searches if search.box == box]
+            points = [point for search in searches if search.box == box for point in search.points]
             excess = max(peak_pin_force(again.at(point)) for point in points) / most
             if 1.0 + FORCE_SLACK < excess and float(under[box].constraints[-1].high) == most:
                 surfaces[box], raised = surface.raised(excess), True

@@ -2,16 +2,19 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
 
 from jointgap.config import Box, Mechanism, Optimise, Scenario
 from jointgap.errors import InputError
 from jointgap.link_lengths.constraints import MET, Constraint, geometric
 
 NAMES = ("crank length", "rod length")
+SAMPLES = 41  # points along each length by which it is told whether any lengths meet the constraints
+_MOST_STEPS = 60  # of Newton's method onto the constraints, which takes three or four where it converges
+_LONGEST_STEP = 0.5  # [widths of the box]
 NEAR = 1e-6  # [m] a length this close to its bound is at it: a thousandth of the digits the paper prints
 
 
@@ -79,25 +82,26 @@ class Region:
             No lengths of the region meet them; the message has what can be reached, and the nearest lengths.
         """
         under = replace(self, constraints=(*self.constraints, *constraints))
-        if not under.constraints:
-            return under
-        ends = [under.nearest(start) for start in self._spread()]
-        best = min(ends, key=under.missed)
-        if under.missed(best) > MET:
-            raise InputError(under._unmet(best, name))
+        if under.constraints and not len(under.samples):
+            raise InputError(under._unmet(name))
         return under
 
+    @cached_property
     def _spread(self) -> np.ndarray:
-        """Points all over the region, shape (9, 2) [m]."""
-        shares = np.linspace(0.0, 1.0, 3)
-        return np.array([self.clip(self.lower + np.array([x, y]) * self.size) for x in shares for y in shares])
+        """Points all over the region, moved onto its constraints as far as these can be met, shape (n, 2) [m]."""
+        shares = np.linspace(0.0, 1.0, SAMPLES)
+        return self.onto(np.array([self.lower + np.array([x, y]) * self.size for x in shares for y in shares]))
 
-    def _unmet(self, best: np.ndarray, name: str) -> str:
+    @cached_property
+    def samples(self) -> np.ndarray:
+        """Those of many points all over the region that meet the constraints, shape (n, 2) [m]."""
+        return self._spread[self.missed(self._spread) <= MET]
+
+    def _unmet(self, name: str) -> str:
         """That the constraints cannot be met, by how much the nearest lengths miss them, and what can be reached."""
-        words = []
+        best, words = self._spread[np.argmin(self.missed(self._spread))], []
         for constraint in self.constraints:
-            alone = replace(self, constraints=(constraint,))
-            if all(alone.missed(alone.nearest(start)) > MET for start in self._spread()):
+            if not len(replace(self, constraints=(constraint,)).samples):
                 reached = [float(constraint.value(point)) for point in self._corners()]
                 low, high = (constraint.show(end) for end in (min(reached), max(reached)))
                 words.append(
@@ -129,7 +133,7 @@ class Region:
 
     def conditions(self) -> list[dict]:
         """Inequality and constraints as scipy's SLSQP takes them, on lengths scaled to the box."""
-        slope = -np.array([1.0, -self.ratio_limit]) * self.size / self.size[0]
+        slope = -self._slope * self.size / self.size[0]
         conditions = [
             {
                 "type": "ineq",
@@ -153,40 +157,53 @@ class Region:
         """Lengths [m] of `scaled` ones, which are 0 to 1 between the bounds."""
         return self.lower + scaled * self.size
 
-    def nearest(self, lengths: ArrayLike) -> np.ndarray:
-        """The lengths (2,) nearest to `lengths` (2,) that meet all, distances in widths of the box.
+    def onto(self, lengths: ArrayLike) -> np.ndarray:
+        """Lengths (n, 2) moved onto the bounds, the inequality and the constraints, each a short way [m].
 
-        Where none meet all, such as come near.
+        Newton's method with the shortest step, in widths of the box, that meets all that is missed to first order.
+        Where no lengths meet all, or the way there leads over a hill, they come as near as such steps lead.
         """
-        clipped = self.clip(lengths)
-        if self.missed(clipped) <= 0.0:
-            return clipped
-        start = (clipped - self.lower) / self.size
-        result = minimize(
-            lambda scaled: np.sum((scaled - start) ** 2),
-            start,
-            jac=lambda scaled: 2.0 * (scaled - start),
-            method="SLSQP",
-            bounds=[(0.0, 1.0)] * 2,
-            constraints=self.conditions(),
-            options={"ftol": 1e-14, "maxiter": 100},
+        ratio = Constraint(
+            "ratio_limit", "", "", self.size[0], -np.inf, 0.0, self.inequality, lambda at: at * 0.0 + self._slope
         )
-        return np.clip(self.unscaled(result.x), self.lower, self.upper)
+        asked = (ratio, *self.constraints)
+        scaled = np.clip((np.asarray(lengths, dtype=float) - self.lower) / self.size, 0.0, 1.0)
+        for _ in range(_MOST_STEPS):
+            at = self.unscaled(scaled)
+            values = np.stack([each.value(at) for each in asked], axis=-1)
+            low, high, scale = (np.array([getattr(each, key) for each in asked]) for key in ("low", "high", "scale"))
+            gaps = (np.clip(values, low, high) - values) / scale
+            if np.abs(gaps).max(initial=0.0) <= 0.1 * MET:
+                break
+            slopes = np.stack([each.gradient(at) * self.size / each.scale for each in asked], axis=-2)
+            steps = (np.linalg.pinv(slopes * (gaps != 0.0)[..., None]) @ gaps[..., None])[..., 0]
+            length = np.linalg.norm(steps, axis=-1, keepdims=True)
+            scaled = np.clip(scaled + steps * np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300)), 0.0, 1.0)
+        return self.unscaled(scaled)
+
+    @property
+    def _slope(self) -> np.ndarray:
+        """Derivative of the inequality by the lengths, shape (2,)."""
+        return np.array([1.0, -self.ratio_limit])
+
+    def nearest(self, lengths: ArrayLike) -> np.ndarray:
+        """Lengths (n, 2) or (2,) moved a short way to such as meet the constraints, or near them where none do."""
+        lengths = np.asarray(lengths, dtype=float)
+        if lengths.ndim == 1:
+            return self.nearest(lengths[None])[0]
+        moved = np.array([self.clip(each) for each in lengths])
+        if not self.constraints:
+            return moved
+        wrong = self.missed(moved) > 0.0
+        moved[wrong] = self.onto(moved[wrong])
+        for number in np.flatnonzero(self.missed(moved) > MET) if len(self.samples) else ():
+            distances = np.linalg.norm((self.samples - lengths[number]) / self.size, axis=1)
+            moved[number] = self.samples[np.argmin(distances)]
+        return moved
 
     def lowest(self, constraint: Constraint) -> np.ndarray:
-        """The lengths (2,) that meet all and at which the property of a further `constraint` is smallest."""
-        ends = []
-        for start in map(self.nearest, self._spread()):
-            result = minimize(
-                lambda scaled: constraint.value(self.unscaled(scaled)) / constraint.scale,
-                (start - self.lower) / self.size,
-                jac=lambda scaled: constraint.gradient(self.unscaled(scaled)) * self.size / constraint.scale,
-                method="SLSQP",
-                bounds=[(0.0, 1.0)] * 2,
-                constraints=self.conditions(),
-            )
-            ends.append(self.nearest(self.unscaled(result.x)))
-        return min(ends, key=lambda lengths: float(constraint.value(lengths)))
+        """The lengths (2,) that meet all, of many, at which the property of a further `constraint` is smallest."""
+        return self.samples[np.argmin(constraint.value(self.samples))]
 
     def inequality(self, lengths: ArrayLike) -> np.ndarray:
         """g(x) [m], shape (...), for lengths of shape (..., 2); at most 0 where allowed."""

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
 from jointgap.dynamics.parallel_runs import Ensemble as Motions
-from jointgap.dynamics.parallel_runs import simulate_ensemble
+from jointgap.dynamics.parallel_runs import Run, simulate_ensemble, simulate_runs
 from jointgap.dynamics.solver.initial_state import perturbed_start
 from jointgap.joints import FROM_FRAME, PINS
 from jointgap.link_lengths.constraints import PinForce
@@ -22,8 +22,7 @@ from jointgap.link_lengths.objective import MEASURES, Measures, evaluation_sampl
 from jointgap.link_lengths.region import Region
 from jointgap.mechanism import transmission_angle
 
-FORCE_GRID = 7  # points along each length at which the force in the pins is simulated
-FORCE_MEMBERS = 3  # simulations at each of them
+FORCE_GRID = 21, 41  # points along crank and rod length at which the force in the pins is simulated
 LOW, HIGH = 0.05, 0.95  # quantiles that bound a spread
 
 
@@ -226,14 +225,12 @@ def peak_pin_force(resimulation: Resimulation) -> float:
     return max(float(np.median(resimulation.loads[joint].peak_force)) for joint in PINS)
 
 
-def pin_force(
-    mechanism: Mechanism, simulate: Simulate, optimise: Optimise, training_points: int, region: Region
-) -> PinForce:
-    """That force over a whole region: a smooth surface through simulations on a grid.
+def pin_force(mechanism: Mechanism, simulate: Simulate, optimise: Optimise, region: Region) -> PinForce:
+    """That force over a whole region: a surface through simulations on a grid, one at each of its points.
 
     Parameters
     ----------
-    mechanism, simulate, optimise, training_points
+    mechanism, simulate, optimise
         As of `resimulate`.
     region : Region
 
@@ -242,11 +239,18 @@ def pin_force(
     SimulationError
         From the simulations.
     """
-    few = optimise.ensemble.model_copy(update={"members": min(FORCE_MEMBERS, optimise.ensemble.members)})
-    fewer = optimise.model_copy(update={"ensemble": few})
-    cranks, rods = np.linspace(region.lower, region.upper, FORCE_GRID).T
-    forces = [
-        [peak_pin_force(resimulate(mechanism, simulate, fewer, training_points, (crank, rod))) for rod in rods]
-        for crank in cranks
-    ]
-    return PinForce(cranks, rods, np.array(forces))
+    first = (optimise.ensemble.settled_revolution - 1) * simulate.samples_per_revolution
+    settled = slice(first, first + simulate.samples_per_revolution)
+    cranks, rods = (
+        np.linspace(low, high, points) for low, high, points in zip(region.lower, region.upper, FORCE_GRID, strict=True)
+    )
+    runs = (Run(mechanism.with_lengths(crank, rod), simulate) for crank in cranks for rod in rods)
+    forces = []
+    for outcome in simulate_runs(runs):
+        if outcome.error is not None:
+            raise outcome.error
+        observed = outcome.result.observed(outcome.parameters)
+        forces.append(
+            max(np.hypot(observed[f"{pin}_force_x"], observed[f"{pin}_force_y"])[settled].max() for pin in PINS)
+        )
+    return PinForce(cranks, rods, np.reshape(forces, FORCE_GRID))

@@ -15,6 +15,9 @@ NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "optimise_wor
 
 ORIGINAL = "original"
 
+FORCE_MET = 1.005
+"""Factor up to which the largest force, a median of an ensemble, counts as the one asked for."""
+
 MOTIONS = {
     "simulation_settled": "simulation, a settled revolution",
     "simulation": "simulation, the first revolution",
@@ -72,6 +75,8 @@ class Outcome:
         Name of the lengths found, as in the table optimise_optima.
     source : str
         Of the motion that they were found on, a key of `MOTIONS`.
+    found : mapping of str to str
+        By source the better of the points that both optimisers found on it.
     original, lengths : tuple of float
         Crank and rod length before and after [m].
     bounds : tuple of str
@@ -89,6 +94,7 @@ class Outcome:
     scenario: Scenario
     point: str
     source: str
+    found: Mapping[str, str]
     original: tuple[float, float]
     lengths: tuple[float, float]
     bounds: tuple[str, ...]
@@ -163,10 +169,18 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     stretch = "settled" if last - first >= _WHOLE_TURN else "window"
     optima, again = frames["optimise_optima"], frames["optimise_resimulated"]
     main = next(iter(scenario.optimise.boxes))
-    names = [f"{source}_{main}_local" for source in MOTIONS]
     rms = again[(again["measure"] == "rms") & (again["stretch"] == stretch)].set_index("point")["error"]
-    point = min((name for name in names if name in rms.index), key=rms.get)  # of equal ones the first
-    source = point.removesuffix(f"_{main}_local")
+    loads = frames["optimise_loads"]
+    force = loads[loads["joint"].isin(PINS)].groupby("point")["peak_force"].max()
+    most = FORCE_MET * (scenario.optimise.constraints.largest_pin_force or math.inf)
+    found = {}
+    for source in MOTIONS:
+        names = [f"{source}_{main}_{method}" for method in ("local", "genetic")]
+        if names := [name for name in names if name in rms.index]:
+            # what keeps the force comes first, then the smaller error; of equal ones the first
+            found[source] = min(names, key=lambda name: (max(force[name], most), rms[name]))
+    source = min(found, key=lambda name: (max(force[found[name]], most), rms[found[name]]))
+    point = found[source]
     row = optima[(optima["source"] == source) & (optima["point"] == point)].iloc[0]
     gains = {
         (each["stretch"], each["measure"]): Gain(
@@ -186,6 +200,7 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
         scenario=scenario,
         point=point,
         source=source,
+        found=found,
         original=(applied.crank.length, applied.rod.length),
         lengths=(float(row["crank_length"]), float(row["rod_length"])),
         bounds=() if bounds == "none" else tuple(bounds.split("; ")),

@@ -12,8 +12,7 @@ from jointgap.mechanism import ideal_cycle
 from jointgap.paper.printed import departures
 from jointgap.report.page import Block, Bullets, Cell, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.report.plain_words import in_words, joined
-from jointgap.summary.scenario_outcome import MOTIONS, Gain, Outcome, ideal_swing
-from jointgap.summary.scenario_remarks import FORCE_MET
+from jointgap.summary.scenario_outcome import FORCE_MET, MOTIONS, Gain, Outcome, ideal_swing
 
 MM = 1e3
 _MOST_DECIMALS = 5
@@ -303,10 +302,9 @@ def _met(met: bool) -> Cell:
 
 
 def _motions(outcome: Outcome) -> Iterator[Block]:
-    main = next(iter(outcome.scenario.optimise.boxes))
     rows = []
-    for source, words in MOTIONS.items():
-        point = f"{source}_{main}_local"
+    for source, point in outcome.found.items():
+        words = MOTIONS[source]
         found = outcome.optima[(outcome.optima["source"] == source) & (outcome.optima["point"] == point)]
         if len(found):
             again = outcome.resimulated

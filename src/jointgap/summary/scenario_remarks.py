@@ -5,16 +5,13 @@ from collections.abc import Iterator
 from jointgap.dynamics.model import mechanism_warnings
 from jointgap.optimise.constraints import MET, geometric
 from jointgap.report.plain_words import in_words
-from jointgap.summary.scenario_outcome import Outcome
+from jointgap.summary.scenario_outcome import FORCE_MET, Outcome
 
 NOTICED = 0.001
 """Change of the stroke, as a share of it, from which on it is worth a remark."""
 
 NOTICED_FORCE = 0.05
 """The same of the largest force in a pin."""
-
-FORCE_MET = 1.005
-"""Factor up to which the largest force, a median of an ensemble, counts as the one asked for."""
 
 WORSE_BETWEEN_POINTS = 10.0
 """Factor on a network's error from which on it does not know the motion between the points it was trained at."""
