@@ -1,5 +1,6 @@
 """The report of a run: what came out, on one page in one file."""
 
+import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from jointgap import tables
 from jointgap.campaign import verdict, verdict_page
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
 from jointgap.campaign.verdict_sentences import answer
+from jointgap.errors import InputError
 from jointgap.figures.campaign_catalogue import CATALOGUE as CAMPAIGN_FIGURES
 from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FigureSpec
 from jointgap.paper import scenario_overview
@@ -63,10 +65,11 @@ def page(
     if learned:
         read = {name: (own.read_all(scenario_overview.NEEDED), own.scenario) for name, own in learned.items()}
         table = scenario_overview.overview(read)
-    gains = {} if table is None else dict(zip(table["scenario"], map(_gain, table.to_dict("records")), strict=True))
+    summaries = {name: _summary(own) for name, own in learned.items()}
+    gains = {name: known["headline"] for name, known in summaries.items()}
     whole = _size(folder, scenarios, campaigns) <= MOST_BYTES
     return Page(
-        _headline(table, gains, verdicts, studies),
+        _headline(summaries, verdicts, studies),
         (
             *_first_picture(scenarios, campaigns, studies, folder),
             Bullets(tuple(_glance(scenarios, gains, verdicts, studies))),
@@ -86,35 +89,29 @@ def _of_campaign(folder: Path, name: str) -> Path:
     return folder / "campaigns" / name
 
 
-def _gain(row: Mapping[str, Any]) -> str:
-    """How much smaller the error is at the lengths that were found, of a row of the overview."""
-    low, middle, high = (100.0 * row[f"window_reduction{end}"] for end in ("_low", "", "_high"))
-    lengths = f"crank {1e3 * row['crank_length']:.2f} mm, rod {1e3 * row['rod_length']:.2f} mm"
-    if low <= 0.0 <= high:
-        return f"at {lengths} no gain that can be told from chance ({low:.1f} to {high:.1f} %), simulated again"
-    return (
-        f"at {lengths} the RMS error of the transmission angle is {abs(middle):.2f} % "
-        f"{'smaller' if middle > 0 else 'larger'} ({low:.2f} to {high:.2f} %), simulated again"
-    )
+def _summary(own: ScenarioResults) -> Mapping[str, Any]:
+    """What the stage summarise found, content of ``summary.json``."""
+    path = own.path / "summary.json"
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: is no summary of a scenario ({error}); run `jointgap summarise` first") from error
 
 
-def _headline(
-    table: pd.DataFrame | None, gains: Mapping[str, str], verdicts: Mapping[str, Any], studies: Mapping[str, Any]
-) -> str:
-    parts = []
-    if table is not None and len(gains) == 1:
-        parts = [_capital(next(iter(gains.values())))]
-    elif table is not None:
-        parts = [scenario_overview.headline(table)]
-    elif verdicts:
-        parts = [verdict_page.title(content) for content in verdicts.values()]
-    elif studies:
-        parts = [f"What clearance, speed and friction do in {joined(studies)}"]
-    return "; ".join(parts) or "The motion of the mechanism, simulated"
-
-
-def _capital(sentence: str) -> str:
-    return sentence[:1].upper() + sentence[1:]
+def _headline(summaries: Mapping[str, Any], verdicts: Mapping[str, Any], studies: Mapping[str, Any]) -> str:
+    if len(summaries) == 1:
+        return next(iter(summaries.values()))["headline"]
+    if summaries:
+        medians = [known["reduction_percent"]["median"] for known in summaries.values()]
+        return (
+            f"In {len(summaries)} scenarios the RMS error of the transmission angle falls by {min(medians):.1f} to "
+            f"{max(medians):.1f} % at the lengths found, simulated again"
+        )
+    if verdicts:
+        return "; ".join(verdict_page.title(content) for content in verdicts.values())
+    if studies:
+        return f"What clearance, speed and friction do in {joined(studies)}"
+    return "The motion of the mechanism, simulated"
 
 
 def _first_picture(
@@ -174,7 +171,7 @@ def _scenario(own: ScenarioResults, gain: str, whole: bool, folder: Path) -> lis
     return [
         Heading(_of_scenario(name)),
         *([Paragraph(description)] if description else []),
-        *([Paragraph(f"{_capital(gain)}.", strong=True)] if gain else []),
+        *([Paragraph(f"{gain}.", strong=True)] if gain else []),
         *([Bullets(tuple(links))] if links else []),
         *_figures(specs, f"{name}/figures/", name, () if whole else _KEY_FIGURES),
     ]
