@@ -16,6 +16,7 @@ from pydantic import (
 
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.names import Word
+from jointgap.config.sweep_config import Sweep
 from jointgap.counts import Iterations, Members, MembersToCompare, Seed, count
 from jointgap.errors import InputError
 from jointgap.quantities import (
@@ -490,6 +491,7 @@ class Scenario(Section):
     figures: Figures = Figures()
     ensemble: Runs = Runs()
     study: Study = Study()
+    sweep: Sweep = Sweep()
 
     @model_validator(mode="after")
     def _the_mechanism_can_be_simulated_so(self):
@@ -589,5 +591,6 @@ SECTIONS = {
     "summarise": ("description", "mechanism", "simulate", "surrogate", "optimise"),
     "ensemble": ("mechanism", "simulate", "ensemble"),
     "study": ("mechanism", "simulate", "study"),
+    "sweep": ("mechanism", "simulate", "sweep"),
     "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),
 }

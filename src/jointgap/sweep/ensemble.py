@@ -7,7 +7,6 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,10 +16,10 @@ from jointgap import tables
 from jointgap.config import Mechanism, Scenario, Simulate, validate
 from jointgap.config.change import OF_LOOSE_JOINTS, loose_paths, radius_with
 from jointgap.config.scenario import Runs
+from jointgap.config.varied_values import VARIED_BY_WORD, stored_value, with_values
 from jointgap.dynamics.parallel_runs import Outcome, Run, crank_speeds, rod_and_slider, simulate_runs
 from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, MODES, mode_numbers
 from jointgap.dynamics.solver.initial_state import perturbed_start
-from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import JOINTS
 from jointgap.progress import followed
 
@@ -66,7 +65,10 @@ def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterat
         for values in itertools.product(*runs.vary.values())
     ]
     for scenario, values in combinations:
-        varied = {key: _stored_value(scenario, key, value) for key, value in zip(runs.vary, values, strict=True)}
+        varied = {
+            key: stored_value(scenario, key, value, "ensemble.vary")
+            for key, value in zip(runs.vary, values, strict=True)
+        }
         starts = perturbed_starts(scenario.mechanism, runs.members, runs.perturbation, runs.seed)
         for start in starts:
             yield Run(scenario.mechanism, scenario.simulate, start, values=varied)

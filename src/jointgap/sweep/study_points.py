@@ -9,6 +9,7 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config import Mechanism, Scenario, Simulate, Study
+from jointgap.config.varied_values import with_values
 from jointgap.dynamics.model.compile_parameters import joint_parameters
 from jointgap.dynamics.parallel_runs import Outcome, Run, simulate_runs
 from jointgap.dynamics.simulation import event_frame
@@ -16,7 +17,7 @@ from jointgap.errors import InputError
 from jointgap.mechanism import transmission_angle
 from jointgap.progress import followed
 from jointgap.sweep.cycle_statistics import contacts, time_shares
-from jointgap.sweep.ensemble import perturbed_starts, with_values
+from jointgap.sweep.ensemble import perturbed_starts
 from jointgap.sweep.growth import USEFUL, sampled_clearances
 from jointgap.tables.study_tables import MEASURES, NOISE_ORDER, ORDERS
 

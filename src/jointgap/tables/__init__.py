@@ -20,6 +20,7 @@ from jointgap.tables.simulate_tables import *
 from jointgap.tables.statistics_tables import *
 from jointgap.tables.study_tables import *
 from jointgap.tables.surrogate_tables import *
+from jointgap.tables.sweep_tables import *
 from jointgap.tables.trend_tables import *
 
 TABLES = {table.name: table for table in list(globals().values()) if isinstance(table, Table)}

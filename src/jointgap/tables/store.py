@@ -138,11 +138,20 @@ def _umask() -> int:
     return current
 
 
-def write(table: Table, frame: pd.DataFrame, path: Path | str) -> None:
+def write(table: Table, frame: pd.DataFrame, path: Path | str, told: Mapping[str, str] | None = None) -> None:
     """Write `frame`, which holds the columns of `table`, to `path`: Parquet with unit and description at each
     column, and with the digest of the file.
+
+    Parameters
+    ----------
+    table : Table
+    frame : DataFrame
+    path : path
+    told : mapping of str to str, optional
+        What else the file's metadata shall say, by key.
     """
     arrow = to_arrow(table, frame)
+    arrow = arrow.replace_schema_metadata({**arrow.schema.metadata, **(told or {})})
     floats = {column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"}
     others = [column.name for column in table.columns if column.kind != "float"]
 

@@ -1,0 +1,153 @@
+"""Other values in a scenario: by a word, such as clearance, for all loose joints at once, or by the path of a key."""
+
+from typing import Any
+
+from jointgap.config.load import validate
+from jointgap.config.scenario import Scenario
+from jointgap.errors import InputError, did_you_mean
+from jointgap.quantities import to_si
+
+_LINKS = {"crank_length": "crank", "rod_length": "rod"}
+
+VARIED_BY_WORD = {"speed": "rad/s", "clearance": "m", "friction": "1", "restitution": "1"} | dict.fromkeys(_LINKS, "m")
+"""What can be varied by a word, with its unit: the crank's speed, the data of every loose joint, and lengths of links,
+whose mass centres keep their share of the length.
+"""
+
+
+def with_values(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:
+    """The scenario with other values.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With mechanism and simulate.
+    changes : dict
+        Values by word (`VARIED_BY_WORD`) or by path.
+    source : str
+        The key of the configuration that holds them, for errors.
+
+    Raises
+    ------
+    InputError
+        No such key, or an impossible value; the message names both.
+    """
+    data = _dumped(scenario)
+    for key, value in changes.items():
+        for path in _paths(data, key, source):
+            holder, last = _holder(data, path, key, source)
+            value_in_place = _value_in_place(holder, key, value, source)
+            if key in _LINKS:
+                holder["mass_centre"] *= value_in_place / holder[last]
+            holder[last] = value_in_place
+    words = ", ".join(f"{key} = {value}" for key, value in changes.items())
+    changed = validate(Scenario, data, f"{source}, {words}")
+    unread = [key for key in changes if key in ("speed", "simulate.speed")]
+    if unread and changed.simulate.drive.kind == "measured":
+        raise InputError(f"{source}.{unread[0]}: a measured drive does not read simulate.speed; vary something else")
+    return changed
+
+
+def unit_of(scenario: Scenario, key: str, source: str) -> str:
+    """SI unit of the number at a `key`, as `jointgap.quantities.to_si` takes it; '' for a pure number.
+
+    Raises
+    ------
+    InputError
+        No such key, or none that holds a number.
+    """
+    if key in VARIED_BY_WORD:
+        return VARIED_BY_WORD[key].replace("1", "")
+    data = _dumped(scenario)
+    path = _paths(data, key, source)[0]
+    _holder(data, path, key, source)  # complains where there is no such key
+    holder: Any = scenario
+    for step in path[:-1]:
+        holder = _effect(holder, step) if isinstance(holder, tuple) else getattr(holder, step)
+    described = type(holder).model_json_schema()["properties"][path[-1]]
+    units = {kind["unit"] for kind in (described, *described.get("anyOf", ())) if "unit" in kind}
+    if not units:
+        raise InputError(f"{source}.{key}: is no number with a unit; list its values instead of giving a range")
+    return units.pop().replace("1", "")
+
+
+def _effect(effects: tuple, name: str) -> Any:
+    return next(each for each in effects if name in (each.name, f"{each.name}@{each.place}"))
+
+
+def _dumped(scenario: Scenario) -> dict[str, Any]:
+    return {"mechanism": scenario.mechanism.model_dump(), "simulate": scenario.simulate.model_dump()}
+
+
+def _paths(data: dict, key: str, source: str) -> list[tuple[str, ...]]:
+    """Where the value of `key` belongs."""
+    if key == "speed":
+        return [("simulate", "speed")]
+    if key in _LINKS:
+        return [("mechanism", _LINKS[key], "length")]
+    if key in VARIED_BY_WORD:
+        joints = [name for name, joint in data["mechanism"]["joints"].items() if joint != "ideal" and joint["loose"]]
+        if not joints:
+            raise InputError(f"{source}.{key}: the mechanism has no loose joint to vary it in; make one loose")
+        inside = ("bearing_radius",) if key == "clearance" else ("contact", key)
+        return [("mechanism", "joints", joint, *inside) for joint in joints]
+    path = tuple(key.split("."))
+    if path[:2] == ("mechanism", "contacts"):
+        raise InputError(
+            f"{source}.{key}: contacts are copied into the joints; vary mechanism.joints.<joint>.contact.{path[-1]}"
+        )
+    if len(path) < 2:
+        raise InputError(f"{source}.{key}: no such word; {did_you_mean(key, VARIED_BY_WORD)} Else give a path of keys")
+    return [path]
+
+
+def _holder(data: Any, path: tuple[str, ...], key: str, source: str) -> tuple[Any, Any]:
+    """The mapping that holds the end of `path`, and the key there.
+
+    Effects go by their name, or by name@site if listed twice.
+    """
+    for depth, step in enumerate(path):
+        entries = data if isinstance(data, dict) else {}
+        if isinstance(data, list | tuple):
+            names = [effect["name"] for effect in data]
+            entries = {
+                name if names.count(name) == 1 else f"{name}@{effect['site']}": effect
+                for name, effect in zip(names, data, strict=True)
+            }
+        if step not in entries:
+            place = ".".join(path[:depth]) or "the scenario"
+            folded = (
+                "; effects which only change data are folded in, so vary the key itself, such as mechanism.slider.mass"
+                if path[:depth] == ("mechanism", "effects")
+                else ""
+            )
+            raise InputError(f"{source}.{key}: {place} has no '{step}'; {did_you_mean(step, entries)}{folded}")
+        if depth == len(path) - 1:
+            if isinstance(data, list | tuple):
+                raise InputError(
+                    f"{source}.{key}: names a whole effect; go on to a number, such as {key}.parameters.<name>"
+                )
+            return entries, step
+        data = entries[step]
+    raise AssertionError("a path has at least one step")
+
+
+def _value_in_place(holder: dict, key: str, value: Any, source: str) -> Any:
+    """The value as the scenario holds it: of a clearance the bearing's radius, of a length metres."""
+    if key != "clearance" and key not in _LINKS:
+        return value
+    try:
+        length = to_si(value, "m")
+    except ValueError as error:
+        raise InputError(f"{source}.{key} = {value!r}: {error}") from error
+    return holder["journal_radius"] + length if key == "clearance" else length
+
+
+def stored_value(scenario: Scenario, key: str, value: Any, source: str) -> float | int | str | bool | None:
+    """What the table of runs says of a varied value: in SI, as the scenario understood it."""
+    data = _dumped(scenario)
+    holder, last = _holder(data, _paths(data, key, source)[0], key, source)
+    stored = holder[last]
+    if key == "clearance":
+        stored = float(f"{stored - holder['journal_radius']:.12g}")
+    return stored if isinstance(stored, float | int | str | bool | None) else str(value)

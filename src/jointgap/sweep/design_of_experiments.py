@@ -1,0 +1,234 @@
+"""The designs of a sweep: which values each of them has, whichever part of them is asked for."""
+
+import hashlib
+import json
+import math
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy import stats
+from scipy.stats import qmc
+
+from jointgap.config import Scenario
+from jointgap.config.sweep_config import LogUniform, Normal, Triangular, Uniform, Values
+from jointgap.config.varied_values import unit_of, with_values
+from jointgap.errors import InputError
+from jointgap.quantities import to_si
+from jointgap.tables.columns import Column
+
+SOURCE = "sweep.parameters"
+"""What errors call the place where a parameter stands."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One parameter of a sweep.
+
+    Attributes
+    ----------
+    key : str
+        Word or path, as `jointgap.config.varied_values.with_values` takes it.
+    unit : str
+        SI unit; '' for pure numbers and words.
+    values : tuple, optional
+        Of a list, as the configuration gives them, or of a grid [SI].
+    law : frozen distribution of scipy.stats, optional
+        Of a range [SI].
+    """
+
+    key: str
+    unit: str
+    values: tuple | None = None
+    law: Any = None
+
+    def at(self, quantiles: np.ndarray) -> list:
+        """Values at `quantiles`, (n,) in [0, 1)."""
+        if self.values is not None:
+            return [self.values[int(place)] for place in np.floor(quantiles * len(self.values))]
+        # 14 digits: the same on every machine, though powers and logarithms differ in the last bit.
+        return [float(f"{value:.14g}") for value in self.law.ppf(quantiles)]
+
+    @property
+    def column(self) -> Column:
+        """What holds its values in the table of designs."""
+        kinds = {type(value) for value in self.values or (0.0,)}
+        kind = "bool" if kinds == {bool} else "text" if str in kinds else "float"
+        return Column(self.key, self.unit or ("1" if kind == "float" else ""), f"{self.key}, swept", kind)
+
+
+@dataclass(frozen=True)
+class Designs:
+    """All designs of a sweep, none of which is held until it is asked for; make it with `designs_of`.
+
+    Attributes
+    ----------
+    base : Scenario
+        Mechanism, its effects applied, and simulation, where nothing is swept.
+    axes : tuple of Axis
+    kind : str
+        sobol, latin_hypercube or grid.
+    number, seed : int
+    window : tuple of float
+        Of the transmission angle's error [rad].
+    """
+
+    base: Scenario
+    axes: tuple[Axis, ...]
+    kind: str
+    number: int
+    seed: int
+    window: tuple[float, float]
+
+    def values(self, first: int, count: int) -> list[dict[str, Any]]:
+        """Values by key of the designs from number `first` on, `count` of them."""
+        columns = [axis.at(part) for axis, part in zip(self.axes, self._quantiles(first, count).T, strict=True)]
+        return [dict(zip((axis.key for axis in self.axes), row, strict=True)) for row in zip(*columns, strict=True)]
+
+    def scenario(self, values: dict[str, Any]) -> Scenario:
+        """The scenario of a design; InputError where it is impossible."""
+        return with_values(self.base, values, SOURCE)
+
+    @cached_property
+    def digest(self) -> str:
+        """Twelve digits that change with anything that a design's row depends on.
+
+        Of a sequence that can be grown the number of designs is no part of it.
+        """
+        told = {
+            "mechanism": self.base.mechanism.model_dump(mode="json"),
+            "simulate": self.base.simulate.model_dump(mode="json"),
+            "axes": [[a.key, a.unit, a.values, a.law and [a.law.dist.name, a.law.kwds]] for a in self.axes],
+            "design": [self.kind, self.seed, None if self.kind == "sobol" else self.number],
+            "window": self.window,
+        }
+        return hashlib.sha256(json.dumps(told, sort_keys=True, default=float).encode()).hexdigest()[:12]
+
+    def _quantiles(self, first: int, count: int) -> np.ndarray:
+        """(count, axes) in [0, 1)."""
+        d = len(self.axes)
+        if self.kind == "sobol":
+            engine = qmc.Sobol(d, scramble=True, rng=self.seed)
+            if first:
+                engine.fast_forward(first)
+            with warnings.catch_warnings():
+                # It warns where a first part of a sequence is no power of two; these are parts of a longer one.
+                warnings.filterwarnings("ignore", "The balance properties", UserWarning)
+                return engine.random(count)
+        if self.kind == "latin_hypercube":
+            return qmc.LatinHypercube(d, rng=self.seed).random(self.number)[first : first + count]
+        sizes = [len(axis.values) for axis in self.axes]
+        places = np.stack(np.unravel_index(np.arange(first, first + count), sizes), axis=1)
+        return (places + 0.5) / sizes
+
+
+def designs_of(scenario: Scenario) -> Designs:
+    """The designs that the section `sweep` of a `scenario` asks for.
+
+    Raises
+    ------
+    InputError
+        Nothing is swept, no such parameter, a unit of another dimension, a range the wrong way round or without
+        width, values that are all impossible.
+    """
+    sweep = scenario.sweep
+    if not sweep.parameters:
+        raise InputError(
+            f"{SOURCE}: nothing is swept; give parameters with ranges or lists, such as clearance: "
+            "{from: 0.1 mm, to: 0.5 mm}"
+        )
+    base = Scenario(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
+    axes = tuple(_axis(base, key, spec, sweep.design == "grid") for key, spec in sweep.parameters.items())
+    _check_overlaps(axes)
+    number = math.prod(len(axis.values) for axis in axes) if sweep.design == "grid" else sweep.number
+    designs = Designs(base, axes, sweep.design, number, sweep.seed, sweep.window)
+    for axis in axes:
+        _check_possible(designs, axis)
+    return designs
+
+
+def _axis(base: Scenario, key: str, spec: Any, grid: bool) -> Axis:
+    source = f"{SOURCE}.{key}"
+    if isinstance(spec, Values):
+        return _listed_axis(base, key, spec)
+    unit = unit_of(base, key, SOURCE)
+
+    def si(name: str) -> float | None:
+        given = getattr(spec, name)
+        try:
+            return None if given is None else to_si(given, unit)
+        except ValueError as error:
+            raise InputError(f"{source}.{name.rstrip('_')} = {given!r}: {error}") from error
+
+    low, high = si("from_"), si("to")
+    if low is not None and high is not None and not low < high:
+        order = "are the same, so it does not vary" if low == high else "stand the wrong way round"
+        raise InputError(f"{source}: from = {spec.from_} and to = {spec.to} {order}; give from below to")
+    if isinstance(spec, Normal):
+        mean, deviation = si("mean"), si("deviation")
+        if deviation <= 0:
+            raise InputError(f"{source}.deviation = {spec.deviation!r}: must be above zero, or nothing varies")
+        ends = [-math.inf if low is None else (low - mean) / deviation, math.inf if high is None else
+                (high - mean) / deviation]  # fmt: skip
+        return Axis(key, unit, law=stats.truncnorm(a=ends[0], b=ends[1], loc=mean, scale=deviation))
+    if isinstance(spec, Triangular):
+        peak = si("peak")
+        if not low <= peak <= high:
+            raise InputError(f"{source}.peak = {spec.peak!r}: must lie between from and to")
+        return Axis(key, unit, law=stats.triang(c=(peak - low) / (high - low), loc=low, scale=high - low))
+    if isinstance(spec, LogUniform) and low <= 0:
+        raise InputError(f"{source}.from = {spec.from_!r}: a log_uniform range begins above zero")
+    if grid:
+        spaced = np.geomspace if isinstance(spec, LogUniform) else np.linspace
+        return Axis(key, unit, tuple(float(f"{value:.12g}") for value in spaced(low, high, spec.number)))
+    if isinstance(spec, Uniform):
+        return Axis(key, unit, law=stats.uniform(loc=low, scale=high - low))
+    return Axis(key, unit, law=stats.loguniform(a=low, b=high))
+
+
+def _listed_axis(base: Scenario, key: str, spec: Values) -> Axis:
+    """A list of quantities in SI, or of words where they set no quantity."""
+    try:
+        unit = unit_of(base, key, SOURCE)
+    except InputError:
+        with_values(base, {key: spec.values[0]}, SOURCE)  # complains where there is no such key at all
+        return Axis(key, "", spec.values)
+    values = []
+    for value in spec.values:
+        try:
+            values.append(to_si(value, unit))
+        except ValueError as error:
+            raise InputError(f"{SOURCE}.{key} = {value!r}: {error}") from error
+    return Axis(key, unit, tuple(values))
+
+
+def _check_overlaps(axes: tuple[Axis, ...]) -> None:
+    """No parameter is set by a word and by its path at once: the later one would win in silence."""
+    inside = {"clearance": "bearing_radius", "friction": "contact.friction", "restitution": "contact.restitution"}
+    keys = {axis.key for axis in axes}
+    for word, end in inside.items():
+        twice = [key for key in keys if key.startswith("mechanism.joints.") and key.endswith(f".{end}")]
+        if word in keys and twice:
+            raise InputError(f"{SOURCE}: {word} and {twice[0]} set the same number; give one of them")
+    paths = {"speed": "simulate.speed", "crank_length": "mechanism.crank.length", "rod_length": "mechanism.rod.length"}
+    for word, path in paths.items():
+        if {word, path} <= keys:
+            raise InputError(f"{SOURCE}: {word} and {path} set the same number; give one of them")
+
+
+def _check_possible(designs: Designs, axis: Axis) -> None:
+    """Of a parameter whose values are all impossible, the first one's error, before anything is simulated.
+
+    Single impossible designs are rows of the table with their reason.
+    """
+    places = np.array([0.5]) if axis.values is None else (np.arange(len(axis.values)) + 0.5) / len(axis.values)
+    errors = []
+    for value in axis.at(places):
+        try:
+            designs.scenario({axis.key: value})
+            return
+        except InputError as error:
+            errors.append(error)
+    raise errors[0]

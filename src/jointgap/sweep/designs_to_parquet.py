@@ -1,0 +1,124 @@
+"""Simulate and measure designs of a sweep: a file for each part of them, which together are one Parquet dataset."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from jointgap import tables
+from jointgap.config.varied_values import with_values
+from jointgap.dynamics.parallel_runs import Run, simulate_runs
+from jointgap.errors import InputError
+from jointgap.sweep.design_of_experiments import SOURCE, Designs
+from jointgap.sweep.measures import measures
+from jointgap.tables import Table, sweep_designs
+from jointgap.tables.sweep_tables import MEASURES
+
+DIGEST = "jointgap_sweep"
+"""Key of a file's metadata: the digest of the sweep that its designs belong to."""
+
+
+def table_of(designs: Designs) -> Table:
+    """The table of these designs."""
+    return sweep_designs(axis.column for axis in designs.axes)
+
+
+def simulate_designs(designs: Designs, first: int, count: int, workers: int | None = None) -> pd.DataFrame:
+    """Simulate and measure `count` designs from number `first` on.
+
+    A design that is impossible, or whose simulation fails, is a row with its reason.
+
+    Parameters
+    ----------
+    designs : Designs
+    first, count : int
+    workers : int, optional
+        See `jointgap.dynamics.parallel_runs.simulate_runs`; the result does not depend on it.
+
+    Returns
+    -------
+    DataFrame
+        The table `jointgap.tables.sweep_designs`, `count` rows.
+
+    Raises
+    ------
+    InputError
+        Numbers beyond the last design.
+    """
+    if not 0 <= first < first + count <= designs.number:
+        raise InputError(
+            f"sweep: designs {first} to {first + count - 1} are asked for, but there are {designs.number}, from 0 on"
+        )
+    values = designs.values(first, count)
+    errors: dict[int, InputError] = {}
+    outcomes = simulate_runs(_possible_runs(designs, values, errors), workers)
+    rows = []
+    for place, own in enumerate(values):
+        # A generator runs ahead of what it has yielded: whether this design is possible is known once it has passed.
+        row = {"design": first + place} | own | dict.fromkeys((column.name for column in MEASURES), np.nan)
+        rows.append(row | {"steps": 0, "reason": None})
+    for outcome in outcomes:
+        row = rows[outcome.run.values["place"]]
+        if outcome.error is not None:
+            row["reason"] = str(outcome.error)
+            continue
+        row |= measures(outcome, designs.window) | {"steps": outcome.result.steps}
+    for place, error in errors.items():
+        rows[place]["reason"] = str(error)
+    return pd.DataFrame(rows, columns=list(table_of(designs).names))
+
+
+def _possible_runs(designs: Designs, values: list[dict], errors: dict[int, InputError]) -> Iterator[Run]:
+    for place, own in enumerate(values):
+        try:
+            scenario = with_values(designs.base, own, SOURCE)
+        except InputError as error:
+            errors[place] = error
+            continue
+        yield Run(scenario.mechanism, scenario.simulate, values={"place": place})
+
+
+def write_designs(designs: Designs, first: int, count: int, path: Path | str, workers: int | None = None) -> None:
+    """Simulate, measure and write designs; parameters and errors as `simulate_designs`."""
+    tables.check_writable(path)
+    frame = simulate_designs(designs, first, count, workers)
+    tables.write(table_of(designs), frame, path, {DIGEST: designs.digest})
+
+
+def check_dataset(designs: Designs, folder: Path) -> pd.DataFrame:
+    """Whether the files in a `folder` are this sweep's and hold each design once; what the summary needs of them.
+
+    Returns
+    -------
+    DataFrame
+        The whole dataset, sorted by design.
+
+    Raises
+    ------
+    InputError
+        A file of another sweep, a design that is missing or there twice.
+    """
+    frames = []
+    for path in sorted(folder.glob("*.parquet")):
+        of = (tables.read_footer(path).metadata or {}).get(DIGEST.encode(), b"").decode()
+        if of != designs.digest:
+            raise InputError(
+                f"{path}: belongs to another sweep (its digest is {of or 'none'}, this one's {designs.digest}); move "
+                "it away, or give another folder"
+            )
+        frames.append(tables.read(table_of(designs), path))
+    if not frames:
+        raise InputError(f"{folder}: holds no designs; simulate them first")
+    frame = pd.concat(frames, ignore_index=True).sort_values("design", ignore_index=True)
+    numbers = frame["design"].to_numpy()
+    if len(extra := numbers[numbers >= designs.number]):
+        raise InputError(
+            f"{folder}: holds designs up to {extra.max()}, but sweep.number asks for {designs.number}; remove the "
+            "files beyond it, or ask for more"
+        )
+    if not np.array_equal(numbers, np.arange(designs.number)):
+        missing = np.setdiff1d(np.arange(designs.number), numbers)
+        what = f"design {missing[0]} is missing" if len(missing) else "a design is there twice"
+        raise InputError(f"{folder}: {what}; simulate its part again")
+    return frame
