@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from jointgap.config.change import OF_LOOSE_JOINTS, loose_paths, radius_with
 from jointgap.config.load import validate
 from jointgap.config.scenario import Scenario
 from jointgap.errors import InputError, did_you_mean
@@ -9,7 +10,7 @@ from jointgap.quantities import to_si
 
 _LINKS = {"crank_length": "crank", "rod_length": "rod"}
 
-VARIED_BY_WORD = {"speed": "rad/s", "clearance": "m", "friction": "1", "restitution": "1"} | dict.fromkeys(_LINKS, "m")
+VARIED_BY_WORD = {"speed": "rad/s"} | OF_LOOSE_JOINTS | dict.fromkeys(_LINKS, "m")
 """What can be varied by a word, with its unit: the crank's speed, the data of every loose joint, and lengths of links,
 whose mass centres keep their share of the length.
 """
@@ -86,11 +87,8 @@ def _paths(data: dict, key: str, source: str) -> list[tuple[str, ...]]:
     if key in _LINKS:
         return [("mechanism", _LINKS[key], "length")]
     if key in VARIED_BY_WORD:
-        joints = [name for name, joint in data["mechanism"]["joints"].items() if joint != "ideal" and joint["loose"]]
-        if not joints:
-            raise InputError(f"{source}.{key}: the mechanism has no loose joint to vary it in; make one loose")
-        inside = ("bearing_radius",) if key == "clearance" else ("contact", key)
-        return [("mechanism", "joints", joint, *inside) for joint in joints]
+        inside = loose_paths(data["mechanism"], key, f"{source}.{key}")
+        return [("mechanism", *path[:-1], "bearing_radius" if key == "clearance" else key) for path in inside]
     path = tuple(key.split("."))
     if path[:2] == ("mechanism", "contacts"):
         raise InputError(
@@ -134,13 +132,14 @@ def _holder(data: Any, path: tuple[str, ...], key: str, source: str) -> tuple[An
 
 def _value_in_place(holder: dict, key: str, value: Any, source: str) -> Any:
     """The value as the scenario holds it: of a clearance the bearing's radius, of a length metres."""
-    if key != "clearance" and key not in _LINKS:
+    if key == "clearance":
+        return radius_with(holder, value, f"{source}.clearance")
+    if key not in _LINKS:
         return value
     try:
-        length = to_si(value, "m")
+        return to_si(value, "m")
     except ValueError as error:
         raise InputError(f"{source}.{key} = {value!r}: {error}") from error
-    return holder["journal_radius"] + length if key == "clearance" else length
 
 
 def stored_value(scenario: Scenario, key: str, value: Any, source: str) -> float | int | str | bool | None:

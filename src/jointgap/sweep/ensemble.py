@@ -13,8 +13,7 @@ import pandas as pd
 import pyarrow as pa
 
 from jointgap import tables
-from jointgap.config import Mechanism, Scenario, Simulate, validate
-from jointgap.config.change import OF_LOOSE_JOINTS, loose_paths, radius_with
+from jointgap.config import Mechanism, Scenario, Simulate
 from jointgap.config.scenario import Runs
 from jointgap.config.varied_values import VARIED_BY_WORD, stored_value, with_values
 from jointgap.dynamics.parallel_runs import Outcome, Run, crank_speeds, rod_and_slider, simulate_runs
@@ -22,9 +21,6 @@ from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, MODES,
 from jointgap.dynamics.solver.initial_state import perturbed_start
 from jointgap.joints import JOINTS
 from jointgap.progress import followed
-
-VARIED_BY_WORD = {"speed": "rad/s"} | OF_LOOSE_JOINTS
-"""What can be varied by a word, with its unit: the crank's speed, and the data of every loose joint."""
 
 ROWS = 50_000
 """Rows that are gathered before they are written as one row group."""
@@ -88,104 +84,6 @@ def perturbed_starts(mechanism: Mechanism, members: int, size: float, seed: int)
     starts = np.random.default_rng(seed).normal(0.0, size, (members, 6))
     starts[0] = 0.0
     return perturbed_start(starts, mechanism.loose)
-
-
-def with_values(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:
-    """The scenario with other values.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        With mechanism and simulate.
-    changes : dict
-        Values by word (`VARIED_BY_WORD`) or by path.
-    source : str
-        What to call them in errors.
-
-    Raises
-    ------
-    InputError
-        No such key, or an impossible value; the message names both.
-    """
-    data = {"mechanism": scenario.mechanism.model_dump(), "simulate": scenario.simulate.model_dump()}
-    for key, value in changes.items():
-        for path in _paths(data, key):
-            holder, last = _holder(data, path, key)
-            holder[last] = _value_in_place(holder, key, value)
-    words = ", ".join(f"{key} = {value}" for key, value in changes.items())
-    changed = validate(Scenario, data, f"{source}, {words}")
-    unread = [key for key in changes if key in ("speed", "simulate.speed")]
-    if unread and changed.simulate.drive.kind == "measured":
-        raise InputError(
-            f"ensemble.vary.{unread[0]}: a measured drive does not read simulate.speed; vary something else"
-        )
-    return changed
-
-
-def _paths(data: dict, key: str) -> list[tuple[str, ...]]:
-    """Where the value of `key` belongs."""
-    if key == "speed":
-        return [("simulate", "speed")]
-    if key in VARIED_BY_WORD:
-        inside = loose_paths(data["mechanism"], key, f"ensemble.vary.{key}")
-        return [("mechanism", *path[:-1], "bearing_radius" if key == "clearance" else key) for path in inside]
-    path = tuple(key.split("."))
-    if path[:2] == ("mechanism", "contacts"):
-        raise InputError(
-            f"ensemble.vary.{key}: contacts are copied into the joints; vary "
-            f"mechanism.joints.<joint>.contact.{path[-1]}"
-        )
-    if len(path) < 2:
-        raise InputError(
-            f"ensemble.vary.{key}: no such word; {did_you_mean(key, VARIED_BY_WORD)} Else give a path of keys"
-        )
-    return [path]
-
-
-def _holder(data: Any, path: tuple[str, ...], key: str) -> tuple[Any, Any]:
-    """The mapping that holds the end of `path`, and the key there.
-
-    Effects go by their name, or by name@site if listed twice.
-    """
-    for depth, step in enumerate(path):
-        entries = data if isinstance(data, dict) else {}
-        if isinstance(data, list | tuple):
-            names = [effect["name"] for effect in data]
-            entries = {
-                name if names.count(name) == 1 else f"{name}@{effect['site']}": effect
-                for name, effect in zip(names, data, strict=True)
-            }
-        if step not in entries:
-            place = ".".join(path[:depth]) or "the scenario"
-            folded = (
-                "; effects which only change data are folded in, so vary the key itself, such as mechanism.slider.mass"
-                if path[:depth] == ("mechanism", "effects")
-                else ""
-            )
-            raise InputError(f"ensemble.vary.{key}: {place} has no '{step}'; {did_you_mean(step, entries)}{folded}")
-        if depth == len(path) - 1:
-            if isinstance(data, list | tuple):
-                raise InputError(
-                    f"ensemble.vary.{key}: names a whole effect; go on to a number, such as {key}.parameters.<name>"
-                )
-            return entries, step
-        data = entries[step]
-    raise AssertionError("a path has at least one step")
-
-
-def _value_in_place(holder: dict, key: str, value: Any) -> Any:
-    """The value as the scenario holds it: of a clearance the bearing's radius."""
-    return radius_with(holder, value, "ensemble.vary.clearance") if key == "clearance" else value
-
-
-def _stored_value(scenario: Scenario, key: str, value: Any) -> float | int | str | bool | None:
-    """What the table of runs says of a varied value: in SI, as the scenario understood it."""
-    data = {"mechanism": scenario.mechanism.model_dump(), "simulate": scenario.simulate.model_dump()}
-    holder, last = _holder(data, _paths(data, key)[0], key)
-    stored = holder[last]
-    if key == "clearance":
-        stored = float(f"{stored - holder['journal_radius']:.12g}")
-    return stored if isinstance(stored, float | int | str | bool | None) else str(value)
 
 
 @dataclass(frozen=True)

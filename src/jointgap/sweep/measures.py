@@ -10,8 +10,8 @@ from jointgap.dynamics.parallel_runs import Outcome, rod_and_slider
 from jointgap.dynamics.simulation import IntegrationResult
 from jointgap.dynamics.solver.contact_episodes import EVENT
 from jointgap.joints import JOINTS
-from jointgap.mechanism import transmission_angle
 from jointgap.link_lengths.objective import measure
+from jointgap.mechanism import transmission_angle
 from jointgap.sweep.study_points import high_order_rms
 
 _SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins", "directions")
