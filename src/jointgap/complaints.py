@@ -10,7 +10,8 @@ from jointgap.errors import did_you_mean
 
 _UNION_ERRORS = {"union_tag_invalid", "union_tag_not_found"}
 _LONGEST = 200  # characters of a value that are shown
-_KINDS = {"name": "effect", "kind": "kind"}  # keys that say of which kind a section is, and what they are called
+_KINDS = {"name": "effect", "kind": "kind", "distribution": "distribution"}
+"""Keys that say of which kind a section is, and what they are called."""
 _LAID_OVER = ", or the key base, the path of a mechanism file over which these keys are laid"
 _ALSO = {"mechanism": "the path of a mechanism file, or ", "contact": "the name of an entry of contacts, or "}
 

@@ -71,6 +71,16 @@ _OPTIONS = {
         ),
         workers_option,
     ),
+    "sweep-designs": (
+        click.option("--first", type=click.IntRange(min=0), required=True, help="First design, from 0 on."),
+        click.option("--number", type=click.IntRange(min=1), required=True, help="How many designs."),
+        need("--designs", "Parquet file to write: these designs and what was measured of them."),
+        workers_option,
+    ),
+    "sweep": (
+        need("--folder", "Folder to write designs/, summary.md and summary.html to.", FOLDER),
+        workers_option,
+    ),
 }
 """Options of a stage besides the scenario's and its results, by the names of its function's arguments."""
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, WithJsonSchema, field_validator, model_validator
+from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from jointgap.counts import Seed, count
 from jointgap.quantities import Angle
@@ -82,24 +82,18 @@ class Values(Section):
         return values
 
 
-def _kind(spec: Any) -> str:
-    if isinstance(spec, Mapping):
-        return str(spec.get("distribution", "values" if "values" in spec else "uniform"))
-    return getattr(spec, "distribution", "uniform")
-
-
-def _listed(data: Any) -> Any:
-    """A bare list is a list of values."""
-    return {"values": data} if isinstance(data, list | tuple) else data
+def _with_distribution(spec: Any) -> Any:
+    """What is left out: a bare list is a list of values, and a range without a distribution is uniform."""
+    if isinstance(spec, list | tuple):
+        return {"distribution": "values", "values": spec}
+    if isinstance(spec, Mapping) and "distribution" not in spec:
+        return {"distribution": "values" if "values" in spec else "uniform", **spec}
+    return spec
 
 
 Distribution = Annotated[
-    Annotated[Uniform, Tag("uniform")]
-    | Annotated[LogUniform, Tag("log_uniform")]
-    | Annotated[Normal, Tag("normal")]
-    | Annotated[Triangular, Tag("triangular")]
-    | Annotated[Values, Tag("values")],
-    Discriminator(_kind),
+    Uniform | LogUniform | Normal | Triangular | Values,
+    Field(discriminator="distribution"),
 ]
 
 
@@ -128,9 +122,9 @@ class Sweep(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _lists_are_values(cls, data: Any) -> Any:
+    def _distributions_are_named(cls, data: Any) -> Any:
         if isinstance(data, dict) and isinstance(data.get("parameters"), dict):
-            return data | {"parameters": {key: _listed(spec) for key, spec in data["parameters"].items()}}
+            return data | {"parameters": {key: _with_distribution(spec) for key, spec in data["parameters"].items()}}
         return data
 
     @model_validator(mode="after")

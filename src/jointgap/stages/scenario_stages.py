@@ -405,3 +405,73 @@ def study(scenario: "Scenario", folder: Path, parts: Sequence[Path], workers: in
     for name, drawing in draw_study(points, scenario).items():
         style.save(drawing, folder / name)
     return summary
+
+    return page
+
+
+@SCENARIO_STAGES.stage(sections=(*_MOTION, "sweep"))
+def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, workers: int | None) -> None:
+    """Simulate and measure some designs of the sweep, for `jointgap sweep`.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    first, number : int
+        First design, counted from 0, and how many.
+    designs : Path
+        File to write: table `jointgap.tables.sweep_designs`.
+    workers : int, optional
+        Threads.
+    """
+    from jointgap.sweep.design_of_experiments import designs_of
+    from jointgap.sweep.designs_to_parquet import write_designs
+
+    write_designs(designs_of(scenario), first, number, designs, workers)
+
+
+@SCENARIO_STAGES.stage(files=("designs", "summary.md", "summary.html"), sections=(*_MOTION, "sweep"))
+def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
+    """Simulate and measure many designs: parameters with ranges, distributions or lists, drawn or on a grid.
+
+    The scenario's section `sweep` says which. The folder's `designs` is a dataset of Parquet files that pandas, polars
+    and duckdb read as one table, a row a design; designs that fail are rows with their reason. What is there already is
+    kept: a sweep that was killed goes on, and one with a larger number of the same Sobol sequence adds designs.
+
+    \b
+    Example:
+      cat > mine.yaml <<END
+      mechanism: config/mechanisms/erkaya2009.yaml
+      simulate: {revolutions: 4, samples_per_revolution: 720, tolerance: 1e-9 m}
+      sweep:
+        number: 256
+        parameters:
+          clearance: {from: 0.1 mm, to: 1 mm, distribution: log_uniform}
+          friction: {from: 0, to: 0.2}
+          crank_length: {distribution: normal, mean: 75 mm, deviation: 0.05 mm}
+      END
+      jointgap sweep --options mine.yaml --folder results/mine
+
+    Parameters
+    ----------
+    scenario : Scenario
+    folder : Path
+        To write into.
+    workers : int, optional
+        Threads.
+    """
+    from jointgap.report.page import to_html, to_markdown
+    from jointgap.sweep.design_of_experiments import designs_of
+    from jointgap.sweep.designs_to_parquet import check_dataset, is_done, part_file, parts, write_designs
+    from jointgap.sweep.sweep_page import page
+
+    designs, dataset = designs_of(scenario), folder / "designs"
+    for number, (first, count) in enumerate(parts(designs.number, scenario.sweep.designs_per_job)):
+        file = dataset / part_file(number)
+        if not is_done(designs, first, count, file):
+            write_designs(designs, first, count, file, workers)
+    check_dataset(designs, dataset)
+    summary = page(designs, dataset)
+    tables.write_text(folder / "summary.html", to_html(summary))
+    text = to_markdown(summary)
+    tables.write_text(folder / "summary.md", text)
+    return text

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from pyarrow.parquet import FileMetaData
 
 from jointgap import tables
 from jointgap.config.varied_values import with_values
@@ -44,9 +45,9 @@ def simulate_designs(designs: Designs, first: int, count: int, workers: int | No
     Raises
     ------
     InputError
-        Numbers beyond the last design.
+        Numbers beyond the last design; a Sobol sequence has none.
     """
-    if not 0 <= first < first + count <= designs.number:
+    if designs.kind != "sobol" and first + count > designs.number:
         raise InputError(
             f"sweep: designs {first} to {first + count - 1} are asked for, but there are {designs.number}, from 0 on"
         )
@@ -55,7 +56,6 @@ def simulate_designs(designs: Designs, first: int, count: int, workers: int | No
     outcomes = simulate_runs(_possible_runs(designs, values, errors), workers)
     rows = []
     for place, own in enumerate(values):
-        # A generator runs ahead of what it has yielded: whether this design is possible is known once it has passed.
         row = {"design": first + place} | own | dict.fromkeys((column.name for column in MEASURES), np.nan)
         rows.append(row | {"steps": 0, "reason": None})
     for outcome in outcomes:
@@ -86,39 +86,65 @@ def write_designs(designs: Designs, first: int, count: int, path: Path | str, wo
     tables.write(table_of(designs), frame, path, {DIGEST: designs.digest})
 
 
-def check_dataset(designs: Designs, folder: Path) -> pd.DataFrame:
-    """Whether the files in a `folder` are this sweep's and hold each design once; what the summary needs of them.
+def part_file(number: int) -> str:
+    """Name of the file of part `number`, so that names sort as numbers do."""
+    return f"part_{number:06d}.parquet"
 
-    Returns
-    -------
-    DataFrame
-        The whole dataset, sorted by design.
+
+def parts(number: int, designs_per_job: int) -> list[tuple[int, int]]:
+    """First design and number of designs of each part of `number` designs."""
+    return [(first, min(designs_per_job, number - first)) for first in range(0, number, designs_per_job)]
+
+
+def is_done(designs: Designs, first: int, count: int, path: Path) -> bool:
+    """Whether `path` holds these designs whole.
 
     Raises
     ------
     InputError
-        A file of another sweep, a design that is missing or there twice.
+        It is damaged, or belongs to another sweep.
     """
-    frames = []
-    for path in sorted(folder.glob("*.parquet")):
-        of = (tables.read_footer(path).metadata or {}).get(DIGEST.encode(), b"").decode()
-        if of != designs.digest:
-            raise InputError(
-                f"{path}: belongs to another sweep (its digest is {of or 'none'}, this one's {designs.digest}); move "
-                "it away, or give another folder"
-            )
-        frames.append(tables.read(table_of(designs), path))
-    if not frames:
+    if not path.exists():
+        return False
+    footer = tables.read_footer(path)
+    _check_belongs(designs, path, footer)
+    return footer.num_rows == count and _numbers(path)[0] == first
+
+
+def check_dataset(designs: Designs, folder: Path) -> None:
+    """Whether the files in a `folder` are this sweep's and hold each design once.
+
+    Raises
+    ------
+    InputError
+        A file of another sweep, a design that is missing, there twice, or more than are asked for.
+    """
+    files = sorted(folder.glob("*.parquet"))
+    if not files:
         raise InputError(f"{folder}: holds no designs; simulate them first")
-    frame = pd.concat(frames, ignore_index=True).sort_values("design", ignore_index=True)
-    numbers = frame["design"].to_numpy()
-    if len(extra := numbers[numbers >= designs.number]):
+    for path in files:
+        _check_belongs(designs, path, tables.read_footer(path))
+    numbers = np.sort(np.concatenate([_numbers(path) for path in files]))
+    if numbers[-1] >= designs.number:
+        beyond = next(path for path in files if _numbers(path).max() >= designs.number)
         raise InputError(
-            f"{folder}: holds designs up to {extra.max()}, but sweep.number asks for {designs.number}; remove the "
-            "files beyond it, or ask for more"
+            f"{beyond}: holds design {numbers[-1]}, but sweep.number asks for {designs.number}; remove it, or ask for "
+            "more designs"
         )
     if not np.array_equal(numbers, np.arange(designs.number)):
         missing = np.setdiff1d(np.arange(designs.number), numbers)
         what = f"design {missing[0]} is missing" if len(missing) else "a design is there twice"
-        raise InputError(f"{folder}: {what}; simulate its part again")
-    return frame
+        raise InputError(f"{folder}: {what}; remove the files of its part and start again")
+
+
+def _numbers(path: Path) -> np.ndarray:
+    return tables.read_columns(path, ["design"])["design"].to_numpy()
+
+
+def _check_belongs(designs: Designs, path: Path, footer: FileMetaData) -> None:
+    of = (footer.metadata or {}).get(DIGEST.encode(), b"").decode()
+    if of != designs.digest:
+        raise InputError(
+            f"{path}: belongs to another sweep (its digest is {of or 'none'}, this one's is {designs.digest}); move it "
+            "away, or give another folder"
+        )

@@ -2,7 +2,7 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -292,6 +292,16 @@ def batches(path: Path | str) -> Iterator[pd.DataFrame]:
     with file:
         for batch in file.iter_batches():
             yield batch.to_pandas()
+
+
+def read_columns(path: Path | str, columns: Sequence[str]) -> pa.Table:
+    """Some `columns` of a file; or of all files in a folder, whose digests are not looked at.
+
+    Errors as `describe`.
+    """
+    if Path(path).is_dir():
+        return pq.read_table(path, columns=list(columns))
+    return _open(lambda file: pq.read_table(file, columns=list(columns)), path, "check the path")[0]
 
 
 def describe(path: Path | str) -> pd.DataFrame:

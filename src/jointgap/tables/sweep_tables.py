@@ -6,26 +6,26 @@ from jointgap.joints import JOINT
 from jointgap.tables.columns import Column, Table
 from jointgap.tables.study_tables import NOISE_ORDER
 
-_ERROR = "of the ideal transmission angle less the simulated one"
-_SIZES = {"rms": "root of the mean square", "mean": "mean size", "peak": "largest size"}
-_SPANS = {"": "the last revolution", "_in_window": "the window of the first revolution"}
+_ERROR = "error of the transmission angle (ideal less simulated)"
+_SIZES = {"rms": "RMS", "mean": "mean size", "peak": "largest size"}
+_SPANS = {"": "last revolution", "_in_window": "window of the first revolution"}
 
 MEASURES = (
     *(
-        Column(f"angle_error_{size}{suffix}", "rad", f"{words} {_ERROR}, over {span}", nullable=True)
+        Column(f"angle_error_{size}{suffix}", "rad", f"{_ERROR}: {words}, {span}", nullable=True)
         for suffix, span in _SPANS.items()
         for size, words in _SIZES.items()
     ),
     Column(
         "least_transmission_angle",
         "rad",
-        "smallest angle between the rod and the direction across the slide, in the last revolution",
+        "smallest transmission angle",
         nullable=True,
     ),
-    Column("stroke", "m", "largest less smallest slider position in the last revolution", nullable=True),
-    Column("outer_dead_centre", "rad", "crank angle at which the slider is farthest out", nullable=True),
-    Column("inner_dead_centre", "rad", "crank angle at which the slider is nearest", nullable=True),
-    Column("acceleration_rms", "m/s^2", "RMS of the slider's acceleration in the last revolution", nullable=True),
+    Column("stroke", "m", "stroke", nullable=True),
+    Column("outer_dead_centre", "rad", "outer dead centre: crank angle of the farthest slider", nullable=True),
+    Column("inner_dead_centre", "rad", "inner dead centre: crank angle of the nearest slider", nullable=True),
+    Column("acceleration_rms", "m/s^2", "RMS of the slider's acceleration", nullable=True),
     Column(
         "noise_share",
         "1",
@@ -35,8 +35,8 @@ MEASURES = (
     Column(
         "repeat_distance",
         "1",
-        "largest distance of the clearance vectors in the last revolution from those in the one before, as a share of "
-        "the smallest clearance: 0 where the motion repeats",
+        "how far the motion is from repeating; largest distance of the clearance vectors from those a revolution "
+        "before, as a share of the smallest clearance",
         nullable=True,
     ),
     *(
@@ -48,13 +48,13 @@ MEASURES = (
             Column(
                 f"{name}_contact_share",
                 "1",
-                f"share of the time in which the journal of the {joint.words} touches its bearing; null where ideal",
+                f"share of the time in contact, {joint.words}; null where ideal",
                 nullable=True,
             ),
             Column(
                 f"{name}_impacts",
                 "1",
-                f"contacts that begin in the {joint.words} in the last revolution; null where ideal",
+                f"contacts that begin in a revolution, {joint.words}; null where ideal",
                 nullable=True,
             ),
         )

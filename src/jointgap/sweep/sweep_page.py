@@ -1,0 +1,91 @@
+"""A sweep in plain words: how many designs, what failed, and how far each measure ranges."""
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pyarrow.compute as pc
+
+from jointgap import tables
+from jointgap.report.page import Page, Paragraph, TableBlock
+from jointgap.sweep.design_of_experiments import Axis, Designs
+from jointgap.tables.columns import Column
+from jointgap.tables.sweep_tables import MEASURES
+
+_KINDS = {
+    "sobol": "drawn as a scrambled Sobol sequence",
+    "latin_hypercube": "drawn as a Latin hypercube",
+    "grid": "on a grid",
+}
+_QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
+_SHOWN = {"rad": ("deg", 180.0 / np.pi), "m": ("mm", 1e3), "rad/s": ("rpm", 30.0 / np.pi)}
+"""Units in which people read lengths and angles, and how many one SI unit is."""
+
+
+def page(designs: Designs, dataset: Path) -> Page:
+    """The page of a sweep.
+
+    Parameters
+    ----------
+    designs : Designs
+    dataset : Path
+        Folder that holds all of them.
+    """
+    reasons = tables.read_columns(dataset, ["reason"])["reason"]
+    failed = Counter(_kind_of(reason) for reason in reasons.drop_null().to_pylist())
+    introduction = (
+        f"{designs.number} designs {_KINDS[designs.kind]}, seed {designs.seed}: {len(designs.axes)} parameters vary, "
+        f"all else as in the mechanism. {sum(failed.values())} designs failed"
+        + ("." if not failed else ": " + "; ".join(f"{count} x {why}" for why, count in failed.most_common(5)) + ".")
+    )
+    measured = (
+        "Over all designs that were simulated: smallest, 5 %, median, 95 % and largest value. Unless it says "
+        "otherwise, a measure is of the last revolution."
+    )
+    files = (
+        "All designs: the Parquet files in `designs`, one table for `pandas.read_parquet`, polars or duckdb; "
+        "`jointgap describe` explains the columns of any of them."
+    )
+    blocks = (
+        Paragraph(introduction),
+        TableBlock(("parameter", "unit", "smallest", "median", "largest"), _parameters(designs.axes, dataset)),
+        Paragraph(measured),
+        TableBlock(("measure", "unit", "smallest", "5 %", "median", "95 %", "largest"), _measures(dataset)),
+        Paragraph(files),
+    )
+    return Page("Sweep", blocks)
+
+
+def _kind_of(reason: str) -> str:
+    """A reason without what differs from design to design: its last sentence, numbers cut off."""
+    return reason.rpartition(": ")[2].split(";")[0] if ": " in reason else reason
+
+
+def _parameters(axes: tuple[Axis, ...], dataset: Path) -> tuple:
+    rows = []
+    for axis in axes:
+        values = tables.read_columns(dataset, [axis.key])[axis.key]
+        if axis.column.kind != "float":
+            words = sorted(map(str, pc.unique(values).to_pylist()))
+            rows.append((axis.key, "", ", ".join(words), "", ""))
+            continue
+        unit, factor = _SHOWN.get(axis.unit, (axis.unit or "1", 1.0))
+        rows.append((axis.key, unit, *_numbers(factor * values.to_numpy(), (0.0, 0.5, 1.0))))
+    return tuple(rows)
+
+
+def _measures(dataset: Path) -> tuple:
+    return tuple(row for column in MEASURES if (row := _measure(column, dataset)))
+
+
+def _measure(column: Column, dataset: Path) -> tuple | None:
+    values = tables.read_columns(dataset, [column.name])[column.name].to_numpy()
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return None
+    unit, factor = _SHOWN.get(column.unit, (column.unit, 1.0))
+    return (column.description.partition(";")[0], unit, *_numbers(factor * values, _QUANTILES))
+
+
+def _numbers(values: np.ndarray, shares: tuple[float, ...]) -> tuple[str, ...]:
+    return tuple(f"{value:.4g}" for value in np.quantile(values, shares))
