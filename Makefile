@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run smoke study campaign blind report test test-slow lint docs bench drill dashboard clean set-up
+.PHONY: help run smoke study sweep campaign blind report test test-slow lint docs bench drill dashboard clean set-up
 
 PROFILE ?= local
 SET ?= published
@@ -33,6 +33,10 @@ smoke: set-up ## the whole chain, small: about a minute, then results/smoke-repo
 
 study: set-up ## map clearance x speed x friction of the first scenario, then results/study-report.html
 	@scripts/in-venv scripts/run-workflow results/study-report.html $(snakemake_options)
+
+sweep: set-up ## many designs, simulated and measured: config/sweep.yaml, or CONFIG=mine.yaml
+	@scripts/in-venv scripts/run-workflow results/sweep-report.html swept \
+		$(if $(CONFIG),,--configfile config/sweep.yaml) $(snakemake_options)
 
 # $$CAMPAIGN and $$SET are read from the environment, where a quote in a path means itself; Snakemake reads YAML, where
 # in quotes a backslash and a quote need a backslash.

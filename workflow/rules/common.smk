@@ -51,7 +51,12 @@ wildcard_constraints:
 
 def options_file(scenario, stage):
     """What a stage reads of a scenario's configuration, as a file: its name changes with what it holds, and with nothing else."""
-    text = SCENARIOS[scenario].model_dump_json(include=set(SCENARIO_STAGES[stage].sections))
+    text = SCENARIOS[scenario].model_dump_json(include=set(SCENARIO_STAGES[stage].sections), by_alias=True)
+    return kept_options(scenario, text)
+
+
+def kept_options(scenario, text):
+    """`text`, JSON, as a file of that name."""
     path = Path(".snakemake", "options", f"{scenario}-{sha256(text.encode()).hexdigest()[:12]}.json")
     if not path.is_file():
         write_text(path, text)

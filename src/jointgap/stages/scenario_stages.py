@@ -429,7 +429,7 @@ def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, 
     write_designs(designs_of(scenario), first, number, designs, workers)
 
 
-@SCENARIO_STAGES.stage(files=("designs", "summary.md", "summary.html"), sections=(*_MOTION, "sweep"))
+@SCENARIO_STAGES.stage(files=("summary.md", "summary.html"), sections=(*_MOTION, "sweep"))
 def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     """Simulate and measure many designs: parameters with ranges, distributions or lists, drawn or on a grid.
 
@@ -461,12 +461,13 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     """
     from jointgap.report.page import to_html, to_markdown
     from jointgap.sweep.design_of_experiments import designs_of
-    from jointgap.sweep.designs_to_parquet import check_dataset, is_done, part_file, parts, write_designs
+    from jointgap.sweep.designs_to_parquet import check_dataset, is_done, write_designs
+    from jointgap.sweep.parts import part_name, parts
     from jointgap.sweep.sweep_page import page
 
     designs, dataset = designs_of(scenario), folder / "designs"
     for number, (first, count) in enumerate(parts(designs.number, scenario.sweep.designs_per_job)):
-        file = dataset / part_file(number)
+        file = dataset / f"{part_name(number)}.parquet"
         if not is_done(designs, first, count, file):
             write_designs(designs, first, count, file, workers)
     check_dataset(designs, dataset)

@@ -86,16 +86,6 @@ def write_designs(designs: Designs, first: int, count: int, path: Path | str, wo
     tables.write(table_of(designs), frame, path, {DIGEST: designs.digest})
 
 
-def part_file(number: int) -> str:
-    """Name of the file of part `number`, so that names sort as numbers do."""
-    return f"part_{number:06d}.parquet"
-
-
-def parts(number: int, designs_per_job: int) -> list[tuple[int, int]]:
-    """First design and number of designs of each part of `number` designs."""
-    return [(first, min(designs_per_job, number - first)) for first in range(0, number, designs_per_job)]
-
-
 def is_done(designs: Designs, first: int, count: int, path: Path) -> bool:
     """Whether `path` holds these designs whole.
 
