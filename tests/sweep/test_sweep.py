@@ -1,0 +1,235 @@
+"""A sweep draws the designs that its parameters ask for, and measures each as a simulation alone does."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap import tables
+from jointgap.config import Scenario
+from jointgap.dynamics import simulate
+from jointgap.errors import InputError
+from jointgap.stages.scenario_stages import sweep
+from jointgap.sweep.cycle_statistics import clearance_vectors
+from jointgap.sweep.design_of_experiments import designs_of
+from jointgap.sweep.designs_to_parquet import check_dataset, simulate_designs, table_of, write_designs
+from tests.dynamics.cases import mechanism, options
+
+MADE = mechanism(friction=0.1)
+COARSE = options(revolutions=2, samples_per_revolution=360, tolerance=1e-8)
+
+
+def scenario(parameters: dict, **more) -> Scenario:
+    return Scenario(mechanism=MADE, simulate=COARSE, sweep={"parameters": parameters, **more})
+
+
+def column(parameters: dict, number: int = 512, **more) -> np.ndarray:
+    """Values of the one parameter."""
+    (key,) = parameters
+    return np.array(
+        [values[key] for values in designs_of(scenario(parameters, number=number, **more)).values(0, number)]
+    )
+
+
+@pytest.mark.parametrize("design", ["sobol", "latin_hypercube", "grid"])
+def test_designs_do_not_depend_on_the_part_in_which_they_are_drawn(design):
+    ranges = {
+        "friction": {"from": 0, "to": 0.2, "number": 5},
+        "speed": {"from": "300 rpm", "to": "600 rpm", "number": 4},
+    }
+    designs = designs_of(scenario(ranges, design=design, number=20))
+    whole = designs.values(0, 20)
+    assert designs.values(7, 6) == whole[7:13]
+    assert designs.number == 20
+
+
+def test_a_larger_number_of_a_sobol_sequence_only_adds_designs():
+    few, many = (designs_of(scenario({"friction": {"from": 0, "to": 0.2}}, number=number)) for number in (8, 64))
+    assert many.values(0, 8) == few.values(0, 8)
+    assert many.digest == few.digest
+
+
+def test_a_uniform_range_is_filled_evenly():
+    values = np.sort(column({"clearance": {"from": "0.1 mm", "to": "0.5 mm"}}))
+    np.testing.assert_allclose(values, np.linspace(1e-4, 5e-4, 512), atol=0.01 * 4e-4)
+
+
+def test_a_log_uniform_range_has_as_many_values_in_each_ratio():
+    values = column({"clearance": {"distribution": "log_uniform", "from": "0.1 mm", "to": "1 mm"}})
+    assert np.mean(values < math.sqrt(1e-4 * 1e-3)) == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_normal_tolerance_has_its_mean_and_deviation_and_keeps_to_its_ends():
+    law = {"distribution": "normal", "mean": "150 mm", "deviation": "0.1 mm"}
+    free = column({"crank_length": law})
+    assert (free.mean(), free.std()) == (pytest.approx(0.150, abs=1e-6), pytest.approx(1e-4, rel=0.03))
+    cut = column({"crank_length": {**law, "from": "149.9 mm", "to": "150.1 mm"}})
+    assert 0.1499 <= cut.min() < cut.max() <= 0.1501
+
+
+def test_a_triangular_range_has_its_mean():
+    values = column({"friction": {"distribution": "triangular", "from": 0, "peak": 0.05, "to": 0.2}})
+    assert values.mean() == pytest.approx(0.25 / 3, rel=0.01)
+
+
+def test_each_word_of_a_list_comes_equally_often():
+    values = column({"mechanism.joints.crank_pin.journal": ["crank", "rod"]})
+    assert np.count_nonzero(values == "rod") == 256
+
+
+def test_a_latin_hypercube_has_one_design_in_each_stratum():
+    values = column({"friction": {"from": 0, "to": 0.2}}, number=50, design="latin_hypercube")
+    np.testing.assert_array_equal(np.sort(np.floor(values / 0.2 * 50)), np.arange(50))
+
+
+def test_a_grid_has_every_combination():
+    ranges = {"friction": [0, 0.1], "speed": {"from": "300 rpm", "to": "500 rpm", "number": 3}}
+    designs = designs_of(scenario(ranges, design="grid"))
+    pairs = {(values["friction"], round(values["speed"] * 30 / math.pi)) for values in designs.values(0, 6)}
+    assert pairs == {(f, s) for f in (0.0, 0.1) for s in (300, 400, 500)}
+
+
+def test_a_length_by_its_word_keeps_the_share_of_the_mass_centre():
+    changed = designs_of(scenario({"crank_length": {"from": "100 mm", "to": "160 mm"}})).scenario(
+        {"crank_length": 0.12}
+    )
+    share = MADE.crank.mass_centre / MADE.crank.length
+    assert changed.mechanism.crank.mass_centre / changed.mechanism.crank.length == pytest.approx(share)
+
+
+@pytest.fixture(scope="module")
+def measured() -> tuple:
+    """Designs, and what was measured of the first four."""
+    ranges = {"clearance": {"from": "0.2 mm", "to": "0.8 mm"}, "friction": {"from": 0.02, "to": 0.2}}
+    designs = designs_of(scenario(ranges, number=4, window=["60 deg", "360 deg"]))
+    return designs, simulate_designs(designs, 0, 4)
+
+
+def test_a_design_is_measured_as_its_simulation_alone_says(measured):
+    designs, frame = measured
+    own = designs.scenario(designs.values(2, 1)[0])
+    alone, row = simulate(own.mechanism, own.simulate), frame.iloc[2]
+    last = alone.samples.iloc[-361:]
+    crank, rod = own.mechanism.crank.length, own.mechanism.rod.length
+
+    def error(samples: pd.DataFrame) -> np.ndarray:
+        ideal = math.pi / 2 + np.arcsin(-crank * np.sin(samples["crank_angle"]) / rod)
+        return (ideal - samples["transmission_angle"]).to_numpy()
+
+    assert row["angle_error_rms"] == pytest.approx(np.sqrt(np.mean(error(last)[:-1] ** 2)), rel=1e-9)
+    assert row["angle_error_peak"] == pytest.approx(np.abs(error(last)[:-1]).max(), rel=1e-9)
+    window = alone.samples.iloc[60:360]
+    assert row["angle_error_mean_in_window"] == pytest.approx(np.abs(error(window)).mean(), rel=1e-9)
+    assert row["stroke"] == pytest.approx(np.ptp(last["slider_position"]), rel=1e-4)
+    assert row["crank_pin_rms_force"] == pytest.approx(
+        np.sqrt(np.mean(last["crank_pin_normal_force"][:-1] ** 2)), rel=1e-9
+    )
+    touching = np.mean(last["piston_pin_mode"].isin(["impact", "contact"]))
+    assert row["piston_pin_contact_share"] == pytest.approx(touching, abs=2 / 360)
+    impacts = alone.events[(alone.events["time"] >= last["time"].iloc[0]) & (alone.events["joint"] == "piston_pin")]
+    assert row["piston_pin_impacts"] == np.count_nonzero(impacts["event"] == "impact")
+    vectors = np.hstack([clearance_vectors(alone.samples, joint) for joint in ("crank_pin", "piston_pin")])
+    apart = np.linalg.norm(vectors[-361:] - vectors[-721:-360], axis=1).max()
+    assert row["repeat_distance"] == pytest.approx(apart / own.mechanism.clearance("crank_pin"), rel=1e-9)
+
+
+def test_a_mechanism_without_clearance_has_no_error_and_the_stroke_and_dead_centres_of_geometry():
+    ideal = mechanism(loose=(), offset=0.03)
+    one = options(revolutions=1, samples_per_revolution=720, tolerance=1e-8)
+    lengths = {"number": 2, "parameters": {"crank_length": {"from": "100 mm", "to": "160 mm"}}}
+    made = Scenario(mechanism=ideal, simulate=one, sweep=lengths)
+    designs = designs_of(made)
+    frame, rod, offset = simulate_designs(designs, 0, 2), ideal.rod.length, 0.03
+    for crank, row in zip(frame["crank_length"], frame.to_dict("records"), strict=True):
+        outer, inner = (math.sqrt((rod + sign * crank) ** 2 - offset**2) for sign in (1, -1))
+        assert row["stroke"] == pytest.approx(outer - inner, rel=1e-7)
+        assert math.sin(row["outer_dead_centre"]) == pytest.approx(offset / (rod + crank), abs=1e-5)
+        assert math.sin(row["inner_dead_centre"]) == pytest.approx(-offset / (rod - crank), abs=1e-5)
+        assert row["angle_error_peak"] == pytest.approx(0.0, abs=1e-12)
+        assert math.isnan(row["crank_pin_impacts"])
+
+
+def test_the_number_of_workers_does_not_change_a_byte(measured, tmp_path):
+    designs, _ = measured
+    for workers in (1, 3):
+        write_designs(designs, 0, 4, tmp_path / f"{workers}.parquet", workers)
+    assert (tmp_path / "1.parquet").read_bytes() == (tmp_path / "3.parquet").read_bytes()
+
+
+def test_an_impossible_design_is_a_row_with_its_reason():
+    designs = designs_of(scenario({"mechanism.crank.length": {"from": "60 mm", "to": "150 mm"}}, number=8))
+    frame = simulate_designs(designs, 0, 8)
+    failed = frame["mechanism.crank.length"] < MADE.crank.mass_centre
+    assert 0 < failed.sum() < 8
+    assert frame.loc[failed, "reason"].str.contains("mass_centre").all()
+    assert frame.loc[failed, "stroke"].isna().all()
+    assert frame.loc[~failed, "reason"].isna().all()
+
+
+def test_a_sweep_keeps_the_parts_that_are_there_and_a_grown_one_adds_to_them(tmp_path):
+    ranges = {"friction": {"from": 0.05, "to": 0.2}}
+    sweep(scenario(ranges, number=4, designs_per_job=2), tmp_path, 1)
+    parts = sorted((tmp_path / "designs").iterdir())
+    before = {part.name: (part.read_bytes(), part.stat().st_mtime_ns) for part in parts}
+    parts[1].unlink()  # as if it had been killed
+    text = sweep(scenario(ranges, number=6, designs_per_job=2), tmp_path, 1)
+    after = {
+        part.name: (part.read_bytes(), part.stat().st_mtime_ns) for part in sorted((tmp_path / "designs").iterdir())
+    }
+    assert after["part_000000.parquet"] == before["part_000000.parquet"]
+    assert after["part_000001.parquet"][0] == before["part_000001.parquet"][0]
+    assert "part_000002.parquet" in after
+    assert "6 designs" in text
+    assert list(pd.read_parquet(tmp_path / "designs")["design"]) == list(range(6))
+
+
+def test_a_dataset_of_another_sweep_is_refused(tmp_path):
+    write_designs(designs_of(scenario({"friction": {"from": 0, "to": 0.1}}, number=1)), 0, 1, tmp_path / "a.parquet")
+    other = designs_of(scenario({"friction": {"from": 0, "to": 0.2}}, number=1))
+    with pytest.raises(InputError, match=r"a\.parquet: belongs to another sweep"):
+        check_dataset(other, tmp_path)
+
+
+def test_a_design_that_is_missing_or_too_many_is_told(tmp_path):
+    designs = designs_of(scenario({"friction": {"from": 0, "to": 0.1}}, number=2))
+    write_designs(designs, 1, 1, tmp_path / "b.parquet")
+    with pytest.raises(InputError, match="design 0 is missing"):
+        check_dataset(designs, tmp_path)
+    write_designs(designs, 0, 1, tmp_path / "a.parquet")
+    check_dataset(designs, tmp_path)
+    fewer = designs_of(scenario({"friction": {"from": 0, "to": 0.1}}, number=1))
+    with pytest.raises(InputError, match=r"b\.parquet: holds design 1, but sweep\.number asks for 1"):
+        check_dataset(fewer, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({}, "nothing is swept"),
+        ({"clearance": {"from": "1 mm", "to": "0.1 mm"}}, "clearance: from = 1 mm and to = 0.1 mm stand the wrong way"),
+        ({"clearance": {"from": "1 mm", "to": "1 mm"}}, "are the same, so it does not vary"),
+        ({"clearance": {"from": "1 kg", "to": "1 mm"}}, "clearance.from = '1 kg': has the unit 'kilogram'"),
+        ({"cleerance": {"from": 0, "to": 1}}, "cleerance: no such word; did you mean 'clearance'"),
+        ({"mechanism.slider.mas": {"from": 1, "to": 2}}, "mechanism.slider has no 'mas'; did you mean 'mass'"),
+        ({"friction": {"from": 2, "to": 3}}, "friction = 2.5: must be less than or equal to 0.6"),
+        ({"friction": {"distribution": "normal", "mean": 0.1, "deviation": 0}}, "deviation = 0.0: must be above zero"),
+        ({"friction": {"distribution": "log_uniform", "from": 0, "to": 1}}, "a log_uniform range begins above zero"),
+        ({"mechanism.joints.crank_pin.journal": {"from": 0, "to": 1}}, "is no number with a unit"),
+        ({"speed": [30, 40], "simulate.speed": [30, 40]}, "speed and simulate.speed set the same number"),
+    ],
+)
+def test_a_sweep_that_cannot_be_is_refused_before_anything_is_simulated(parameters, message):
+    with pytest.raises(InputError) as caught:
+        designs_of(scenario(parameters))
+    assert message in str(caught.value)
+
+
+def test_the_table_says_unit_and_meaning_of_each_parameter_and_measure(measured, tmp_path):
+    designs, frame = measured
+    tables.write(table_of(designs), frame, path := Path(tmp_path, "designs.parquet"))
+    described = tables.describe(path).set_index("column")
+    assert described.loc["clearance", "unit"] == "m"
+    assert described.loc["angle_error_rms", "unit"] == "rad"
+    assert (described["description"] != "").all()
