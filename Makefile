@@ -35,7 +35,7 @@ study: set-up ## map clearance x speed x friction of the first scenario, then re
 	@scripts/in-venv scripts/run-workflow results/study-report.html $(snakemake_options)
 
 sweep: set-up ## many designs, simulated and measured: config/sweep.yaml, or CONFIG=mine.yaml
-	@scripts/in-venv scripts/run-workflow results/sweep-report.html swept \
+	@scripts/in-venv scripts/run-workflow swept \
 		$(if $(CONFIG),,--configfile config/sweep.yaml) $(snakemake_options)
 
 # $$CAMPAIGN and $$SET are read from the environment, where a quote in a path means itself; Snakemake reads YAML, where

@@ -406,8 +406,6 @@ def study(scenario: "Scenario", folder: Path, parts: Sequence[Path], workers: in
         style.save(drawing, folder / name)
     return summary
 
-    return page
-
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "sweep"))
 def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, workers: int | None) -> None:
