@@ -1,48 +1,5 @@
 # Not part of `make run`: `make sweep` simulates and measures the designs of every scenario whose section sweep names parameters.
 
-import json
-
-from jointgap.sweep.parts import part_name, parts
-
-
-def swept_scenarios():
-    """Scenarios with parameters to sweep; there has to be one, and each sweep has to be possible, before anything runs."""
-    names = [name for name, scenario in SCENARIOS.items() if scenario.sweep.parameters]
-    if not names:
-        raise WorkflowError(
-            "sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml"
-        )
-    try:
-        for name in names:
-            parts_of_sweep(name)
-    except InputError as error:
-        raise WorkflowError(str(error)) from None
-    return names
-
-
-def parts_of_sweep(name):
-    """First design and number of designs of each part, by the part's name."""
-    from jointgap.sweep.design_of_experiments import designs_of  # loads scipy
-
-    number = designs_of(SCENARIOS[name]).number
-    return {part_name(i): part for i, part in enumerate(parts(number, SCENARIOS[name].sweep.designs_per_job))}
-
-
-def made_of_sweep(name):
-    """Every file that rules make of a scenario's sweep."""
-    paths = [str(path) for path in (*rules.sweep_designs.output, *rules.sweep.output)]
-    return [file for path in paths for file in expand(path, scenario=name, part=parts_of_sweep(name))]
-
-
-def part_options(wildcards):
-    """What a part depends on, as a file: how many designs there are is no part of it where a sequence can be grown."""
-    scenario, sections = SCENARIOS[wildcards.scenario], set(SCENARIO_STAGES["sweep-designs"].sections)
-    options = json.loads(scenario.model_dump_json(include=sections, by_alias=True))
-    options["sweep"].pop("designs_per_job")
-    if options["sweep"]["design"] == "sobol":
-        options["sweep"].pop("number")
-    return kept_options(wildcards.scenario, json.dumps(options))
-
 
 rule swept:
     input:

@@ -79,7 +79,7 @@ class SectionedGroup(click.Group):
     """Names of subcommands by heading, in order."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the subcommands, a section for each heading."""
+        """Write the subcommands of `ctx` with the `formatter`, a section for each heading."""
         shown = {name for name in self.list_commands(ctx) if not self.commands[name].hidden}
         longest = max(map(len, shown))
         for heading, names in self.sections.items():

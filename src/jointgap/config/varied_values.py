@@ -52,6 +52,15 @@ def with_values(scenario: Scenario, changes: dict[str, Any], source: str) -> Sce
 def unit_of(scenario: Scenario, key: str, source: str) -> str:
     """SI unit of the number at a `key`, as `jointgap.quantities.to_si` takes it; '' for a pure number.
 
+    Parameters
+    ----------
+    scenario : Scenario
+        With mechanism and simulate.
+    key : str
+        Word (`VARIED_BY_WORD`) or path.
+    source : str
+        The key of the configuration that holds it, for errors.
+
     Raises
     ------
     InputError
@@ -143,7 +152,19 @@ def _value_in_place(holder: dict, key: str, value: Any, source: str) -> Any:
 
 
 def stored_value(scenario: Scenario, key: str, value: Any, source: str) -> float | int | str | bool | None:
-    """What the table of runs says of a varied value: in SI, as the scenario understood it."""
+    """What the table of runs says of a varied value: in SI, as the scenario understood it.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With the value in it.
+    key : str
+        Word (`VARIED_BY_WORD`) or path.
+    value
+        As it was given.
+    source : str
+        The key of the configuration that holds it, for errors.
+    """
     data = _dumped(scenario)
     holder, last = _holder(data, _paths(data, key, source)[0], key, source)
     stored = holder[last]

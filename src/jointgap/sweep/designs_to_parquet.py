@@ -80,14 +80,24 @@ def _possible_runs(designs: Designs, values: list[dict], errors: dict[int, Input
 
 
 def write_designs(designs: Designs, first: int, count: int, path: Path | str, workers: int | None = None) -> None:
-    """Simulate, measure and write designs; parameters and errors as `simulate_designs`."""
+    """Simulate and measure designs, and write their table to `path`; other parameters as of `simulate_designs`, and its
+    errors.
+    """
     tables.check_writable(path)
     frame = simulate_designs(designs, first, count, workers)
     tables.write(table_of(designs), frame, path, {DIGEST: designs.digest})
 
 
 def is_done(designs: Designs, first: int, count: int, path: Path) -> bool:
-    """Whether `path` holds these designs whole.
+    """Whether a part of the dataset is there.
+
+    Parameters
+    ----------
+    designs : Designs
+    first, count : int
+        First design and number of designs that the part holds.
+    path : Path
+        Its file.
 
     Raises
     ------
@@ -102,7 +112,7 @@ def is_done(designs: Designs, first: int, count: int, path: Path) -> bool:
 
 
 def check_dataset(designs: Designs, folder: Path) -> None:
-    """Whether the files in a `folder` are this sweep's and hold each design once.
+    """Whether the files in a `folder` are those of the sweep `designs` and hold each design once.
 
     Raises
     ------

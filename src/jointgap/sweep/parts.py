@@ -2,7 +2,7 @@
 
 
 def parts(number: int, designs_per_job: int) -> list[tuple[int, int]]:
-    """First design and number of designs of each part of `number` designs."""
+    """First design and number of designs of each part of `number` designs, where a job simulates `designs_per_job`."""
     return [(first, min(designs_per_job, number - first)) for first in range(0, number, designs_per_job)]
 
 

@@ -295,7 +295,7 @@ def batches(path: Path | str) -> Iterator[pd.DataFrame]:
 
 
 def read_columns(path: Path | str, columns: Sequence[str]) -> pa.Table:
-    """Some `columns` of a file; or of all files in a folder, whose digests are not looked at.
+    """Some `columns` of the file `path`; or of all files in that folder, whose digests are not looked at.
 
     Errors as `describe`.
     """
