@@ -74,6 +74,8 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(click|collections|datetime|matplotlib|numpy|np|pandas|pd|pathlib|pydantic|rich|typing)(\..*)?"),
     # Python's own types and what is short for those above.
     (r"py:.*", r"(Any|Callable|Iterable|Mapping|Path|Sequence|bool|bytes|dict|float|int|list|object|str|tuple)"),
+    # What a type variable stands for is said in the docstring.
+    (r"py:.*", r"jointgap\.config\.change\.AnySection"),
 ]
 
 # -- Python reference -------------------------------------------------------------------------------------------------

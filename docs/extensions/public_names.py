@@ -17,14 +17,14 @@ log = logging.getLogger(__name__)
 def _check(app: Sphinx, environment) -> None:
     """Warn of every public name that is not in the reference, or that no docstring explains."""
     documented = environment.domains["py"].objects
+    places = _places(app)
     data = {place.rsplit(".", 1)[1] for place, item in documented.items() if item.objtype == "data"}
     for package in PUBLIC:
         module = import_module(package)
         for name in getattr(module, "__all__", ()):
             item = getattr(module, name)
             described = isinstance(item, type) or inspect.isroutine(item)  # else a constant, documented where it stands
-            places = [f"{package}.{name}", *([f"{item.__module__}.{name}"] if described else [])]
-            if not any(place in documented for place in places) and (described or name not in data):
+            if not (_origin(item) in places if described else name in data):
                 log.warning("public name without a place in the reference: %s.%s", package, name, type="public_names")
             if described and not item.__doc__:
                 log.warning("public name without a docstring: %s.%s", package, name, type="public_names")
@@ -38,22 +38,22 @@ def _lead(app: Sphinx, environment, node, shown):
         wanted = resolve_name(node["reftarget"])
     except (ImportError, AttributeError, ValueError):
         return None
-    place = _places(environment).get(_origin(wanted))
+    place = _places(app).get(_origin(wanted))
     if place is None:
         return None
     uri = app.builder.get_relative_uri(node["refdoc"], place.docname)
     return nodes.reference("", "", shown, internal=True, refuri=f"{uri}#{place.node_id}")
 
 
-def _places(environment) -> dict:
+def _places(app: Sphinx) -> dict:
     """Where classes and functions are documented, by module and name of their definition."""
-    if not hasattr(environment, "jointgap_places"):
-        environment.jointgap_places = {
+    if not hasattr(app, "places_of_names"):
+        app.places_of_names = {
             _origin(resolve_name(place)): item
-            for place, item in environment.domains["py"].objects.items()
+            for place, item in app.env.domains["py"].objects.items()
             if item.objtype in ("class", "function", "exception")
         }
-    return environment.jointgap_places
+    return app.places_of_names
 
 
 def _origin(item) -> tuple[str, str]:
