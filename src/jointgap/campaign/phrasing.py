@@ -101,7 +101,9 @@ def _first_number(effect: Mapping[str, Any]) -> str:
 
 
 def parameter_in_words(effect: str, name: str) -> str:
-    """``force of friction`` of the parameter `name` ``force_N`` of an `effect`, ``zero of run slow`` of ``zero_rad@slow``."""
+    """Words for the parameter `name` of an `effect`: ``force of friction`` for ``force_N``, ``zero of run slow`` for
+    ``zero_rad@slow``.
+    """
     key, _, run = name.partition("@")
     meaning = _meanings(effect).get(key, "")
     words = re.sub(r"^\w+, ", "", meaning.partition("; ")[0]) or _without_unit(key)

@@ -93,7 +93,9 @@ _DEGREE = 0.017453292519943295  # rad
 
 
 def size_for_the_eye(value: float, unit: str) -> str:
-    """``0.11 mm`` of a `value` of 0.00011 and the `unit` m: two digits, lengths and times in the unit that needs no zeros, angles in degrees."""
+    """``0.11 mm`` of a `value` of 0.00011 and the `unit` m: two digits, lengths and times in the unit that needs no
+    zeros, angles in degrees.
+    """
     if unit == "rad":
         value, unit = value / _DEGREE, "deg"
     factor, shown = next((f for f in _FINER.get(unit, ()) if abs(value) >= 0.1 * f[0]), (1.0, unit_in_words(unit)))
