@@ -17,7 +17,7 @@ from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism, opt
 from tests.dynamics.ledger import bending, bodies, crank_losses, joint_powers, slider_effects
 from tests.dynamics.quadrature import Motion, motion
 
-PALETTE = [COLOURS[name] for name in ("simulation", "network", "optimised", "paper", "spline", "first", "other")]
+PALETTE = [COLOURS[name] for name in ("simulation", "network", "optimised", "paper", "spline", "sky", "other")]
 FOLDER = Path(__file__).resolve().parent.parent / "docs/figures"
 SETS = {
     "crank pivot": ("crank_pivot",),

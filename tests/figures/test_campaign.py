@@ -263,7 +263,7 @@ def test_the_optimum_is_shown_by_lengths_and_by_the_error_that_they_leave(drawin
     shown = drawing.data[drawing.data["panel"].str.startswith("RMS")].set_index("series")["x"]
     assert shown["original lengths"].tolist() == pytest.approx([57.296] * 2, abs=1e-3)  # mdeg
     texts = [text.get_text() for axes in drawing.figure.axes for text in axes.texts]
-    assert "150.00 mm, at the edge" in texts and "−3.8 %, simulated again −3.7 %" in texts
+    assert "150.00 mm, at a bound" in texts and "−3.8 %, simulated again −3.7 %" in texts
 
 
 def test_runs_that_lie_on_each_other_are_drawn_the_first_the_widest(drawings):

@@ -98,7 +98,7 @@ CATALOGUE = {
         ("campaign_optimum",),
         "The link lengths with the smallest error of the transmission angle, found on the model as it stood (before) "
         "and on the model with the effects of the verdict (after), with the joints' motion from the source that is "
-        "named; at the edge: of the lengths that were searched. Right: the RMS error at the original lengths and at "
+        "named; at a bound: of the lengths that were searched. Right: the RMS error at the original lengths and at "
         "the optimal ones, the motion in the joints frozen, and by how much it falls there, and falls when simulated "
         "again. A model whose joints are all ideal has no optimum and no row.",
         nothing="nothing to optimise: no effect was added to the mechanism, or no joint of it is loose",

@@ -439,7 +439,7 @@ def optimum(tables: Tables, verdict: Verdict) -> Drawing:
         panel = sheet.panel((0, column), f"optimal {words}", Quantity(words, "mm"), Quantity("model", ""))
         for place, row in enumerate(optima.itertuples()):
             value, series = 1e3 * getattr(row, key), MODELS[row.model]
-            edge = ", at the edge" if row.at_edge else ""
+            edge = ", at a bound" if row.at_edge else ""
             panel.marks(series, [value], [place], series, labels=[row.source], marker="D")
             _beside(panel, value, place, f"{value:.2f} mm{edge}")
         _length_scale(panel, 1e3 * optima[key].to_numpy(dtype=float))

@@ -47,6 +47,7 @@ COLOURS = {
     "pair": "#E69F00",
     "formula": "#CC79A7",
     "named": "#009E73",
+    "sky": "#56B4E9",
 }
 LOOK = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine

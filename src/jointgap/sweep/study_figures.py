@@ -16,7 +16,7 @@ CLEARANCE = Quantity("radial clearance", "mm", "$r_c$")
 SPEED = Quantity("crank speed", "rpm")
 
 _MOST_CELLS = 8  # in a row, so that their numbers can be read
-_COLOURS = ("first", "simulation", "second surrogate", "paper", "network", "spline", "limit")
+_COLOURS = ("sky", "simulation", "second surrogate", "paper", "network", "spline", "limit")
 
 
 def draw_study(points: pd.DataFrame, scenario: Scenario) -> dict[str, Drawing]:
