@@ -95,6 +95,7 @@ def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
         Bullets(
             (
                 *([Link("The paper's numbers and claims beside these", "comparison.html")] if paper else []),
+                Link("Zoom into the impacts", "figures/impacts.html", ": gaps, contact forces and modes"),
                 Link("All figures of this scenario", "figures", " as PNG, SVG, and the plotted data as Parquet"),
                 Link("The same numbers for programs", "summary.json"),
                 Link("Every table of the search", "optimise", "; `jointgap describe FILE` explains the columns"),
