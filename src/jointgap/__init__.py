@@ -3,7 +3,7 @@
 Examples
 --------
 >>> import jointgap as jg
->>> mechanism = jg.load_mechanism("config/mechanisms/erkaya2009.yaml")
+>>> mechanism = jg.load_mechanism("erkaya2009")
 >>> run = jg.simulate(mechanism, speed="600 rpm", revolutions=2)
 >>> run.plot("orbits").save("orbits.png")
 """

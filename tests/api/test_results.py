@@ -169,5 +169,5 @@ def test_a_preflight_says_what_shows_and_what_looks_alike():
     assert plan.advice is None
     assert "slider_coulomb_friction: force_N" in plan.text
     rows = plan.summary()
-    assert rows["quantity"].str.startswith("Coulomb friction of the slider: force").any()
+    assert rows.set_index("quantity").loc["Coulomb friction of the slider", "value"].startswith("shows from 0.1")
     assert np.isfinite(plan.plot().data["x"]).any()

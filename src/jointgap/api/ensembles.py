@@ -92,7 +92,7 @@ def ensemble(
     Examples
     --------
     >>> import jointgap as jg
-    >>> mechanism = jg.load_mechanism("config/mechanisms/erkaya2009.yaml")
+    >>> mechanism = jg.load_mechanism("erkaya2009")
     >>> sweep = jg.ensemble(
     ...     mechanism, folder="results/sweep", vary={"clearance": ["0.1 mm", "0.5 mm"], "friction": [0, 0.1]},
     ...     members=1, revolutions=2,

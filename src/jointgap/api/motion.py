@@ -172,7 +172,7 @@ def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbat
     Examples
     --------
     >>> import jointgap as jg
-    >>> mechanism = jg.load_mechanism("config/mechanisms/erkaya2009.yaml")
+    >>> mechanism = jg.load_mechanism("erkaya2009")
     >>> run = jg.simulate(mechanism, speed="600 rpm", revolutions=2)
     >>> len(run.samples), run.unit("slider_position")
     (7201, 'm')

@@ -8,24 +8,23 @@ import numpy as np
 import pandas as pd
 
 from jointgap import tables
-from jointgap.api.motion import Motion, checked_mechanism, simulate
+from jointgap.api.motion import Motion, checked_mechanism, simulate, simulate_options
 from jointgap.api.result import Result, Row
-from jointgap.config import Mechanism, Optimise, Scenario, Simulate, Surrogate, change
+from jointgap.config import Mechanism, Optimise, Scenario, Simulate, Surrogate
 from jointgap.errors import InputError
 from jointgap.figures.catalogue import SPECS
 from jointgap.joints import JOINT_NUMBERS
-from jointgap.mechanism import Fit
-from jointgap.report.plain_words import in_words
+from jointgap.report.plain_words import in_words, joined
 from jointgap.stages.scenario_stages import SCENARIO_STAGES
+from jointgap.summary.scenario_outcome import Outcome, outcome
+from jointgap.summary.scenario_remarks import remarks
 
-NETWORKS, SIMULATION = "networks", "simulation_settled"
-"""Sources of the motion in the joints that lengths are chosen by: the paper's networks, or a settled revolution."""
-
+_NETWORKS = "networks"
 _WRITTEN = SCENARIO_STAGES["optimise"].writes
+_MODULE = "optimum_figures:"
 _FIGURES = {
-    spec.function.partition(":")[2]: name for name, spec in SPECS.items() if spec.function.startswith("optimum_")
+    spec.function.removeprefix(_MODULE): name for name, spec in SPECS.items() if spec.function.startswith(_MODULE)
 }
-_FOUND = ("genetic", "local")
 
 
 @dataclass(frozen=True, repr=False)
@@ -35,37 +34,51 @@ class Optimum(Result):
     Attributes
     ----------
     mechanism : Mechanism
-        With the lengths found.
+        With the lengths found; effects that only change its data are in these.
     original : Motion
         The motion with the original lengths.
-    lengths : tuple of float
-        Of crank and rod [m].
-    at_bound : str
-        The bounds that the lengths lie at, in words; ``"none"`` where they lie within.
-    gain : float
-        By which share the error of the transmission angle (root mean square over a revolution, once the motion has
-        settled) falls, simulated again with the lengths found: median over slightly perturbed starts [1].
-    interval : tuple of float
-        Its 5 % and 95 % quantile [1]; both signs mean that a single run can show a loss as well.
     tables : mapping of str to pandas.DataFrame
-        All that the search came to, by name, in SI units (``attrs["units"]``): ``optima``, ``resimulated``, ``worth``
-        and others, as the workflow writes them.
-    remarks : tuple of str
-        Where contacts do otherwise than one may think.
+        All that the search came to, by name, in SI units (``attrs["units"]``): ``optima``, ``resimulated``, ``worth``,
+        ``loads`` and others, as the workflow writes them.
     """
 
     mechanism: Mechanism
     original: Motion
-    lengths: tuple[float, float]
-    at_bound: str
-    gain: float
-    interval: tuple[float, float]
     tables: Mapping[str, pd.DataFrame]
-    remarks: tuple[str, ...]
-    _scenario: Scenario
-    _point: str
+    _outcome: Outcome
 
     _HEADLINE = "Link lengths with the smallest error of the transmission angle"
+
+    @property
+    def lengths(self) -> tuple[float, float]:
+        """Of crank and rod [m]."""
+        return self._outcome.lengths
+
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """The bounds and constraints that the lengths lie at, in words; empty where they lie within."""
+        return self._outcome.bounds
+
+    @property
+    def gain(self) -> float:
+        """By which share the RMS error of the transmission angle falls [1]: simulated again, median.
+
+        Over a whole revolution once the motion has settled; over the window, where one is asked for.
+        """
+        return self._outcome.gain.reduction
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """5 % and 95 % quantile of `gain` over pairs of runs from slightly different starts [1].
+
+        Ends of both signs mean that a single run may show a loss as well.
+        """
+        return self._outcome.gain.low, self._outcome.gain.high
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What to know before taking the lengths over, in sentences."""
+        return remarks(self._outcome)
 
     @property
     def figures(self) -> Mapping[str, str]:
@@ -75,38 +88,33 @@ class Optimum(Result):
     def _draw(self, name: str):
         from jointgap.figures.draw_figures import draw
 
-        return draw(
-            _FIGURES[name], {f"optimise_{table}": frame for table, frame in self.tables.items()}, self._scenario
-        )
+        frames = {f"optimise_{table}": frame for table, frame in self.tables.items()}
+        return draw(_FIGURES[name], frames, self._outcome.scenario)
 
     def _rows(self) -> list[Row]:
-        old, (crank, rod) = self.original.mechanism.applied(), self.lengths
-        errors = settled_errors(self.tables["resimulated"], self._point)
-        worth = self.tables["worth"].query("cycle == 'simulated'").set_index("point").loc[self._point]
-        rows: list[Row] = [
+        found, gain = self._outcome, self._outcome.gain
+        (old_crank, old_rod), (crank, rod) = found.original, found.lengths
+        before, after = found.cycle("simulated")
+        (old_force, force) = (max(forces.values()) for forces in found.peak_pin_forces)
+        over = f"over {found.stretch_in_words}"
+        return [
             ("crank length", 1e3 * crank, "mm"),
-            ("changed by", 1e3 * (crank - old.crank.length), "mm"),
+            ("changes by", 1e3 * (crank - old_crank), "mm"),
             ("rod length", 1e3 * rod, "mm"),
-            ("changed by", 1e3 * (rod - old.rod.length), "mm"),
-            ("at a bound", "no" if self.at_bound == "none" else self.at_bound, ""),
-            ("RMS error of the transmission angle before", float(np.degrees(errors["original_error"])), "deg"),
-            ("RMS error of the transmission angle after", float(np.degrees(errors["error"])), "deg"),
-            ("the error falls by", 100.0 * self.gain, "%"),
-            ("from (5 % of pairs of runs)", 100.0 * self.interval[0], "%"),
-            ("to (95 % of pairs of runs)", 100.0 * self.interval[1], "%"),
+            ("changes by", 1e3 * (rod - old_rod), "mm"),
+            ("lies at a bound", joined(found.bounds) or "no", ""),
+            (f"RMS error of the transmission angle {over}, before", float(np.degrees(gain.before)), "deg"),
+            (f"RMS error of the transmission angle {over}, after", float(np.degrees(gain.after)), "deg"),
+            ("falls by", 100.0 * gain.reduction, "%"),
+            ("falls by, 5 % of pairs of runs", 100.0 * gain.low, "%"),
+            ("falls by, 95 % of pairs of runs", 100.0 * gain.high, "%"),
+            *(
+                (f"{in_words(name)} changes by", 1e3 * float(after[name] - before[name]), "mm")
+                for name in ("stroke", "outer_dead_centre", "inner_dead_centre")
+            ),
+            ("largest force in a pin, before", old_force, "N"),
+            ("largest force in a pin, after", force, "N"),
         ]
-        units = {"stroke_change": (1e3, "mm"), "smallest_transmission_angle_change": (180.0 / np.pi, "deg")}
-        units |= {f"{end}_dead_centre_change": (1e3, "mm") for end in ("outer", "inner")}
-        rows += [
-            (f"{in_words(name.removesuffix('_change'))} changes by", factor * float(worth[name]), unit)
-            for name, (factor, unit) in units.items()
-        ]
-        return rows
-
-
-def settled_errors(resimulated: pd.DataFrame, point: str) -> pd.Series:
-    """The row of the table ``optimise_resimulated`` on the root mean square over a settled revolution at a `point`."""
-    return resimulated.query("stretch == 'settled' and measure == 'rms'").set_index("point").loc[point]
 
 
 def optimise(
@@ -121,7 +129,8 @@ def optimise(
 
     The mechanism is simulated; with the motion in its joints frozen, a genetic and a local optimiser search crank and
     rod length; what they find is simulated again, from several slightly perturbed starts. The best lengths for a whole
-    revolution are taken, once the motion has settled.
+    revolution are taken, once the motion has settled (over the window, where one is asked for). Needs pymoo: the extra
+    ``learn``.
 
     Parameters
     ----------
@@ -130,13 +139,14 @@ def optimise(
     options : Simulate, optional
         Drive and samples; of its revolutions ``ensemble.settled_revolution`` (4 by default) counts.
     networks : bool
-        Search too as the paper does, with networks trained on the motion (needs PyTorch: the extra ``learn``). The
-        lengths are then those found with the networks.
+        Search too as the paper does, on networks trained on the motion (needs PyTorch: the extra ``learn``). Of all
+        lengths found, those are taken that do best once simulated again.
     surrogate : Surrogate, optional
         How the networks are trained.
     **keys
-        Keys of `jointgap.Optimise`: ``boxes`` (bounds of the lengths by name, the first one counts), ``ratio_limit``,
-        ``window``, ``genetic``, ``ensemble`` and so on, with units as text.
+        Keys of `jointgap.Optimise`, with units as text: ``boxes`` (bounds of the lengths by name, the first one counts;
+        5 % around the mechanism's own by default), ``constraints`` (stroke, dead centres, space, largest force in a
+        pin), ``ratio_limit``, ``window``, ``genetic``, ``ensemble``.
 
     Returns
     -------
@@ -152,68 +162,44 @@ def optimise(
     Examples
     --------
     >>> import jointgap as jg
-    >>> mechanism = jg.load_mechanism("config/mechanisms/erkaya2009.yaml")
+    >>> mechanism = jg.load_mechanism("erkaya2009")
     >>> box = {"crank_length": ("147 mm", "153 mm"), "rod_length": ("555 mm", "564 mm")}
     >>> best = jg.optimise(mechanism, jg.Simulate(speed="600 rpm"), boxes={"near": box})
     >>> best.plot("valley").save("valley.png")
     """
     from jointgap.link_lengths.optimise_stage import optimise as optimised
 
-    sections = {
-        "mechanism": checked_mechanism(mechanism),
-        "simulate": options or Simulate(),
-        "optimise": Optimise(**keys),
-    }
+    simulated_so = simulate_options(options, {})
+    sections = {"mechanism": checked_mechanism(mechanism), "simulate": simulated_so, "optimise": Optimise(**keys)}
     if networks or surrogate:
         sections["surrogate"] = surrogate or Surrogate()
     scenario = Scenario(**sections)
-    if not mechanism.applied().loose:
+    applied = scenario.mechanism.applied()
+    if not applied.loose:
         raise InputError("optimise: all joints are ideal, so the transmission angle has no error; make one loose")
     motion = simulate(mechanism, scenario.simulate)
-    fits = {NETWORKS: _trained(motion, scenario.surrogate)} if "surrogate" in sections else {}
-    # without networks no samples are kept from them: their grid is taken as the two ends
-    points = scenario.surrogate.training_points if fits else 2
-    applied = mechanism.applied()
+    trained = _trained(motion, scenario.surrogate) if "surrogate" in sections else {}
+    fits = {_NETWORKS: {name: one.default.values_and_slopes for name, one in trained.items()}} if trained else {}
+    # without networks no samples are kept from them: the points of their grid are the two ends
+    points = scenario.surrogate.training_points if trained else 2
     found = optimised(applied, scenario.simulate, scenario.optimise, points, motion.samples, fits)
-    frames = {}
-    for table in _WRITTEN:
-        name = table.name.removeprefix("optimise_")
-        frames[name] = tables.with_units(table, getattr(found, name))
-    best = _best(frames["optima"], NETWORKS if fits else SIMULATION, next(iter(scenario.optimise.boxes)))
-    errors = settled_errors(frames["resimulated"], best["point"])
-    lengths = float(best["crank_length"]), float(best["rod_length"])
+    frames = {table.name: getattr(found, table.name.removeprefix("optimise_")) for table in _WRITTEN}
+    errors = [pd.DataFrame(columns=tables.FIT_ERRORS.names), *(one.errors() for one in trained.values())]
+    result = outcome(frames | {"fit_errors": pd.concat(errors) if trained else errors[0]}, scenario)
     return Optimum(
-        mechanism=change(applied, _with_lengths(applied, lengths)),
+        mechanism=applied.with_lengths(*result.lengths),
         original=motion,
-        lengths=lengths,
-        at_bound=best["active_bounds"],
-        gain=float(errors["reduction"]),
-        interval=(float(errors["reduction_low"]), float(errors["reduction_high"])),
-        tables=frames,
-        remarks=motion.remarks,
-        _scenario=scenario,
-        _point=best["point"],
+        tables={
+            table.name.removeprefix("optimise_"): tables.with_units(table, frames[table.name]) for table in _WRITTEN
+        },
+        _outcome=result,
     )
 
 
-def _best(optima: pd.DataFrame, source: str, box: str) -> pd.Series:
-    """The lengths with the lowest objective that either optimiser found."""
-    found = optima[(optima["source"] == source) & (optima["box"] == box) & optima["method"].isin(_FOUND)]
-    return found.loc[found["sum_of_squares"].idxmin()]
-
-
-def _with_lengths(mechanism: Mechanism, lengths: tuple[float, float]) -> dict[str, Any]:
-    links = mechanism.with_lengths(*lengths)
-    return {name: getattr(links, name).model_dump() for name in ("crank", "rod")}
-
-
-def _trained(motion: Motion, options: Surrogate) -> dict[str, Fit]:
-    """Networks of the clearance vectors, which are all that the search takes of them."""
+def _trained(motion: Motion, options: Surrogate) -> dict[str, Any]:
+    """Networks of the clearance vectors, which are all that the search takes of them, by output."""
     from jointgap.surrogate.train import train  # PyTorch takes seconds to start
 
     numbers = [JOINT_NUMBERS[joint] for joint in motion.mechanism.applied().loose]
-    return {
-        output: train(motion.samples, output, options).default.values_and_slopes
-        for number in numbers
-        for output in (f"r{number}", f"gamma{number}")
-    }
+    outputs = [f"{name}{number}" for number in numbers for name in ("r", "gamma")]
+    return {output: train(motion.samples, output, options) for output in outputs}

@@ -9,7 +9,7 @@ import pandas as pd
 from jointgap import tables
 from jointgap.api.result import Result, Row
 from jointgap.api.verdict import campaign_file
-from jointgap.campaign.phrasing import label_in_words
+from jointgap.campaign.phrasing import label_in_words, shown_size
 from jointgap.campaign.preflight import (
     in_words,
     look_alikes_table,
@@ -20,7 +20,7 @@ from jointgap.campaign.state import FALSE_ALARM_RATE
 from jointgap.campaign.tables_of_identification import assumed, confusable_groups, undetectable
 from jointgap.config.load import load_campaign
 from jointgap.figures.campaign_catalogue import CATALOGUE
-from jointgap.report.plain_words import joined, number
+from jointgap.report.plain_words import joined
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,9 +84,10 @@ class Preflight(Result):
     def _rows(self) -> list[Row]:
         rows: list[Row] = [
             (
-                f"{label_in_words(row.label)}: {row.parameter}, {'shows up to' if row.falls else 'shows from'}",
-                number(row.smallest_detectable),
-                "" if row.unit == "1" else row.unit,
+                label_in_words(row.label),
+                f"shows {'' if row.falls else 'from '}"
+                + shown_size(row.label, row.parameter, row.smallest_detectable, row.unit, row.falls),
+                "",
             )
             for row in self.detectable[self.detectable["detectable"]].itertuples()
         ]

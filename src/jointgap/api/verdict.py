@@ -9,13 +9,13 @@ from typing import Any
 from jointgap.api.result import Result, Row
 from jointgap.campaign import verdict as documents
 from jointgap.campaign.campaign_files import MECHANISM, VERDICT
-from jointgap.campaign.phrasing import effect_in_words, unit_of
+from jointgap.campaign.phrasing import effect_in_words, parameter_rows, unit_of
 from jointgap.campaign.verdict_sentences import answer
 from jointgap.config import Mechanism, load_mechanism, read_yaml
 from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
 from jointgap.figures.campaign_catalogue import CATALOGUE
-from jointgap.report.plain_words import in_words, joined, number, with_error
+from jointgap.report.plain_words import in_words, joined, rounded_gap
 from jointgap.tables.results_folder import ResultsFolder
 
 _ENDINGS = (".yaml", ".yml", ".json")
@@ -149,13 +149,8 @@ class Verdict(Result):
 
     def _rows(self) -> list[Row]:
         rows: list[Row] = [("verdict", in_words(self.kind), "")]
-        for finding in self.findings:
-            name = f"{finding.effect}: {finding.parameter}"
-            unit = "" if finding.unit == "1" else finding.unit
-            rows.append((name, with_error(finding.size, finding.sd)[0], unit))
-            if finding.interval:
-                ends = ("–" if end is None else with_error(end, finding.sd)[0] for end in finding.interval)
-                rows.append((f"{name}, 90 % interval", " to ".join(ends), unit))
+        for name, value, _, interval in parameter_rows(self.document["effects"]):
+            rows.append((name, value if interval == "–" else f"{value} (90 % interval {interval})", ""))
         rows += [
             (f"explanation {place}", joined(map(effect_in_words, effects)), "")
             for place, effects in enumerate(self.document["equivalent"], 1)
@@ -164,7 +159,7 @@ class Verdict(Result):
         for role, gap in self.document["gap"].items():
             for when, value in gap.items():
                 if value is not None:
-                    rows.append((f"gap on {words[role]} {when} (1: noise alone)", number(value), ""))
+                    rows.append((f"gap on {words[role]} {when} (1: noise alone)", rounded_gap(value), ""))
         return rows
 
 

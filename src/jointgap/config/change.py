@@ -44,7 +44,7 @@ def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
     Examples
     --------
     >>> import jointgap as jg
-    >>> mechanism = jg.load_mechanism("config/mechanisms/erkaya2009.yaml")
+    >>> mechanism = jg.load_mechanism("erkaya2009")
     >>> heavier = jg.change(mechanism, {"slider.mass": "1.2 kg", "clearance": "0.2 mm"})
     >>> heavier.slider.mass, round(heavier.clearance("crank_pin"), 9)
     (1.2, 0.0002)
