@@ -12,6 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numba
+from numba.core.dispatcher import Dispatcher
+
+from jointgap.dynamics.linked_code import linked_where_called
 
 _PACKAGE = Path(__file__).parent
 SOURCES = (*sorted(_PACKAGE.rglob("*.py")), _PACKAGE.parent / "formula.py", _PACKAGE.parent / "joints.py")
@@ -63,9 +66,12 @@ def compiled(function, **flags) -> Callable:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _FOLDER or before
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, **flags)(function)
+        code = numba.njit(
+            cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, no_cfunc_wrapper=True, **flags
+        )(function)
     finally:
         numba.config.CACHE_DIR = before
+    return linked_where_called(code) if isinstance(code, Dispatcher) else code  # the function itself: NUMBA_DISABLE_JIT
 
 
 def inlined(function) -> Callable:

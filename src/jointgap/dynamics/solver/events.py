@@ -266,6 +266,7 @@ def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tole
 _HOPELESS = 100.0  # tolerances of error beyond which no event is looked for: the step will be repeated, shorter
 _CLOSE = 0.01  # tolerances of distance by which an event may be missed
 _MARGIN = 100.0  # tolerances by which the interpolant of a grazing passage may err
+_UNKNOWN = np.bool_(False)  # whether an event is passed; not a literal, of which `locate` would be compiled once more
 
 
 @inlined
@@ -322,7 +323,7 @@ def advance(p, here, motion, holding, time_map, s, duration, tolerance, velocity
     if ahead < duration:
         close = max(_CLOSE * tolerance, 1e-18)
         found, there, step_map, step_start, ds, error, steps = locate(
-            p, here, time_map, s, 2.0 * ahead, False, joint, DISTANCE, ahead, close, tolerance, velocity_time, k
+            p, here, time_map, s, 2.0 * ahead, _UNKNOWN, joint, DISTANCE, ahead, close, tolerance, velocity_time, k
         )
         if found:
             there_motion = relative_motion(there)
