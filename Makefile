@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run smoke study sweep campaign blind report test test-slow lint docs bench drill dashboard clean set-up
+.PHONY: help run smoke study sweep campaign blind report test test-slow test-wheel lint docs bench drill dashboard clean set-up
 
 PROFILE ?= local
 SET ?= published
@@ -62,6 +62,10 @@ test-slow: ## the slow tests
 	@scripts/set-up test peers
 	@scripts/get-browser
 	@scripts/in-venv python -m pytest -m slow $(ARGS)
+
+test-wheel: ## build the wheel, and test it installed without extras in a folder of its own
+	@scripts/set-up test
+	@scripts/test-wheel $(ARGS)
 
 lint: ## style of the Python code and of the workflow
 	@scripts/set-up test
