@@ -1,6 +1,7 @@
 """The whole chain with the smoke configuration, run as a user runs it."""
 
 import os
+import json
 import re
 import resource
 import signal
@@ -29,6 +30,9 @@ def tables(folder):
 def test_smoke_runs_end_to_end_in_a_path_with_a_space_and_without_a_home(smoke):
     results = smoke.folder / "results"
     assert (results / "smoke/comparison.md").stat().st_size > 0
+    told = json.loads((results / "smoke/summary.json").read_text(encoding="utf-8"))
+    said = smoke.first.stdout + smoke.first.stderr
+    assert f"smoke: {told['headline']}" in said and all(remark in said for remark in told["remarks"])
     assert (smoke.folder / SMOKE_REPORT).stat().st_size > 0
     for stage in STAGES:
         assert list((results / "smoke" / stage).rglob("*.parquet")), stage
@@ -70,7 +74,7 @@ def test_a_second_run_has_nothing_to_do_and_takes_less_than_ten_seconds(smoke):
         ("simulate/trajectory.parquet", {"simulate", "surrogate", "compare", "figures", "track"}),
         ("surrogate/r2/history.parquet", {"surrogate", "figures", "track"}),
         ("kinematics/contradictions.parquet", {"kinematics", "figures", "track"}),
-        ("figures/contact_forces.png", {"figures", "track"}),
+        ("figures/contact_forces.png", {"figures", "summarise", "track"}),
         ("comparison.html", {"compare", "track"}),
     ],
 )
