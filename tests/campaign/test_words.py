@@ -88,7 +88,7 @@ def test_a_bias_is_in_the_unit_of_its_channel_and_all_else_in_that_of_the_catalo
 
 def test_a_parameter_without_an_interval_has_a_dash_there():
     effect = {"name": "sensor_bias", "site": "crank_torque", "parameters": {"bias": {"value": 0.5}}}
-    assert parameter_rows([effect]) == (("a bias of the sensor of crank torque: bias", "0.5 N m", "–", "–"),)
+    assert parameter_rows([effect]) == (("bias", "0.5 N m", "–", "–"),)
 
 
 def test_an_effect_that_is_not_in_the_catalogue_keeps_its_name():

@@ -106,7 +106,7 @@ def parameter_in_words(effect: str, name: str) -> str:
     """
     key, _, run = name.partition("@")
     meaning = _meanings(effect).get(key, "")
-    words = re.sub(r"^\w+, ", "", meaning.partition("; ")[0]) or _without_unit(key)
+    words = re.sub(r"^\w+, ", "", re.split("; |, which ", meaning)[0]) or _without_unit(key)
     return f"{words} of run {run}" if run else words
 
 
@@ -142,10 +142,14 @@ def unit_of(name: str, site: str, parameter: str) -> str:
 
 
 def parameter_rows(effects: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], ...]:
-    """Parameter, value with unit, standard error and 90 % interval of every effect of a verdict."""
+    """Parameter, value with unit, standard error and 90 % interval of every effect of a verdict; with several effects
+    the parameter with its effect.
+    """
     return tuple(
         estimate_row(
-            f"{effect_in_words(effect | {'families': ()})}: {_named_parameter(effect, name)}",
+            f"{effect_in_words(effect | {'families': ()})}: {_named_parameter(effect, name)}"
+            if len(effects) > 1
+            else _named_parameter(effect, name),
             estimate,
             unit_of(effect["name"], effect["site"], name),
         )

@@ -75,8 +75,8 @@ def page(
     verdict : mapping
         Content of ``verdict.json``.
     tables : mapping of str to DataFrame
-        Tables by name, those that there are: ``channel_errors``, ``gaps``, ``map_windows``, ``detectable``, ``look``
-        and ``campaign_optimum``.
+        Tables by name, those that there are: ``channel_errors``, ``gaps``, ``map_windows``, ``missing_force``,
+        ``detectable``, ``look`` and ``campaign_optimum``.
     warnings : sequence of str
         What was noticed about the data, a sentence each.
     campaign : Campaign, optional
@@ -89,7 +89,7 @@ def page(
             *_measured(verdict, tables.get("channel_errors"), tables.get("gaps")),
             *_gap(verdict, tables.get("gaps")),
             *_where(verdict, tables.get("map_windows")),
-            *_why(verdict),
+            *_why(verdict, tables.get("missing_force")),
             *_optimum(verdict["effects"], tables.get("campaign_optimum")),
             *_nuisances(verdict),
             *_limits(verdict, tables.get("detectable")),
@@ -285,7 +285,7 @@ def _window(row) -> str:
     )
 
 
-def _why(verdict: Mapping[str, Any]) -> list[Block]:
+def _why(verdict: Mapping[str, Any], force: pd.DataFrame | None) -> list[Block]:
     if verdict["verdict"] in ENOUGH:
         return []
     named = verdict["effects"]
@@ -298,8 +298,9 @@ def _why(verdict: Mapping[str, Any]) -> list[Block]:
     told = [effect for effects in (named, *verdict["equivalent"]) for effect in effects]
     if is_told_by_features(verdict, told):
         evidence = [Paragraph("Ranked are the fits to samples, which do not decide here.")]
-    force = [] if all(map(is_fault, named)) else [_figure("missing_force")]
-    return [Heading("What else was tried"), *evidence, _figure("ranking"), *force]
+    pushes = force is None or len(force)  # a mass, a length or a clearance is no force
+    shown = [_figure("missing_force")] if pushes and not all(map(is_fault, named)) else []
+    return [Heading("What else was tried"), *evidence, _figure("ranking"), *shown]
 
 
 def _gain(effect: Mapping[str, Any]) -> str:

@@ -164,6 +164,7 @@ def _scenario(own: ScenarioResults, gain: str, whole: bool, folder: Path) -> lis
     name, description = own.path.name, own.scenario.description
     pages = {
         "summary.html": "the lengths, what they gain and what they cost",
+        "figures/impacts.html": "zoom into the impacts",
         "comparison.html": "the paper's numbers and claims beside these",
     }
     links = [Link(words, f"{name}/{path}") for path, words in pages.items() if (folder / name / path).is_file()]
