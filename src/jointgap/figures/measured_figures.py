@@ -63,7 +63,7 @@ def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.
     below.axes.set_title(f"RMS {' → '.join(_three_digits(error[moment]) for moment in moments)} {unit}")
     less = angle if of_angle else 0.0
     measured = shown["measured"].to_numpy(dtype=float)
-    above.marks("measured", x, (measured - less) / factor, "ideal", markersize=2.4, markeredgewidth=0.0, zorder=1.8)
+    above.marks("measured", x, (measured - less) / factor, "limit", markersize=3.2, markeredgewidth=0.0, zorder=1.8)
     for moment in moments:
         model, style = _MODELS[moment]
         predicted = shown[model].to_numpy(dtype=float)
