@@ -239,8 +239,9 @@ def test_an_effect_whose_value_falls_as_it_grows_shows_up_to_a_value_and_lies_on
 
 def test_large_residuals_are_drawn_on_a_scale_that_is_linear_in_the_noise_and_logarithmic_beyond():
     large = made_up(size=60.0)
-    scales = [axes.get_yscale() for axes in campaign.draw("residuals", large, VERDICT).figure.axes]
-    assert scales == ["linear"] * 3 + ["symlog"] * 3
+    panels = campaign.draw("residuals", large, VERDICT).figure.axes
+    assert [axes.get_yscale() for axes in panels] == ["linear"] * 3 + ["symlog"] * 3
+    assert panels[3].get_ylabel() == "logarithmic beyond 2\nresidual [noise sd]"
 
 
 def test_a_model_that_nothing_was_added_to_has_no_after(tables):

@@ -193,6 +193,7 @@ def _residual_scale(panel: Panel, largest: float) -> None:
     """The same scale for all runs of a channel."""
     if largest > _FULLEST:
         panel.linear_then_logarithmic(BAND, named=False)  # the band of the noise stands there
+        panel.axes.set_ylabel(f"logarithmic beyond {BAND:g}\n{panel.y.label}")
         panel.axes.set_ylim(-1.5 * largest, 1.5 * largest)
     else:
         panel.axes.set_ylim(-1.08 * largest, 1.08 * largest)
