@@ -16,7 +16,7 @@ TYPE_CHECKING = False  # as checkers know it; typing would take longer to load t
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "jointgap.api.ensembles": ("Sweep", "ensemble"),
+    "jointgap.api.ensembles": ("Motions", "ensemble"),
     "jointgap.api.motion": ("Motion", "simulate"),
     "jointgap.api.optimum": ("Optimum", "optimise"),
     "jointgap.api.plan": ("Preflight", "preflight"),
@@ -57,6 +57,7 @@ __all__ = [
     "MeasuredDrive",
     "Mechanism",
     "Motion",
+    "Motions",
     "MotorDrive",
     "Optimise",
     "Optimum",
@@ -65,7 +66,6 @@ __all__ = [
     "SimulationError",
     "Slider",
     "Surrogate",
-    "Sweep",
     "Verdict",
     "analyse",
     "change",
@@ -79,7 +79,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
-    from jointgap.api.ensembles import Sweep, ensemble
+    from jointgap.api.ensembles import Motions, ensemble
     from jointgap.api.motion import Motion, simulate
     from jointgap.api.optimum import Optimum, optimise
     from jointgap.api.plan import Preflight, preflight

@@ -15,7 +15,7 @@ from jointgap.tables import read_table
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Motions:
     """Many motions in a folder, made by `jointgap.ensemble`.
 
     Attributes
@@ -53,7 +53,7 @@ def ensemble(
     seed: int | None = None,
     workers: int | None = None,
     **keys: Any,
-) -> Sweep:
+) -> Motions:
     """Simulate every combination of varied values, each from several starts, and write all to Parquet.
 
     Memory does not grow with the number of runs. A run that fails is told in the table of runs, and the others go on.
@@ -82,7 +82,7 @@ def ensemble(
 
     Returns
     -------
-    Sweep
+    Motions
 
     Raises
     ------
@@ -103,4 +103,4 @@ def ensemble(
     given = {"vary": vary, "members": members, "perturbation": perturbation, "seed": seed}
     runs = Runs(**{key: value for key, value in given.items() if value is not None})
     write_ensemble(ensemble_runs(checked_mechanism(mechanism), simulate_options(options, keys), runs), folder, workers)
-    return Sweep(Path(folder))
+    return Motions(Path(folder))

@@ -13,7 +13,7 @@ from jointgap.api.result import Result, Row
 from jointgap.config import Mechanism, Optimise, Scenario, Simulate
 from jointgap.config.change import change
 from jointgap.dynamics import simulate as simulated
-from jointgap.dynamics.model.mechanism_warnings import remarks
+from jointgap.dynamics.model.mechanism_warnings import sentences
 from jointgap.errors import InputError
 from jointgap.figures.catalogue import SPECS
 from jointgap.joints import FROM_FRAME
@@ -184,7 +184,7 @@ def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbat
         tables.with_units(table, frame)
         for table, frame in ((tables.TRAJECTORY, run.samples), (tables.EVENTS, run.events))
     )
-    return Motion(mechanism, options, samples, events, run.steps, tuple(remarks(mechanism)))
+    return Motion(mechanism, options, samples, events, run.steps, sentences(mechanism))
 
 
 def checked_mechanism(mechanism: Any) -> Mechanism:

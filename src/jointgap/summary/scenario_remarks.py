@@ -24,7 +24,7 @@ def remarks(outcome: Outcome) -> tuple[str, ...]:
         *_unmet(outcome),
         *_bounds(outcome),
         *_price(outcome),
-        *_contacts(outcome),
+        *mechanism_warnings.sentences(outcome.scenario.mechanism),
         *_networks(outcome),
     )
 
@@ -96,12 +96,6 @@ def _price(outcome: Outcome) -> Iterator[str]:
             f"The largest force in a pin grows from {old:.3g} to {new:.3g} N ({100 * (new / old - 1):+.0f} %): if it "
             "may not, limit it with `optimise.constraints.largest_pin_force`."
         )
-
-
-def _contacts(outcome: Outcome) -> Iterator[str]:
-    for remark in mechanism_warnings.remarks(outcome.scenario.mechanism):
-        joint, _, sentence = remark.partition(": ")
-        yield f"Contact of the {in_words(joint)}: {sentence}."
 
 
 def _networks(outcome: Outcome) -> Iterator[str]:

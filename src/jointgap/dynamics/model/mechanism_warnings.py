@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
 from jointgap.dynamics.model.normal_contact import LAWS, delivered_restitution, penalty_restitution
+from jointgap.report.plain_words import in_words
 
 UNTOLD = 0.005
 """Deviation of the delivered from the asked restitution that is too small to tell: no measured one is known better."""
@@ -30,6 +31,12 @@ def remarks(mechanism: Mechanism) -> list[str]:
         for name in applied.loose
         for sentence in _of_contact(applied.joint(name), applied.rod.mass)
     ]
+
+
+def sentences(mechanism: Mechanism) -> tuple[str, ...]:
+    """The `remarks` on a `mechanism` as sentences: ``Contact of the crank pin: ...``."""
+    parts = (remark.partition(": ") for remark in remarks(mechanism))
+    return tuple(f"Contact of the {in_words(joint)}: {words}." for joint, _, words in parts)
 
 
 def _of_contact(joint: Joint, rod_mass: float) -> Iterator[str]:
