@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from jointgap.dynamics.model import mechanism_warnings
-from jointgap.optimise.constraints import MET, geometric
+from jointgap.link_lengths.constraints import MET, geometric
 from jointgap.report.plain_words import in_words
 from jointgap.summary.scenario_outcome import FORCE_MET, Outcome
 
