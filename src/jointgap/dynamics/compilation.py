@@ -2,22 +2,29 @@
 
 numba renews a cached function when the file that holds it changes, but not when a function that it calls in another
 file does. The cache folder is therefore named after a digest of all sources of this package, of the formulas' operation
-codes and of the list of joints: any change compiles anew.
+codes, of the friction laws' codes and of the list of joints: any change compiles anew. Folders of earlier sources are
+removed once they are old.
 """
 
+import contextlib
 import hashlib
 import os
+import re
+import shutil
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numba
 from numba.core.dispatcher import Dispatcher
 
+from jointgap.dynamics.compile_once import compiled_by_one
 from jointgap.dynamics.linked_code import linked_where_called
 
 _PACKAGE = Path(__file__).parent
-SOURCES = (*sorted(_PACKAGE.rglob("*.py")), _PACKAGE.parent / "formula.py", _PACKAGE.parent / "joints.py")
+_ELSEWHERE = ("formula.py", "joints.py", "config/friction_laws.py")
+SOURCES = (*sorted(_PACKAGE.rglob("*.py")), *(_PACKAGE.parent / name for name in _ELSEWHERE))
 """All that compiled code of this package is made from."""
 
 
@@ -37,7 +44,8 @@ def _is_usable(folder: Path) -> bool:
 def cache_folder(beside: Path) -> str:
     """First usable place of: the user's choice, `beside` the sources, the user's cache, the temporary folder.
 
-    Returns an empty string (numba's own choice) when none is.
+    It does not depend on what calls: command, notebook and job of the same installation share it. Returns an empty
+    string (numba's own choice) when none is usable.
     """
     sources = b"".join(path.read_bytes() for path in SOURCES)
     digest = hashlib.sha256(sources).hexdigest()[:16]
@@ -51,8 +59,37 @@ def cache_folder(beside: Path) -> str:
     ]
     for base in bases:
         if _is_usable(base / digest):
+            os.utime(base / digest)  # says when it was used last
+            remove_old_folders(base, digest)
             return str(base / digest)
     return ""
+
+
+_KEPT, _RECENT = 4, 24 * 3600.0  # the newest folders and those of the last day [s]: somebody may be using them
+
+
+def remove_old_folders(base: Path, digest: str) -> None:
+    """Remove the folders of other digests in `base` but the newest few and those used within the last day.
+
+    Parameters
+    ----------
+    base : Path
+        Where they lie.
+    digest : str
+        The folder that stays in any case.
+    """
+    used = {}
+    with contextlib.suppress(OSError):  # another process may be removing the same
+        for folder in os.scandir(base):
+            if (
+                re.fullmatch("[0-9a-f]{16}", folder.name)
+                and folder.name != digest
+                and folder.is_dir(follow_symlinks=False)
+            ):
+                used[folder.path] = folder.stat().st_mtime
+    for path in sorted(used, key=used.get, reverse=True)[_KEPT:]:
+        if used[path] < time.time() - _RECENT:
+            shutil.rmtree(path, ignore_errors=True)
 
 
 _FOLDER = cache_folder(_PACKAGE / "__pycache__")
@@ -71,7 +108,12 @@ def compiled(function, **flags) -> Callable:
         )(function)
     finally:
         numba.config.CACHE_DIR = before
-    return linked_where_called(code) if isinstance(code, Dispatcher) else code  # the function itself: NUMBA_DISABLE_JIT
+    if not isinstance(code, Dispatcher):
+        return code  # the function itself: NUMBA_DISABLE_JIT
+    if _FOLDER:
+        lock = Path(_FOLDER) / f"{function.__module__}.{function.__qualname__}.lock"
+        code.compile = compiled_by_one(code.compile, lock)
+    return linked_where_called(code)
 
 
 def inlined(function) -> Callable:

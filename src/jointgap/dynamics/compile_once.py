@@ -1,0 +1,110 @@
+"""One process compiles what several need at once, and whoever waits for it is told.
+
+Jobs that start side by side with nothing kept yet would each compile the same. Whoever is first holds a lock, the
+others wait and then find the result on disk. The kernel frees the lock of a process that ends, however it ends.
+"""
+
+import contextlib
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows: each process compiles for itself
+    fcntl = None
+
+PATIENCE = 300.0  # s after which a lock is taken for stuck
+ANNOUNCED_AFTER = 1.0  # s
+
+_COMPILING = "compiling the simulation for this machine, once (about {seconds} s) ..."
+_WAITING = "waiting for the simulation to be compiled for this machine (about {seconds} s) ..."
+SECONDS = 15  # of one core, all that a first simulation needs
+
+_said: set[str] = set()
+
+
+def say(message: str) -> None:
+    """Print a line on stderr, once in a process."""
+    if message not in _said:
+        _said.add(message)
+        print(f"jointgap: {message}", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def announced(message: str, after: float = ANNOUNCED_AFTER) -> Iterator[None]:
+    """Say `message` if what is done meanwhile takes longer than `after` [s]."""
+    timer = threading.Timer(after, say, (message,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+@contextlib.contextmanager
+def locked(path: Path, patience: float = PATIENCE) -> Iterator[bool]:
+    """Hold the lock file `path`, which stays behind, empty; or go on without.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder exists.
+    patience : float
+        Longest time [s] to wait for who holds it.
+
+    Yields
+    ------
+    bool
+        Whether it is held: not where it cannot be had in time, or where the file system or the platform has no locks.
+    """
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600) if fcntl else None
+    except OSError:
+        file = None
+    if file is None:
+        yield False
+        return
+    try:
+        yield _taken(file, patience)
+    finally:
+        os.close(file)  # frees the lock
+
+
+def _taken(file: int, patience: float) -> bool:
+    end = time.monotonic() + patience
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except BlockingIOError:
+            if time.monotonic() > end:
+                return False
+            time.sleep(0.05)
+        except OSError:
+            return False
+
+
+def compiled_by_one(compile_function: Callable, lock: Path) -> Callable:
+    """`compile_function`, called by one process at a time, and announced where it or the wait takes long.
+
+    Parameters
+    ----------
+    compile_function : callable
+        Loads compiled code from disk if it is there, else compiles and keeps it there.
+    lock : Path
+        The lock file of this function.
+    """
+
+    def compile_once(signature):
+        with contextlib.ExitStack() as stack:
+            with announced(_WAITING.format(seconds=SECONDS)):
+                stack.enter_context(locked(lock))
+            stack.enter_context(announced(_COMPILING.format(seconds=SECONDS)))
+            return compile_function(signature)
+
+    return compile_once

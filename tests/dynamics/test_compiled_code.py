@@ -1,0 +1,119 @@
+"""What compiled code is kept, where, for how long; one process compiles for all; who waits is told."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+
+import numba
+import pytest
+
+from jointgap.dynamics import compilation, linked_code
+from jointgap.dynamics.compilation import cache_folder, compiled, remove_old_folders
+from jointgap.dynamics.compile_once import announced, compiled_by_one, locked
+
+HOLD = "import fcntl, sys, time; f = open(sys.argv[1], 'w'); fcntl.flock(f, fcntl.LOCK_EX); print(1, flush=True)"
+
+
+def folders(base, ages):
+    for number, age in enumerate(ages):
+        folder = base / f"{number:016x}"
+        folder.mkdir()
+        os.utime(folder, (time.time() - age, time.time() - age))
+
+
+def test_every_way_of_calling_shares_one_cache(tmp_path, monkeypatch):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    beside = tmp_path / "beside"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "one"))  # as scripts/in-venv sets it
+    in_venv = cache_folder(beside)
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert in_venv == cache_folder(beside)
+    assert in_venv.startswith(str(beside))
+
+
+def test_the_environment_of_the_project_leaves_the_place_of_compiled_code_alone():
+    assert "NUMBA_CACHE_DIR" not in (compilation._PACKAGE.parents[2] / "scripts/in-venv").read_text()
+
+
+def test_compiled_code_of_earlier_sources_goes_but_for_the_newest_and_those_of_the_last_day(tmp_path):
+    day = 24 * 3600
+    folders(tmp_path, [60, 3600, *(days * day for days in range(2, 9))])
+    (tmp_path / "not-a-digest").mkdir()
+    os.utime(tmp_path / "not-a-digest", (0, 0))
+    remove_old_folders(tmp_path, digest=f"{8:016x}")
+    kept = {f"{number:016x}" for number in (0, 1, 2, 3, 8)} | {"not-a-digest"}
+    assert {folder.name for folder in tmp_path.iterdir()} == kept
+
+
+def test_many_edits_of_one_day_are_kept_until_the_day_is_over(tmp_path):
+    folders(tmp_path, range(10))
+    remove_old_folders(tmp_path, digest="f" * 16)
+    assert len(list(tmp_path.iterdir())) == 10
+
+
+def test_one_compiles_at_a_time(tmp_path):
+    under_way = []
+    seen = []
+
+    def compile_slowly(signature):
+        under_way.append(signature)
+        seen.append(len(under_way))
+        time.sleep(0.1)
+        under_way.pop()
+
+    compile_once = compiled_by_one(compile_slowly, tmp_path / "f.lock")
+    threads = [threading.Thread(target=compile_once, args=((),)) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert seen == [1, 1, 1]
+
+
+def test_the_lock_of_a_process_that_is_killed_is_free(tmp_path):
+    pytest.importorskip("fcntl")
+    lock = tmp_path / "f.lock"
+    holder = subprocess.Popen([sys.executable, "-c", HOLD + "; time.sleep(60)", lock], stdout=subprocess.PIPE)
+    holder.stdout.readline()
+    with locked(lock, patience=0.1) as held:
+        assert not held  # patience has an end
+    holder.kill()
+    holder.communicate()
+    with locked(lock, patience=0.1) as held:
+        assert held
+
+
+def test_without_a_place_for_the_lock_the_work_goes_on(tmp_path):
+    with locked(tmp_path / "absent" / "f.lock") as held:
+        assert not held
+
+
+def test_only_what_takes_long_is_announced_and_once(capsys):
+    with announced("compiling a test ...", after=5.0):
+        pass
+    assert capsys.readouterr().err == ""
+    for _ in range(2):
+        with announced("compiling a test ...", after=0.0):
+            time.sleep(0.1)
+    done = capsys.readouterr()
+    assert done.err == "jointgap: compiling a test ...\n"
+    assert done.out == ""
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_what_compiled_code_calls_is_linked_into_it_and_python_may_call_it_too():
+    assert linked_code.AVAILABLE, "the pinned numba is not the one that linked_code is written for"
+
+    @compiled
+    def halved(x):
+        return 0.5 * x
+
+    @compiled
+    def quartered(x):
+        return halved(halved(x))
+
+    assert quartered(3.0) == 0.75
+    assert not halved.overloads
+    assert halved(3.0) == 1.5
