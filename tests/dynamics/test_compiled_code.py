@@ -5,14 +5,16 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numba
 import pytest
 
-from jointgap.dynamics import compilation, linked_code
+from jointgap.dynamics import linked_code
 from jointgap.dynamics.compilation import cache_folder, compiled, remove_old_folders
 from jointgap.dynamics.compile_once import announced, compiled_by_one, locked
 
+ROOT = Path(__file__).parents[2]
 HOLD = "import fcntl, sys, time; f = open(sys.argv[1], 'w'); fcntl.flock(f, fcntl.LOCK_EX); print(1, flush=True)"
 
 
@@ -34,7 +36,7 @@ def test_every_way_of_calling_shares_one_cache(tmp_path, monkeypatch):
 
 
 def test_the_environment_of_the_project_leaves_the_place_of_compiled_code_alone():
-    assert "NUMBA_CACHE_DIR" not in (compilation._PACKAGE.parents[2] / "scripts/in-venv").read_text()
+    assert "NUMBA_CACHE_DIR" not in (ROOT / "scripts/in-venv").read_text()
 
 
 def test_compiled_code_of_earlier_sources_goes_but_for_the_newest_and_those_of_the_last_day(tmp_path):
