@@ -374,5 +374,5 @@ def test_a_mechanism_that_comes_with_jointgap_is_named_from_every_folder(tmp_pat
     assert laid_over == load_mechanism("ideal_joints")
     (tmp_path / "ideal_joints").write_text((ROOT / "config/mechanisms/erkaya2009.yaml").read_text(encoding="utf-8"))
     assert load_mechanism("ideal_joints") == load_mechanism("erkaya2009")  # a file goes before a name
-    with pytest.raises(InputError, match=r"no file 'erkaya'.* or one of the names erkaya2009, ideal_joints, pins"):
+    with pytest.raises(InputError, match=r"no file 'erkaya'.* or one of the names .*erkaya2009, ideal_joints"):
         load_mechanism("erkaya")

@@ -1,7 +1,7 @@
 """The whole chain with the smoke configuration, run as a user runs it."""
 
-import os
 import json
+import os
 import re
 import resource
 import signal
