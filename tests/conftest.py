@@ -35,6 +35,7 @@ def page_text(tmp_path: Path) -> Callable[[str], str]:
                 "--disable-dev-shm-usage",
                 "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1, EXCLUDE localhost",  # pages bring their own
                 f"--user-data-dir={tmp_path / 'browser'}",
+                "--window-size=1920,2000",  # what lies outside the window some pages draw later
                 f"--virtual-time-budget={patience_ms}",
                 "--dump-dom",
                 address,

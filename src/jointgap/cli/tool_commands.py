@@ -16,8 +16,9 @@ from jointgap.cli.group import FILE, FOLDER, cli
     help="Folder that holds the default store.",
 )
 @click.option("--port", type=click.IntRange(1, 65535), default=5000, show_default=True, help="First port to try.")
-def dashboard(results: Path, port: int) -> None:
-    """Open MLflow's pages on this machine and print an address that compares the scenarios.
+@click.option("--browser/--no-browser", default=True, show_default=True, help="Open the comparison in the browser.")
+def dashboard(results: Path, port: int, browser: bool) -> None:
+    """Serve MLflow's pages on this machine, open the comparison of the scenarios, and print its address.
 
     \f
     Parameters
@@ -26,10 +27,12 @@ def dashboard(results: Path, port: int) -> None:
         Folder that holds the default store.
     port : int
         First port to try.
+    browser : bool
+        Whether the comparison is opened in the browser.
     """
     from jointgap.track.dashboard import dashboard
 
-    dashboard(results, port, say=click.echo)
+    dashboard(results, port, say=click.echo, browse=browser)
 
 
 @cli.command()

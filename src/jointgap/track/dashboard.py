@@ -2,6 +2,7 @@
 
 import os
 import socket
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -26,7 +27,11 @@ _TRAINING = "workflowType=machine_learning"  # the interface has another face, f
 
 
 def dashboard(
-    results: Path, port: int = 5000, tracking_uri: str | None = None, say: Callable[[str], object] = print
+    results: Path,
+    port: int = 5000,
+    tracking_uri: str | None = None,
+    say: Callable[[str], object] = print,
+    browse: bool = False,
 ) -> None:
     """Print what to open, then become MLflow's server until it is interrupted.
 
@@ -41,6 +46,8 @@ def dashboard(
         then only the addresses are printed.
     say : callable
         Takes the lines to show.
+    browse : bool
+        Whether the first of the comparisons is opened in the browser, where there is a screen for one.
 
     Raises
     ------
@@ -60,9 +67,36 @@ def dashboard(
         say(f"{title}: {link}")
     if not links:
         say("nothing published yet")
+    if browse and _has_screen():
+        _open_when_served(next(iter(links.values()), base), base)
     if not remote:
         say("It answers in some seconds. Ctrl-C ends it.")
         _become_server(address, artifact_folder(address, results), base.rpartition(":")[2])
+
+
+def _has_screen() -> bool:
+    """Whether a browser has where to open; without a screen Python would take one that fills the terminal."""
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+def _open_when_served(link: str, base: str) -> subprocess.Popen:
+    """Open `link` once something answers at `base`, in a process of its own: this one becomes the server."""
+    command = [sys.executable, "-c", _WAIT_AND_OPEN, base, link]
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+_WAIT_AND_OPEN = """
+import sys, time, urllib.request, webbrowser
+base, link = sys.argv[1:]
+for _ in range(120):
+    try:
+        urllib.request.urlopen(base, timeout=2).close()
+    except OSError:
+        time.sleep(0.5)
+    else:
+        webbrowser.open(link)
+        break
+"""
 
 
 def _become_server(address: str, artifacts: Path, port: str) -> None:
