@@ -96,7 +96,7 @@ class View:
             "datasetsFilter": [],
             "selectedColumns": columns,
             "columnOrder": columns,
-            "columnWidths": {column: max(_PER_SIGN * len(column), _LEAST) for column in columns},
+            "columnWidths": {_column(name): max(_PER_SIGN * len(name), _LEAST) for name in self.columns},
             "runsExpanded": {},
             "runsPinned": [],
             "runsHidden": [],
@@ -204,12 +204,12 @@ VIEWS = {
         "% quantile), over the window and over a whole settled revolution. A scenario's run shows the genetic "
         "algorithm on the networks; under it stand all other optima.",
         columns=(
-            "params.loose",
-            "params.friction",
-            "params.window_deg",
             "metrics.crank_length_change_um",
             "metrics.rod_length_change_um",
             *(f"metrics.{name}" for name in _GAINS),
+            "params.loose",
+            "params.friction",
+            "params.window_deg",
         ),
         sections=(
             Section("Optimum against original lengths", ("crank_length_change_um", "rod_length_change_um"), columns=2),
