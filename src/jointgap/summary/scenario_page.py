@@ -132,6 +132,12 @@ def _fixed(value: float, decimals: int) -> str:
     return f"{text}0" if text.endswith(".") else text
 
 
+def _signed(value: float, decimals: int) -> str:
+    """A change with its sign; one that is rounded away has none."""
+    text = f"{value:+.{decimals}f}"
+    return text if float(text) else text[1:]
+
+
 def _alike(before: float, after: float) -> tuple[str, str]:
     """Two numbers with the same decimals: three digits of the larger, two of their difference."""
     sizes = [max(abs(before), abs(after)), 10 * abs(after - before)]
@@ -163,8 +169,8 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
                 f"{words} length [mm]",
                 _fixed(MM * before, 3),
                 _fixed(MM * after, 3),
-                f"{MM * (after - before):+.3f}",
-                f"{100 * (after / before - 1):+.2f}",
+                _signed(MM * (after - before), 3),
+                _signed(100 * (after / before - 1), 2),
                 f"{MM * low:g} to {MM * high:g}",
             )
         )
@@ -174,8 +180,8 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
         (
             "crank over rod [1]",
             *(f"{ratio:.5f}" for ratio in ratios),
-            f"{ratios[1] - ratios[0]:+.5f}",
-            f"{100 * (ratios[1] / ratios[0] - 1):+.2f}",
+            _signed(ratios[1] - ratios[0], 5),
+            _signed(100 * (ratios[1] / ratios[0] - 1), 2),
             "–" if limit is None else f"up to {limit:g}",
         )
     )
@@ -271,9 +277,9 @@ def _costs(outcome: Outcome) -> Iterator[Block]:
 def _cost(words: str, before: float, after: float, relative: bool = True) -> tuple[str, ...]:
     """A row; where it is `relative`, with the change in percent."""
     old, new = _alike(before, after)
-    changed = f"{100 * (after / before - 1):+.1f}" if relative and before else "–"
+    changed = _signed(100 * (after / before - 1), 1) if relative and before else "–"
     decimals = len(old.partition(".")[2])
-    return words, old, new, f"{float(new) - float(old):+.{decimals}f}", changed
+    return words, old, new, _signed(float(new) - float(old), decimals), changed
 
 
 def _limits(outcome: Outcome) -> Iterator[Block]:
