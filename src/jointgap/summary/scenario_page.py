@@ -30,11 +30,11 @@ _FIGURES = {
     "valley": (
         "The error over both lengths",
         "Left: RMS error over crank and rod length with the motion in the joints frozen, as the networks know it; the "
-        "dashed frame is what was searched, the heavy line the best crank for each rod. Along that line the error "
+        "frame is what was searched, the heavy line the best crank for each rod. Along that line the error "
         "hardly changes: the ratio of the lengths is what counts. Right: by how much the error falls along that line.",
     ),
     "resimulation": (
-        "Does the gain last when the motion answers to the lengths?",
+        "Whether the gain lasts when the motion answers to the lengths",
         "By how much the error falls with the lengths found on each description of the motion: diamonds with the "
         "motion frozen, dots simulated again (bars: 5 to 95 %). Left over the first revolution, right over a settled "
         "one. A bar that crosses zero means that there is no gain to speak of.",
@@ -139,8 +139,9 @@ def _signed(value: float, decimals: int) -> str:
 
 
 def _alike(before: float, after: float) -> tuple[str, str]:
-    """Two numbers with the same decimals: three digits of the larger, two of their difference."""
-    sizes = [max(abs(before), abs(after)), 10 * abs(after - before)]
+    """Two numbers with the same decimals: three digits of the larger, two of their difference, five at most."""
+    largest = max(abs(before), abs(after))
+    sizes = [largest, *([max(10 * abs(after - before), 0.01 * largest)] if after != before else [])]
     needed = [2 - math.floor(math.log10(size)) for size in sizes if size > 0]
     decimals = min(max([*needed, 0]), _MOST_DECIMALS)
     return f"{before:.{decimals}f}", f"{after:.{decimals}f}"
