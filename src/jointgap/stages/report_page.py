@@ -68,21 +68,36 @@ def page(
     summaries = {name: _summary(own) for name, own in learned.items()}
     gains = {name: known["headline"] for name, known in summaries.items()}
     whole = _size(folder, scenarios, campaigns) <= MOST_BYTES
+    first = _first_picture(scenarios, campaigns, studies, folder)
+    parts = (
+        *_side_by_side(table),
+        *(block for name, own in scenarios.items() for block in _scenario(own, gains.get(name, ""), whole, folder)),
+        *(block for name, own in studies.items() for block in _study(name, own)),
+        *(block for name, content in verdicts.items() for block in _campaign(content, whole, folder)),
+        *([] if whole else _other_figures(scenarios, campaigns)),
+    )
     return Page(
         _headline(summaries, verdicts, studies),
         (
-            *_first_picture(scenarios, campaigns, studies, folder),
+            *first,
             Bullets(tuple(_glance(scenarios, gains, verdicts, studies))),
-            *_side_by_side(table),
-            *(block for name, own in scenarios.items() for block in _scenario(own, gains.get(name, ""), whole, folder)),
-            *(block for name, own in studies.items() for block in _study(name, own)),
-            *(block for name, content in verdicts.items() for block in _campaign(content, whole, folder)),
-            *([] if whole else _other_figures(scenarios, campaigns)),
+            *_without(first, parts),
         ),
         subject="What came out of this run",
         footer=f"{written_today()} The runs side by side, with their files: `jointgap dashboard`. What each stage "
         "reads and writes: docs/workflow.md.",
     )
+
+
+def _without(shown: Sequence[Block], blocks: Sequence[Block]) -> list[Block]:
+    """`blocks` without the figures among those `shown` before them, and without parts that are empty then."""
+    stems = {block.stem for block in shown if isinstance(block, FigureBlock)}
+    left = [block for block in blocks if not (isinstance(block, FigureBlock) and block.stem in stems)]
+    return [
+        block
+        for block, after in zip(left, [*left[1:], None], strict=True)
+        if not (isinstance(block, Heading) and block.level == 3 and (after is None or isinstance(after, Heading)))
+    ]
 
 
 def _of_campaign(folder: Path, name: str) -> Path:
@@ -107,8 +122,10 @@ def _headline(summaries: Mapping[str, Any], verdicts: Mapping[str, Any], studies
             f"In {len(summaries)} scenarios the RMS error of the transmission angle falls by {min(medians):.1f} to "
             f"{max(medians):.1f} % at the lengths found, simulated again"
         )
+    if len(verdicts) == 1:
+        return verdict_page.title(next(iter(verdicts.values())))
     if verdicts:
-        return "; ".join(verdict_page.title(content) for content in verdicts.values())
+        return "; ".join(f"{name}: {verdict_page.title(content)}" for name, content in verdicts.items())
     if studies:
         return f"What clearance, speed and friction do in {joined(studies)}"
     return "The motion of the mechanism, simulated"
