@@ -149,6 +149,12 @@ def test_a_page_of_many_sections_has_a_table_of_contents_whose_links_lead_to_pla
     assert re.findall(r"href='#([^']*)'", page) == places
 
 
+def test_a_number_and_its_unit_stay_together_in_the_headline():
+    assert "<h1>5.93\xa0N (90\xa0% interval 5.89 to 5.98) → 3\xa0mm</h1>" in to_html(
+        Page("5.93 N (90 % interval 5.89 to 5.98) → 3 mm", ())
+    )
+
+
 def test_figures_and_tables_with_captions_are_numbered_each_by_itself():
     table = TableBlock(("a",), (("1",),), caption="First things.")
     text = to_markdown(Page("A", (table, FigureBlock("x", "X"), table, FigureBlock("y", "Y", moving=True))))

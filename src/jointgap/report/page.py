@@ -289,7 +289,7 @@ def _with_code(text: str) -> Markup:
     return Markup(_CODE.sub(lambda found: f"<code>{found[0][1:-1]}</code>", str(escape(text))))
 
 
-_NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=\S{1,3}(?:\W|$))")
+_NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?!to\b)[^\W\d]{1,3}\b|%)")
 
 _TEMPLATES = Environment(
     loader=PackageLoader("jointgap.report"),
