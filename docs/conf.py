@@ -27,6 +27,7 @@ extensions = [
     "sphinx_design",
     "sphinx_copybutton",
     # ours, in docs/extensions
+    "command_help",
     "generated_reference",
     "mathml",
     "public_names",

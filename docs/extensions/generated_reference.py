@@ -49,9 +49,12 @@ class SchemaPage:
         Name of the schema in workflow/schemas.
     elsewhere : mapping of str to str
         Sections that another page has, by name, with the link to it.
+    required : tuple of str
+        Head of the column, and what it says of a key that the schema requires; of others it gives the default.
     """
 
-    def __init__(self, file: str, elsewhere: dict[str, str]):
+    def __init__(self, file: str, elsewhere: dict[str, str], required: tuple[str, str] = ("default", "needed")):
+        self._head, self._needed = required
         self._schema = json.loads((SCHEMAS / file).read_text(encoding="utf-8"))
         self._sections = self._schema.get("$defs", {})
         self._elsewhere = elsewhere
@@ -83,12 +86,12 @@ class SchemaPage:
             return [f"{self._kind(section)}.", ""]
         needed = holder.get("required", ())
         rows = list(self._rows(holder["properties"], needed, ""))
-        return table(["key", "unit", "value", "default", "meaning"], rows)
+        return table(["key", "unit", "value", self._head, "meaning"], rows)
 
     def _rows(self, properties: Schema, needed: Sequence[str], before: str) -> Iterator[list[str]]:
         for name, key in properties.items():
-            default = "needed" if name in needed else _default(key)
-            yield [code(before + name), _unit(key), self._kind(key), default, _sentence(self._meaning(key))]
+            default = self._needed if name in needed else _default(key)
+            yield [code(before + name), _unit(key), self._kind(key), default, _cell(self._meaning(key))]
             inner = key.get("items", key) if key.get("type") == "array" else key
             if "properties" in inner and "const" not in key:
                 yield from self._rows(inner["properties"], inner.get("required", ()), f"{before}{name}.")
@@ -181,10 +184,14 @@ def _words(name: str) -> str:
     return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).capitalize()
 
 
+def _cell(text: str) -> str:
+    """A description on one line; brackets and stars of formulas stay what they are."""
+    return " ".join(text.split()).replace("*", "\\*").replace("[", "\\[").replace("<", "&lt;").replace("$", "\\$")
+
+
 def _sentence(text: str) -> str:
-    """The first letter of a description in upper case; brackets and stars of formulas stay what they are."""
-    text = " ".join(text.split()).replace("*", "\\*").replace("[", "\\[").replace("<", "&lt;").replace("$", "\\$")
-    return text[:1].upper() + text[1:]
+    """The same with a capital."""
+    return _cell(text[:1].upper() + text[1:])
 
 
 _EFFECT_SECTIONS = {page.__name__ for page in EFFECTS.values()}
@@ -201,7 +208,7 @@ def _campaign() -> list[str]:
 
 
 def _verdict() -> list[str]:
-    return SchemaPage("verdict.schema.json", {}).lines()
+    return SchemaPage("verdict.schema.json", {}, ("there", "always")).lines()
 
 
 # -- tables and effects -----------------------------------------------------------------------------------------------
@@ -238,7 +245,7 @@ def _effects() -> list[str]:
     lines = []
     for name, effect in EFFECTS.items():
         rows = [
-            [code(row.name), row.unit, row.bounds, row.default, _sentence(row.meaning)] for row in parameters_of(effect)
+            [code(row.name), row.unit, row.bounds, row.default, _cell(row.meaning)] for row in parameters_of(effect)
         ]
         lines += [f"## {name}", "", " ".join(inspect.cleandoc(effect.__doc__).split()).replace("`", "") + "", ""]
         lines += [
