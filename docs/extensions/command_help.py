@@ -1,4 +1,4 @@
-"""Help of commands as the terminal shows it: what stands in a docstring below the form feed is for the code's readers."""
+"""Help of commands as the terminal shows it: what stands below a docstring's form feed is for the code's readers."""
 
 from sphinx.application import Sphinx
 
