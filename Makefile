@@ -74,10 +74,11 @@ lint: ## style of the Python code and of the workflow
 	@scripts/in-venv snakefmt --check Snakefile workflow
 	@scripts/in-venv snakemake --lint
 
-docs: ## the documentation site, strictly: docs/_build/index.html
+docs: ## the documentation site, strictly: docs/_build/html/index.html
 	@scripts/set-up docs
-	@scripts/in-venv python -m sphinx --fail-on-warning --keep-going --nitpicky --quiet -c docs . docs/_build
-	@echo "site: docs/_build/index.html"
+	@scripts/in-venv python -m sphinx --fail-on-warning --keep-going --nitpicky --quiet -c docs \
+		-d docs/_build/doctrees . docs/_build/html
+	@echo "site: docs/_build/html/index.html"
 
 bench: ## measure what the project promises, beside its peers
 	@scripts/set-up peers
