@@ -17,10 +17,10 @@ __version__ = "0.1.0"
 
 _PUBLIC = {
     "jointgap.api.ensembles": ("Motions", "ensemble"),
-    "jointgap.api.motion": ("Motion", "simulate"),
+    "jointgap.api.simulated_motion": ("Motion", "simulate"),
     "jointgap.api.optimum": ("Optimum", "optimise"),
     "jointgap.api.plan": ("Preflight", "preflight"),
-    "jointgap.api.verdict": ("Finding", "Verdict", "analyse", "read_verdict"),
+    "jointgap.api.campaign_verdict": ("Finding", "Verdict", "analyse", "read_verdict"),
     "jointgap.config": (
         "Box",
         "ConstantDrive",
@@ -80,10 +80,10 @@ __all__ = [
 
 if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
     from jointgap.api.ensembles import Motions, ensemble
-    from jointgap.api.motion import Motion, simulate
+    from jointgap.api.simulated_motion import Motion, simulate
     from jointgap.api.optimum import Optimum, optimise
     from jointgap.api.plan import Preflight, preflight
-    from jointgap.api.verdict import Finding, Verdict, analyse, read_verdict
+    from jointgap.api.campaign_verdict import Finding, Verdict, analyse, read_verdict
     from jointgap.config import (
         Box,
         ConstantDrive,

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap import tables
-from jointgap.api.motion import Motion, checked_mechanism, simulate, simulate_options
+from jointgap.api.simulated_motion import Motion, checked_mechanism, simulate, simulate_options
 from jointgap.api.result import Result, Row
 from jointgap.config import Mechanism, Optimise, Scenario, Simulate, Surrogate
 from jointgap.errors import InputError

@@ -1,0 +1,5 @@
+"""`python -m jointgap` is `jointgap`."""
+
+from jointgap.cli import main
+
+main()
