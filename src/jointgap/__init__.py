@@ -79,11 +79,11 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
+    from jointgap.api.campaign_verdict import Finding, Verdict, analyse, read_verdict
     from jointgap.api.ensembles import Motions, ensemble
-    from jointgap.api.simulated_motion import Motion, simulate
     from jointgap.api.optimum import Optimum, optimise
     from jointgap.api.plan import Preflight, preflight
-    from jointgap.api.campaign_verdict import Finding, Verdict, analyse, read_verdict
+    from jointgap.api.simulated_motion import Motion, simulate
     from jointgap.config import (
         Box,
         ConstantDrive,

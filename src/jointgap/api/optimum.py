@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from jointgap import tables
-from jointgap.api.simulated_motion import Motion, checked_mechanism, simulate, simulate_options
 from jointgap.api.result import Result, Row
+from jointgap.api.simulated_motion import Motion, checked_mechanism, simulate, simulate_options
 from jointgap.config import Mechanism, Optimise, Scenario, Simulate, Surrogate
 from jointgap.errors import InputError
 from jointgap.figures.catalogue import SPECS

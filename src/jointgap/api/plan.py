@@ -7,8 +7,8 @@ from pathlib import Path
 import pandas as pd
 
 from jointgap import tables
-from jointgap.api.result import Result, Row
 from jointgap.api.campaign_verdict import campaign_file
+from jointgap.api.result import Result, Row
 from jointgap.campaign.phrasing import label_in_words, shown_size
 from jointgap.campaign.preflight import (
     in_words,
