@@ -25,14 +25,14 @@ set-up: ## what running needs into .venv, once; the other targets do it by thems
 	@scripts/set-up $(cluster)
 
 run: set-up ## every scenario to every figure, then results/report.html; CONFIG=mine.yaml: your own alone
-	@scripts/in-venv scripts/run-workflow results/report.html $(snakemake_options)
+	@scripts/in-venv scripts/run-workflow results/report.html all $(snakemake_options)
 
 smoke: set-up ## the whole chain, small: about a minute, then results/smoke-report.html
-	@scripts/in-venv scripts/run-workflow results/smoke-report.html \
+	@scripts/in-venv scripts/run-workflow results/smoke-report.html all \
 		--configfile config/smoke.yaml $(snakemake_options)
 
 study: set-up ## map clearance x speed x friction of the first scenario, then results/study-report.html
-	@scripts/in-venv scripts/run-workflow results/study-report.html $(snakemake_options)
+	@scripts/in-venv scripts/run-workflow results/study-report.html studied $(snakemake_options)
 
 sweep: set-up ## many designs, simulated and measured: config/sweep.yaml, or CONFIG=mine.yaml
 	@scripts/in-venv scripts/run-workflow swept \
@@ -41,12 +41,12 @@ sweep: set-up ## many designs, simulated and measured: config/sweep.yaml, or CON
 # $$CAMPAIGN and $$SET are read from the environment, where a quote in a path means itself; Snakemake reads YAML, where
 # in quotes a backslash and a quote need a backslash.
 campaign: set-up ## what is missing in the model of CAMPAIGN=config/campaigns/mine.yaml, then results/campaign-report.html
-	@campaign=$${CAMPAIGN//\\/\\\\}; scripts/in-venv scripts/run-workflow results/campaign-report.html \
+	@campaign=$${CAMPAIGN//\\/\\\\}; scripts/in-venv scripts/run-workflow results/campaign-report.html campaigned \
 		$(snakemake_options) $(if $(CAMPAIGN),--config "campaigns=[\"$${campaign//\"/\\\"}\"]")
 
 blind: ## campaigns with hidden effects, analysed and scored: a night; SET=small for a quick one
 	@scripts/set-up peers $(cluster)
-	@scripts/in-venv scripts/run-workflow results/blind-report.html --snakefile workflow/blind/Snakefile \
+	@scripts/in-venv scripts/run-workflow results/blind-report.html blind --snakefile workflow/blind/Snakefile \
 		--config "set=$$SET" $(snakemake_options)
 
 report: set-up ## write results/report.html anew

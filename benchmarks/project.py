@@ -44,7 +44,7 @@ def run(folder: Path, *command: str, **more_environment: str) -> subprocess.Comp
 def workflow_command(report: str, *options: str) -> list[str]:
     """What `make run` and `make smoke` do after the set-up, as a command for `run`."""
     script = str(ROOT / "scripts" / "run-workflow")
-    return [script, report, "--workflow-profile", "workflow/profiles/local", *options]
+    return [script, report, "all", "--workflow-profile", "workflow/profiles/local", *options]
 
 
 def smoke_command(*options: str) -> list[str]:
