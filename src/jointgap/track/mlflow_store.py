@@ -209,8 +209,8 @@ class Store:
             return existing.experiment_id
 
     def describe(self, experiment_id: str, tags: dict[str, str], missing: dict[str, str]) -> None:
-        """Set `tags` of the experiment `experiment_id` where they differ, and those of `missing` that it has not: people may have
-        written their own.
+        """Set `tags` of the experiment `experiment_id` where they differ, and those of `missing` that it has not: people
+        may have written their own.
         """
         with self._explained():
             present = self._client.get_experiment(experiment_id).tags
