@@ -209,7 +209,7 @@ class Store:
             return existing.experiment_id
 
     def describe(self, experiment_id: str, tags: dict[str, str], missing: dict[str, str]) -> None:
-        """Set `tags` of the experiment `experiment_id` where they differ, and those of `missing` that it has not: people
+        """Set `tags` of experiment `experiment_id` where they differ, and those of `missing` that it has not: people
         may have written their own.
         """
         with self._explained():
