@@ -35,7 +35,7 @@ def test_a_killed_campaign_goes_on_with_what_is_left(fresh_project, own):
             place = fresh_project / "results/campaigns/own" / table
             place.parent.mkdir(parents=True, exist_ok=True)
             place.touch()
-    assert planned(fresh_project, own) == {"pair", "decide", "reoptimise", "conclude", "track"}
+    assert planned(fresh_project, own) == {"pair", "decide", "reoptimise", "conclude", "track", "report"}
 
 
 def test_a_campaign_that_cannot_be_used_ends_with_its_mend_and_no_traceback(fresh_project, own):
