@@ -5,6 +5,7 @@ import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.report.page import FigureBlock, Page, Paragraph, TableBlock
+from jointgap.report.plain_words import in_words, joined
 from jointgap.sweep.study_catalogue import FIGURES, SHOWN
 
 _AXES = {
@@ -36,7 +37,7 @@ def page(points: pd.DataFrame, scenario: Scenario) -> Page:
         Table `jointgap.tables.STUDY`.
     scenario : Scenario
     """
-    study, loose = scenario.study, ", ".join(scenario.mechanism.applied().loose)
+    study, loose = scenario.study, joined(map(in_words, scenario.mechanism.applied().loose))
     introduction = (
         f"Loose joints: {loose}. Each of the {len(points)} points is simulated from {study.members} starts, all but "
         "the first "
