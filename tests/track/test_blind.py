@@ -59,7 +59,8 @@ def test_sets_stand_side_by_side_and_a_new_score_supersedes_the_old(results, cli
     found = {name: client.get_run(run["run_id"]).data.metrics for name, run in runs.items()}
     assert {name: metrics["right name/all"] for name, metrics in found.items()} == {"small": 0.5, "large": 1.0}
     address = addresses(f"sqlite:///{results / 'mlflow.db'}", "http://here")["scores of all blind trials"]
-    assert all(run["run_id"] in address for run in runs.values())
+    (experiment,) = {client.get_run(run["run_id"]).info.experiment_id for run in runs.values()}
+    assert f"experiments/{experiment}/" in address
     assert published(results, "small", 3)["deleted"] == 1
 
 
