@@ -1,4 +1,5 @@
-# At the end of a run, what came of it: the verdict of each campaign and the optimum of each scenario that was asked for.
+# At the end of a run, what came of it: the verdict of each campaign and the optimum of each scenario that was
+# summarised.
 
 from snakemake.logging import logger
 
@@ -7,8 +8,7 @@ onsuccess:
     from jointgap.stages.what_came_out import optimum_lines, verdict_lines
 
     asked = {(job.rule.name, *job.wildcards) for job in workflow.dag.jobs}
-    optimised = {name: SCENARIOS[name] for name in SCENARIOS if ("optimise", name) in asked}
-    lines = optimum_lines(optimised, Path("results"))
+    lines = optimum_lines([name for name in SCENARIOS if ("summarise", name) in asked], Path("results"))
     for name in CAMPAIGNS:
         if ("campaign_conclude", name) in asked:
             lines += ["", *verdict_lines(Path("results/campaigns", name))]

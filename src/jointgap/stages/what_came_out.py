@@ -5,28 +5,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
-
 from jointgap.campaign import verdict
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
 from jointgap.campaign.phrasing import effect_in_words, estimate_row, unit_of
 from jointgap.campaign.verdict_sentences import answer, held_out_in_words
-from jointgap.config import Scenario
-from jointgap.errors import InputError
 from jointgap.report.plain_words import in_words
-from jointgap.tables.optimise_tables import OPTIMA, RESIMULATED
-from jointgap.tables.results_folder import ResultsFolder
 
 SUMMARY, SUMMARY_PAGE = "summary.json", "summary.html"
 """Files of a scenario: what came out for programs, and for people."""
 
 _MOST_PAGES = 3  # that are named one by one
 
-_HEADS = ("scenario", "crank [mm]", "rod [mm]", "error [deg]", "gain, window [%]", "gain, revolution [%]")
+_HEADS = ("scenario", "crank [mm]", "rod [mm]", "error [deg]", "change [%]")
 _LEGEND = (
-    "error: RMS error of the transmission angle over the window, at the original lengths and at those found;",
-    "gain: by how much it is less, simulated again (median, 5-95 % of an ensemble), over window and settled revolution",
+    "error: RMS error of the transmission angle at the original lengths and at those found, simulated again over a",
+    "settled revolution, or over the window that a scenario asks for; change: median (5 to 95 % of an ensemble)",
 )
 
 
@@ -68,50 +61,39 @@ def _small(sentence: str) -> str:
     return f"{sentence[:1].lower()}{sentence[1:]}"
 
 
-def optimum_lines(scenarios: Mapping[str, Scenario], results: Path) -> list[str]:
+def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
     """A table of the optima that scenarios came to, a row each; then the remarks on them.
 
-    The optimum is that of the genetic algorithm on the networks in the first box. Empty where there is none.
+    The numbers are those of ``summary.json``, which the scenarios' pages have too. Scenarios without that file are left
+    out; empty where there is none.
 
     Parameters
     ----------
-    scenarios : mapping of str to Scenario
-        By name.
+    names : sequence of str
+        Scenarios that were summarised.
     results : Path
         Folder of the scenarios' folders.
     """
-    rows = {name: row for name, scenario in scenarios.items() if (row := _optimum(name, scenario, results / name))}
-    if not rows:
+    paths = {name: results / name / SUMMARY for name in names}
+    known = {name: json.loads(path.read_text(encoding="utf-8")) for name, path in paths.items() if path.is_file()}
+    if not known:
         return []
-    pages = [f"page of {name}: {results / name / SUMMARY_PAGE}" for name in rows]
+    rows = (_optimum(name, summary) for name, summary in known.items())
+    pages = [f"page of {name}: {results / name / SUMMARY_PAGE}" for name in known]
     shown = pages if len(pages) <= _MOST_PAGES else [f"pages: {results}/*/{SUMMARY_PAGE}"]
-    return [*_aligned([_HEADS, *rows.values()]), *_LEGEND, *_remarks(list(rows), results), *shown]
+    return [*_aligned([_HEADS, *rows]), *_LEGEND, *_remarks(known), *shown]
 
 
-def _optimum(name: str, scenario: Scenario, path: Path) -> tuple[str, ...] | None:
-    folder, box = ResultsFolder(path), next(iter(scenario.optimise.boxes))
-    try:
-        optima, again = folder.read(OPTIMA), folder.read(RESIMULATED)
-    except InputError:  # all joints ideal, or another run makes it at this moment
-        return None
-    point = f"networks_{box}_genetic"
-    best = optima[optima["point"] == point]
-    again = again[(again["point"] == point) & (again["measure"] == "rms")].set_index("stretch")
-    if best.empty or not {"window", "settled"} <= set(again.index):
-        return None
-    window = again.loc["window"]
+def _optimum(name: str, summary: Mapping[str, Any]) -> tuple[str, ...]:
+    error, falls = summary["rms_error_deg"], summary["reduction_percent"]
+    middle, *ends = (-falls[key] for key in ("median", "5_percent", "95_percent"))
+    low, high = sorted(ends)
     return (
         name,
-        *(f"{1e3 * best[length].iloc[0]:.3f}" for length in ("crank_length", "rod_length")),
-        " to ".join(f"{np.degrees(window[error]):.4f}" for error in ("original_error", "error")),
-        _percent(window),
-        _percent(again.loc["settled"]),
+        *(f"{summary[length]['after']:.3f}" for length in ("crank_length_mm", "rod_length_mm")),
+        f"{error['before']:.4f} to {error['after']:.4f}",
+        f"{middle:+.2f} ({low:+.2f} to {high:+.2f})",
     )
-
-
-def _percent(row: pd.Series) -> str:
-    middle, low, high = (100 * row[name] for name in ("reduction", "reduction_low", "reduction_high"))
-    return f"{middle:.2f} ({low:.2f} to {high:.2f})"
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
@@ -124,15 +106,12 @@ def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
         yield "  ".join((first, *others)).rstrip()
 
 
-def _remarks(names: Sequence[str], results: Path) -> Iterator[str]:
+def _remarks(known: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """What the summaries of scenarios remark; what several share is told once."""
     told: dict[str, dict[str, None]] = {}
-    for name in names:
-        summary = results / name / SUMMARY
-        if not summary.is_file():
-            continue
-        for remark in json.loads(summary.read_text(encoding="utf-8"))["remarks"]:
+    for name, summary in known.items():
+        for remark in summary["remarks"]:
             told.setdefault(remark, {})[name] = None
     for sentence, owners in told.items():
-        everyone = len(owners) > 1 and len(owners) == len(names)
+        everyone = len(owners) > 1 and len(owners) == len(known)
         yield f"remark on {'all scenarios' if everyone else ', '.join(owners)}: {sentence}"
