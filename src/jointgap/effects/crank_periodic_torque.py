@@ -57,7 +57,14 @@ class CrankPeriodicTorque(Effect):
         yield cls.candidate(
             amplitude("cosine", step, "N*m"),
             amplitude("sine", step, "N*m"),
-            Parameter("order", float(_USUAL_ORDERS[0]), float(LOWEST_FITTED_ORDER), float(HIGHEST_FITTED_ORDER), 1e-3),
+            Parameter(
+                "order",
+                float(_USUAL_ORDERS[0]),
+                float(LOWEST_FITTED_ORDER),
+                float(HIGHEST_FITTED_ORDER),
+                1e-3,
+                whole=True,
+            ),
             amplitudes=("cosine", "sine"),
             initial_guesses=tuple({"order": float(order)} for order in _USUAL_ORDERS),
             parameters=lambda values: (

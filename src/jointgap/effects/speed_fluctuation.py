@@ -46,7 +46,7 @@ class SpeedFluctuation(Effect):
             yield cls.candidate(
                 amplitude("cosine", 1e-3, "1", -0.3, 0.3),
                 amplitude("sine", 1e-3, "1", -0.3, 0.3),
-                Parameter("order", 1.0, 1.0, 12.0, 1e-3),
+                Parameter("order", 1.0, 1.0, 12.0, 1e-3, whole=True),
                 amplitudes=("cosine", "sine"),
                 initial_guesses=tuple({"order": float(order)} for order in range(1, 9)),
                 parameters=lambda values: (

@@ -38,7 +38,7 @@ def draws_along_valley(problem: Problem, fit: Fit, numerical_noise_chi2: float =
     """
     settings, known = problem.settings.valley, fit.distribution
     errors = np.sqrt(np.diag(known.covariance))
-    live = errors > 0.0
+    live = (errors > 0.0) & ~np.array([parameter.whole for parameter in fit.parameters])
     if not live.any() or any(part.series.statistic for part in problem.parts):
         return None
     generator = np.random.default_rng(0)

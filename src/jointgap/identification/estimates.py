@@ -55,6 +55,8 @@ def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:
     parameter there is neither.
     """
     p, value, known = fit.parameters[place], float(fit.values[place]), fit.distribution
+    if p.whole:
+        return _no_estimate(value, NOT_ESTIMATED)
     sd = float(np.sqrt(known.covariance[place, place]))
     if known.draws is None or not sd > 0.0:
         return estimate_with_interval(value, sd, p.low, p.high)

@@ -1,7 +1,7 @@
 """Measured data against a model: whitened residuals as a function of nuisances and effects."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -122,7 +122,7 @@ class Problem:
         kept = [p for p in self.nuisances if p.name not in replaced]
         for candidate in hypothesis:
             for p in candidate.coordinates_in(self.runs):
-                kept.append(Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high, p.step, p.unit, p.run))
+                kept.append(replace(p, name=f"{candidate.label}.{p.name}"))
         return tuple(kept)
 
     def predict(

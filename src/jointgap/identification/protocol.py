@@ -35,6 +35,8 @@ class Parameter:
         SI unit, ``'1'`` for pure numbers.
     run : str, optional
         The one run that it belongs to, such as a run's speed; None where all runs share it.
+    whole : bool
+        Counts by the whole number next to it: chi2 is flat but for its steps, so that draws about a fit hold it.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Parameter:
     step: float = 1.0
     unit: str = "1"
     run: str | None = None
+    whole: bool = False
 
     @property
     def key(self) -> str:
