@@ -99,6 +99,18 @@ def test_a_length_by_its_word_keeps_the_share_of_the_mass_centre():
     assert changed.mechanism.crank.mass_centre / changed.mechanism.crank.length == pytest.approx(share)
 
 
+def test_a_clearance_holds_whatever_else_of_the_joint_varies():
+    values = {"clearance": 3e-4, "mechanism.joints.crank_pin.journal_radius": 6.9e-3}
+    designs = designs_of(scenario({key: [value] for key, value in values.items()}))
+    assert designs.scenario(values).mechanism.clearance("crank_pin") == pytest.approx(3e-4)
+
+
+def test_lengths_that_are_possible_together_alone_are_swept():
+    lengths = {"crank_length": {"from": "0.5 m", "to": "0.7 m"}, "rod_length": {"from": "0.9 m", "to": "1.2 m"}}
+    designs = designs_of(scenario(lengths, number=4))
+    assert all(designs.scenario(values) for values in designs.values(0, 4))
+
+
 @pytest.fixture(scope="module")
 def measured() -> tuple:
     """Designs, and what was measured of the first four."""
@@ -145,8 +157,8 @@ def test_a_mechanism_without_clearance_has_no_error_and_the_stroke_and_dead_cent
     for crank, row in zip(frame["crank_length"], frame.to_dict("records"), strict=True):
         outer, inner = (math.sqrt((rod + sign * crank) ** 2 - offset**2) for sign in (1, -1))
         assert row["stroke"] == pytest.approx(outer - inner, rel=1e-7)
-        assert math.sin(row["outer_dead_centre"]) == pytest.approx(offset / (rod + crank), abs=1e-5)
-        assert math.sin(row["inner_dead_centre"]) == pytest.approx(-offset / (rod - crank), abs=1e-5)
+        assert math.sin(row["outer_dead_centre_angle"]) == pytest.approx(offset / (rod + crank), abs=1e-5)
+        assert math.sin(row["inner_dead_centre_angle"]) == pytest.approx(-offset / (rod - crank), abs=1e-5)
         assert row["angle_error_peak"] == pytest.approx(0.0, abs=1e-12)
         assert math.isnan(row["crank_pin_impacts"])
 
@@ -185,6 +197,15 @@ def test_a_sweep_keeps_the_parts_that_are_there_and_a_grown_one_adds_to_them(tmp
     assert list(pd.read_parquet(tmp_path / "designs")["design"]) == list(range(6))
 
 
+def test_what_is_left_of_a_larger_sweep_is_refused_before_anything_is_simulated(tmp_path):
+    ranges = {"friction": {"from": 0.05, "to": 0.2}}
+    (tmp_path / "designs").mkdir()
+    (tmp_path / "designs/part_000002.parquet").touch()
+    with pytest.raises(InputError, match=r"part_000002\.parquet: no part of this sweep"):
+        sweep(scenario(ranges, number=4, designs_per_job=2), tmp_path, 1)
+    assert len(list((tmp_path / "designs").iterdir())) == 1
+
+
 def test_a_dataset_of_another_sweep_is_refused(tmp_path):
     write_designs(designs_of(scenario({"friction": {"from": 0, "to": 0.1}}, number=1)), 0, 1, tmp_path / "a.parquet")
     other = designs_of(scenario({"friction": {"from": 0, "to": 0.2}}, number=1))
@@ -213,10 +234,12 @@ def test_a_design_that_is_missing_or_too_many_is_told(tmp_path):
         ({"clearance": {"from": "1 kg", "to": "1 mm"}}, "clearance.from = '1 kg': has the unit 'kilogram'"),
         ({"cleerance": {"from": 0, "to": 1}}, "cleerance: no such word; did you mean 'clearance'"),
         ({"mechanism.slider.mas": {"from": 1, "to": 2}}, "mechanism.slider has no 'mas'; did you mean 'mass'"),
-        ({"friction": {"from": 2, "to": 3}}, "friction = 2.5: must be less than or equal to 0.6"),
+        ({"friction": {"from": 2, "to": 3}}, "must be less than or equal to 0.6"),
         ({"friction": {"distribution": "normal", "mean": 0.1, "deviation": 0}}, "deviation = 0.0: must be above zero"),
         ({"friction": {"distribution": "log_uniform", "from": 0, "to": 1}}, "a log_uniform range begins above zero"),
         ({"mechanism.joints.crank_pin.journal": {"from": 0, "to": 1}}, "is no number with a unit"),
+        ({"clearance": [1e-4], "mechanism.joints.crank_pin.bearing_radius": [8e-3]}, "set the same number"),
+        ({"crank_length": [0.1], "mechanism.crank.mass_centre": [0.05]}, "set the same number"),
         ({"speed": [30, 40], "simulate.speed": [30, 40]}, "speed and simulate.speed set the same number"),
     ],
 )

@@ -2,7 +2,7 @@
 
 import json
 
-from jointgap.sweep.parts import part_name, parts
+from jointgap.sweep.parts import check_no_others, part_name, parts
 
 
 def swept_scenarios():
@@ -14,7 +14,7 @@ def swept_scenarios():
         )
     try:
         for name in names:
-            parts_of_sweep(name)
+            check_no_others(Path("results", name, "sweep/designs"), parts_of_sweep(name))
     except InputError as error:
         raise WorkflowError(str(error)) from None
     return names

@@ -34,7 +34,7 @@ def with_values(scenario: Scenario, changes: dict[str, Any], source: str) -> Sce
         No such key, or an impossible value; the message names both.
     """
     data = _dumped(scenario)
-    for key, value in changes.items():
+    for key, value in sorted(changes.items(), key=lambda change: _turn(change[0])):
         for path in _paths(data, key, source):
             holder, last = _holder(data, path, key, source)
             value_in_place = _value_in_place(holder, key, value, source)
@@ -47,6 +47,11 @@ def with_values(scenario: Scenario, changes: dict[str, Any], source: str) -> Sce
     if unread and changed.simulate.drive.kind == "measured":
         raise InputError(f"{source}.{unread[0]}: a measured drive does not read simulate.speed; vary something else")
     return changed
+
+
+def _turn(key: str) -> int:
+    """When a key is set: a word after the paths that it builds on, and a clearance after the radius of the journal."""
+    return 2 if key == "clearance" else int(key in VARIED_BY_WORD)
 
 
 def unit_of(scenario: Scenario, key: str, source: str) -> str:

@@ -439,13 +439,13 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     Example:
       cat > mine.yaml <<END
       mechanism: config/mechanisms/erkaya2009.yaml
-      simulate: {revolutions: 4, samples_per_revolution: 720, tolerance: 1e-9 m}
+      simulate: {revolutions: 4, samples_per_revolution: 1800, tolerance: 1e-9 m}
       sweep:
         number: 256
         parameters:
           clearance: {from: 0.1 mm, to: 1 mm, distribution: log_uniform}
           friction: {from: 0, to: 0.2}
-          crank_length: {distribution: normal, mean: 75 mm, deviation: 0.05 mm}
+          crank_length: {distribution: normal, mean: 150 mm, deviation: 0.05 mm}
       END
       jointgap sweep --options mine.yaml --folder results/mine
 
@@ -460,12 +460,14 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     from jointgap.report.page import to_html, to_markdown
     from jointgap.sweep.design_of_experiments import designs_of
     from jointgap.sweep.designs_to_parquet import check_dataset, is_done, write_designs
-    from jointgap.sweep.parts import part_name, parts
+    from jointgap.sweep.parts import check_no_others, part_name, parts
     from jointgap.sweep.sweep_page import page
 
     designs, dataset = designs_of(scenario), folder / "designs"
-    for number, (first, count) in enumerate(parts(designs.number, scenario.sweep.designs_per_job)):
-        file = dataset / f"{part_name(number)}.parquet"
+    named = {part_name(i): part for i, part in enumerate(parts(designs.number, scenario.sweep.designs_per_job))}
+    check_no_others(dataset, named)
+    for name, (first, count) in named.items():
+        file = dataset / f"{name}.parquet"
         if not is_done(designs, first, count, file):
             write_designs(designs, first, count, file, workers)
     check_dataset(designs, dataset)

@@ -16,11 +16,15 @@ from jointgap.config import Scenario
 from jointgap.config.sweep_config import LogUniform, Normal, Triangular, Uniform, Values
 from jointgap.config.varied_values import unit_of, with_values
 from jointgap.errors import InputError
+from jointgap.joints import JOINTS
 from jointgap.quantities import to_si
 from jointgap.tables.columns import Column
 
 SOURCE = "sweep.parameters"
 """What errors call the place where a parameter stands."""
+
+_TRIED = 64
+"""Designs of which one at least has to be possible."""
 
 
 @dataclass(frozen=True)
@@ -93,9 +97,10 @@ class Designs:
 
     @cached_property
     def digest(self) -> str:
-        """Twelve digits that change with anything that a design's row depends on.
+        """Twelve digits that change with anything in the configuration that a design's row depends on.
 
-        Of a sequence that can be grown the number of designs is no part of it.
+        Of a sequence that can be grown the number of designs is no part of it. Nor is the code: the workflow makes
+        parts anew where that has changed.
         """
         told = {
             "mechanism": self.base.mechanism.model_dump(mode="json"),
@@ -144,8 +149,7 @@ def designs_of(scenario: Scenario) -> Designs:
     _check_overlaps(axes)
     number = math.prod(len(axis.values) for axis in axes) if sweep.design == "grid" else sweep.number
     designs = Designs(base, axes, sweep.design, number, sweep.seed, sweep.window)
-    for axis in axes:
-        _check_possible(designs, axis)
+    _check_possible(designs)
     return designs
 
 
@@ -204,30 +208,39 @@ def _listed_axis(base: Scenario, key: str, spec: Values) -> Axis:
     return Axis(key, unit, tuple(values))
 
 
+_SAME = {
+    "speed": ("simulate.speed",),
+    "crank_length": ("mechanism.crank.length", "mechanism.crank.mass_centre"),
+    "rod_length": ("mechanism.rod.length", "mechanism.rod.mass_centre"),
+    **{
+        word: tuple(f"mechanism.joints.{joint}.{end}" for joint in JOINTS for end in ends)
+        for word, ends in {
+            "clearance": ("bearing_radius", "loose"),
+            "friction": ("contact.friction", "loose"),
+            "restitution": ("contact.restitution", "loose"),
+        }.items()
+    },
+}
+"""By word, the paths of what it sets, or of what decides what it sets."""
+
+
 def _check_overlaps(axes: tuple[Axis, ...]) -> None:
-    """No parameter is set by a word and by its path at once: the later one would win in silence."""
-    inside = {"clearance": "bearing_radius", "friction": "contact.friction", "restitution": "contact.restitution"}
+    """No number is set by a word and by a path at once: one of them would win in silence."""
     keys = {axis.key for axis in axes}
-    for word, end in inside.items():
-        twice = [key for key in keys if key.startswith("mechanism.joints.") and key.endswith(f".{end}")]
-        if word in keys and twice:
-            raise InputError(f"{SOURCE}: {word} and {twice[0]} set the same number; give one of them")
-    paths = {"speed": "simulate.speed", "crank_length": "mechanism.crank.length", "rod_length": "mechanism.rod.length"}
-    for word, path in paths.items():
-        if {word, path} <= keys:
-            raise InputError(f"{SOURCE}: {word} and {path} set the same number; give one of them")
+    for word, paths in _SAME.items():
+        if word in keys and (twice := keys & set(paths)):
+            raise InputError(f"{SOURCE}: {word} and {min(twice)} set the same number; give one of them")
 
 
-def _check_possible(designs: Designs, axis: Axis) -> None:
-    """Of a parameter whose values are all impossible, the first one's error, before anything is simulated.
+def _check_possible(designs: Designs) -> None:
+    """Of a sweep whose designs are all impossible, the first one's error, before anything is simulated.
 
     Single impossible designs are rows of the table with their reason.
     """
-    places = np.array([0.5]) if axis.values is None else (np.arange(len(axis.values)) + 0.5) / len(axis.values)
     errors = []
-    for value in axis.at(places):
+    for values in designs.values(0, min(_TRIED, designs.number)):
         try:
-            designs.scenario({axis.key: value})
+            designs.scenario(values)
             return
         except InputError as error:
             errors.append(error)

@@ -11,6 +11,7 @@ from jointgap import tables
 from jointgap.config.varied_values import with_values
 from jointgap.dynamics.parallel_runs import Run, simulate_runs
 from jointgap.errors import InputError
+from jointgap.progress import followed
 from jointgap.sweep.design_of_experiments import SOURCE, Designs
 from jointgap.sweep.measures import measures
 from jointgap.tables import Table, sweep_designs
@@ -58,7 +59,7 @@ def simulate_designs(designs: Designs, first: int, count: int, workers: int | No
     for place, own in enumerate(values):
         row = {"design": first + place} | own | dict.fromkeys((column.name for column in MEASURES), np.nan)
         rows.append(row | {"steps": 0, "reason": None})
-    for outcome in outcomes:
+    for outcome in followed(outcomes, "simulated designs", count):
         row = rows[outcome.run.values["place"]]
         if outcome.error is not None:
             row["reason"] = str(outcome.error)

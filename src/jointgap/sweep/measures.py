@@ -79,7 +79,13 @@ def _travel(position: np.ndarray, angle: np.ndarray) -> dict[str, float]:
     """Stroke [m] and crank angles of the dead centres [rad], between samples by a parabola."""
     outer, outer_angle = _extreme(position[:-1], angle[:-1])
     inner, inner_angle = _extreme(-position[:-1], angle[:-1])
-    return {"stroke": outer + inner, "outer_dead_centre": outer_angle, "inner_dead_centre": inner_angle}
+    # Around 0 and around pi, where they lie without an offset: so that a mean over designs means something.
+    outer_angle = (outer_angle + math.pi) % (2.0 * math.pi) - math.pi
+    return {
+        "stroke": outer + inner,
+        "outer_dead_centre_angle": outer_angle,
+        "inner_dead_centre_angle": inner_angle,
+    }
 
 
 def _extreme(values: np.ndarray, angle: np.ndarray) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """A sweep in plain words: how many designs, what failed, and how far each measure ranges."""
 
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pyarrow.compute as pc
 
 from jointgap import tables
 from jointgap.report.page import Page, Paragraph, TableBlock
-from jointgap.sweep.design_of_experiments import Axis, Designs
+from jointgap.sweep.design_of_experiments import SOURCE, Axis, Designs
 from jointgap.tables.columns import Column
 from jointgap.tables.sweep_tables import MEASURES
 
@@ -17,6 +18,7 @@ _KINDS = {
     "latin_hypercube": "drawn as a Latin hypercube",
     "grid": "on a grid",
 }
+_NUMBER = re.compile(r"[-+]?[0-9][-+.0-9e]*")
 _QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 _SHOWN = {"rad": ("deg", 180.0 / np.pi), "m": ("mm", 1e3), "rad/s": ("rpm", 30.0 / np.pi)}
 """Units in which people read lengths and angles, and how many one SI unit is."""
@@ -34,8 +36,10 @@ def page(designs: Designs, dataset: Path) -> Page:
     reasons = tables.read_columns(dataset, ["reason"])["reason"]
     failed = Counter(_kind_of(reason) for reason in reasons.drop_null().to_pylist())
     introduction = (
-        f"{designs.number} designs {_KINDS[designs.kind]}, seed {designs.seed}: {len(designs.axes)} parameters vary, "
-        f"all else as in the mechanism. {sum(failed.values())} designs failed"
+        f"{designs.number} designs {_KINDS[designs.kind]}"
+        + ("" if designs.kind == "grid" else f", seed {designs.seed}")
+        + f". {', '.join(axis.key for axis in designs.axes)} vary, all else is as in the mechanism. "
+        f"Designs that failed: {sum(failed.values()) or 'none'}"
         + ("." if not failed else ": " + "; ".join(f"{count} x {why}" for why, count in failed.most_common(5)) + ".")
     )
     measured = (
@@ -57,8 +61,9 @@ def page(designs: Designs, dataset: Path) -> Page:
 
 
 def _kind_of(reason: str) -> str:
-    """A reason without what differs from design to design: its last sentence, numbers cut off."""
-    return reason.rpartition(": ")[2].split(";")[0] if ": " in reason else reason
+    """A reason without what differs from design to design: its values and numbers."""
+    told = reason.partition(": ")[2] if reason.startswith(SOURCE) else reason
+    return _NUMBER.sub("...", told).partition("; ")[0]
 
 
 def _parameters(axes: tuple[Axis, ...], dataset: Path) -> tuple:

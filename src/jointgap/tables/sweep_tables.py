@@ -23,8 +23,8 @@ MEASURES = (
         nullable=True,
     ),
     Column("stroke", "m", "stroke", nullable=True),
-    Column("outer_dead_centre", "rad", "outer dead centre: crank angle of the farthest slider", nullable=True),
-    Column("inner_dead_centre", "rad", "inner dead centre: crank angle of the nearest slider", nullable=True),
+    Column("outer_dead_centre_angle", "rad", "outer dead centre: crank angle, -pi to pi", nullable=True),
+    Column("inner_dead_centre_angle", "rad", "inner dead centre: crank angle, 0 to 2 pi", nullable=True),
     Column("acceleration_rms", "m/s^2", "RMS of the slider's acceleration", nullable=True),
     Column(
         "noise_share",
