@@ -1,4 +1,4 @@
-"""The house rules that a tool can check."""
+"""Rules of this project that a tool can check."""
 
 import ast
 import re
