@@ -69,7 +69,7 @@ def test_a_summary_says_what_happened_with_units(run):
     largest = rows.loc["crank pin: largest force, the start included", "value"]
     assert largest >= run.events.query("joint == 'crank_pin'")["peak_force"].max() > 1000.0
     assert "<td style='text-align:left'>crank pin: radial clearance</td>" in run._repr_html_()
-    assert "Remark: Contact of the crank pin: lankarani_nikravesh delivers" in repr(run)
+    assert "Remark: Contact of the crank pin and piston pin: lankarani_nikravesh delivers" in repr(run)
 
 
 def test_a_motion_draws_itself_and_a_notebook_shows_it(run, tmp_path):

@@ -81,7 +81,7 @@ def test_of_the_lengths_found_those_with_the_smallest_error_simulated_again_are_
         ({"bound": "crank length at its upper bound 26 mm"}, "move `optimise.boxes.within.crank_length`"),
         ({}, "The stroke changes by +2 mm (+4.0 %)"),
         ({}, "largest force in a pin grows from 400 to 500 N (+25 %)"),
-        ({}, "Contact in the crank pin and piston pin: `lankarani_nikravesh` delivers a restitution of 0.7"),
+        ({}, "Contact of the crank pin and piston pin: lankarani_nikravesh delivers a restitution of 0.7"),
         ({"held_out": 1e-6}, "8 of 8 networks do not know the motion between"),
     ],
 )

@@ -1,15 +1,11 @@
 """What whoever designs the mechanism has to know before taking over the lengths; a sentence for each."""
 
-import re
 from collections.abc import Iterator
 
 from jointgap.dynamics.model import mechanism_warnings
 from jointgap.link_lengths.constraints import MET, geometric
-from jointgap.report.plain_words import in_words, joined
+from jointgap.report.plain_words import in_words
 from jointgap.summary.scenario_outcome import FORCE_MET, Outcome
-
-_KEY = re.compile(r"[a-z]+(?:_[a-z]+)+")
-"""A word of the configuration."""
 
 NOTICED = 0.002
 """Change of the stroke, as a share of it, from which on it is worth a remark."""
@@ -100,20 +96,6 @@ def _price(outcome: Outcome) -> Iterator[str]:
             f"The largest force in a pin grows from {old:.3g} to {new:.3g} N ({100 * (new / old - 1):+.0f} %): if it "
             "may not, limit it with `optimise.constraints.largest_pin_force`."
         )
-
-
-def _contacts(outcome: Outcome) -> Iterator[str]:
-    """Remarks on the contacts; one that several joints share is told once."""
-    joints: dict[str, list[str]] = {}
-    for remark in mechanism_warnings.remarks(outcome.scenario.mechanism):
-        joint, _, sentence = remark.partition(": ")
-        joints.setdefault(sentence, []).append(in_words(joint))
-    for sentence, names in joints.items():
-        yield f"Contact in the {joined(names)}: {_KEY.sub(_as_code, sentence)}."
-
-
-def _as_code(word: re.Match) -> str:
-    return f"`{word[0]}`"
 
 
 def _networks(outcome: Outcome) -> Iterator[str]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
 from jointgap.dynamics.model.normal_contact import LAWS, delivered_restitution, penalty_restitution
-from jointgap.report.plain_words import in_words
+from jointgap.report.plain_words import in_words, joined
 
 UNTOLD = 0.005
 """Deviation of the delivered from the asked restitution that is too small to tell: no measured one is known better."""
@@ -34,9 +34,12 @@ def remarks(mechanism: Mechanism) -> list[str]:
 
 
 def sentences(mechanism: Mechanism) -> tuple[str, ...]:
-    """The `remarks` on a `mechanism` as sentences: ``Contact of the crank pin: ...``."""
-    parts = (remark.partition(": ") for remark in remarks(mechanism))
-    return tuple(f"Contact of the {in_words(joint)}: {words}." for joint, _, words in parts)
+    """The `remarks` on a `mechanism` as sentences, one that joints share once: ``Contact of the crank pin: ...``."""
+    joints: dict[str, list[str]] = {}
+    for remark in remarks(mechanism):
+        joint, _, words = remark.partition(": ")
+        joints.setdefault(words, []).append(in_words(joint))
+    return tuple(f"Contact of the {joined(names)}: {words}." for words, names in joints.items())
 
 
 def _of_contact(joint: Joint, rod_mass: float) -> Iterator[str]:
