@@ -124,3 +124,11 @@ def test_a_largest_force_bends_the_search_to_lengths_that_carry_no_more(objectiv
     for lengths in found(objective, Region.of(BOX, None).under([surface.limited(most)])):
         assert surface.value(lengths) <= most + 1e-3
     assert np.linalg.norm(surface.gradient((0.150, 0.564)) - [2000 / 0.150, 4000 / 0.564]) < 1e-3 * 2000 / 0.150
+
+
+@pytest.mark.parametrize(
+    ("is_relaxed", "words"), [(False, "largest force in a pin at its upper limit 500 N"), (True, "")]
+)
+def test_a_limit_that_was_relaxed_since_nothing_keeps_the_one_asked_for_is_not_told_as_what_decides(is_relaxed, words):
+    surface = PinForce(*(np.linspace(*ends, 7) for ends in (BOX.crank_length, BOX.rod_length)), np.full((7, 7), 500.0))
+    assert surface.limited(500.0, is_relaxed).active((0.150, 0.564)) == words

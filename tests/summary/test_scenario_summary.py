@@ -99,7 +99,9 @@ def test_nothing_is_remarked_of_what_is_held_or_did_not_change():
 def test_a_largest_force_that_no_lengths_keep_is_told_with_the_nearest():
     over = found({}, constraints={"largest_pin_force": "450 N"})
     assert any("450 N at most; the nearest are shown, with 500 N" in remark for remark in remarks(over))
-    assert "| largest force in a pin | 450 N at most | 400 N | 500 N | no |" in to_markdown(page(over, "mine", ()))
+    text = to_markdown(page(over, "mine", ()))
+    assert "| largest force in a pin | 450 N at most | 400 N | 500 N | no |" in text
+    assert "no limit decides" not in text
 
 
 def test_the_page_tells_lengths_gain_price_and_what_was_asked():

@@ -41,6 +41,8 @@ class Constraint:
         From lengths (L2, L3) of shape (..., 2) [m] to the property, shape (...).
     gradient : callable
         From lengths of shape (..., 2) to its derivative by them, shape (..., 2).
+    is_relaxed : bool
+        Whether the range is wider than the one asked for, which no lengths meet.
     """
 
     key: str
@@ -51,6 +53,7 @@ class Constraint:
     high: float
     value: Callable[[ArrayLike], np.ndarray]
     gradient: Callable[[ArrayLike], np.ndarray]
+    is_relaxed: bool = False
 
     @property
     def is_fixed(self) -> bool:
@@ -63,7 +66,11 @@ class Constraint:
         return np.maximum(np.maximum(self.low - value, value - self.high), 0.0) / self.scale
 
     def active(self, lengths: ArrayLike) -> str:
-        """The end of the range that `lengths` (2,) lie at, in words; empty where they lie inside."""
+        """The end of the range that `lengths` (2,) lie at, in words; empty where they lie inside, and of a range that
+        nobody asked for.
+        """
+        if self.is_relaxed:
+            return ""
         value = float(self.value(lengths))
         if self.is_fixed:
             return f"{self.words} at the {self.show(self.low)} asked for"
@@ -201,8 +208,7 @@ class PinForce:
         """The surface raised by a further `factor`."""
         return PinForce(self.cranks, self.rods, self.forces, self.factor * factor)
 
-    def limited(self, most: float) -> Constraint:
-        """The constraint that the force is `most` [N] at most."""
-        return Constraint(
-            "largest_pin_force", "largest force in a pin", "N", 1.0, -math.inf, most, self.value, self.gradient
-        )
+    def limited(self, most: float, is_relaxed: bool = False) -> Constraint:
+        """The constraint that the force is `most` [N] at most, or that it `is_relaxed` to that."""
+        words = "largest force in a pin"
+        return Constraint("largest_pin_force", words, "N", 1.0, -math.inf, most, self.value, self.gradient, is_relaxed)

@@ -165,7 +165,7 @@ def _searched(by_source: dict[str, Objective], again: _Simulations, options: Opt
         for box, surface in surfaces.items():
             points = [point for search in searches if search.box == box for point in search.points]
             excess = max(peak_pin_force(again.at(point)) for point in points) / most
-            if 1.0 + FORCE_SLACK < excess and float(under[box].constraints[-1].high) == most:
+            if 1.0 + FORCE_SLACK < excess and not under[box].constraints[-1].is_relaxed:
                 surfaces[box], raised = surface.raised(excess), True
         if not raised:
             break
@@ -176,7 +176,7 @@ def _under_force(region: Region, surface: PinForce, most: float) -> Region:
     """The region with a largest force, or with the smallest that there is where that is more."""
     constraint = surface.limited(most)
     least = float(constraint.value(region.lowest(constraint)))
-    nearest = constraint if least <= most else surface.limited((1.0 + FORCE_SLACK) * least)
+    nearest = constraint if least <= most else surface.limited((1.0 + FORCE_SLACK) * least, is_relaxed=True)
     return replace(region, constraints=(*region.constraints, nearest))
 
 

@@ -152,6 +152,12 @@ class Outcome:
         pairs = {joint: self.load(joint) for joint in PINS}
         return tuple({joint: float(pair[side]["peak_force"]) for joint, pair in pairs.items()} for side in (0, 1))
 
+    @property
+    def keeps_force(self) -> bool:
+        """Whether the lengths found keep the largest force in a pin that was asked for, if one was."""
+        most = self.scenario.optimise.constraints.largest_pin_force
+        return most is None or max(self.peak_pin_forces[1].values()) <= FORCE_MET * most
+
 
 def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     """What was found in the main box, judged by simulating again.

@@ -12,7 +12,7 @@ from jointgap.mechanism import ideal_cycle
 from jointgap.paper.printed import departures
 from jointgap.report.page import Block, Bullets, Cell, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.report.plain_words import in_words, joined
-from jointgap.summary.scenario_outcome import FORCE_MET, MOTIONS, Gain, Outcome, ideal_swing
+from jointgap.summary.scenario_outcome import MOTIONS, Gain, Outcome, ideal_swing
 
 MM = 1e3
 _MOST_DECIMALS = 5
@@ -188,7 +188,7 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
     )
     heads = ("", "before", "after", "change", "change [%]", f"searched (box {main})")
     yield TableBlock(heads, tuple(rows), "lrrrrr")
-    if not outcome.bounds:
+    if not outcome.bounds and outcome.keeps_force:
         yield Paragraph("The lengths lie inside their bounds: no bound and no limit decides the result.")
 
 
@@ -295,7 +295,7 @@ def _limits(outcome: Outcome) -> Iterator[Block]:
     if (most := options.largest_pin_force) is not None:
         forces = [max(forces.values()) for forces in outcome.peak_pin_forces]
         shown = (f"{force:.4g} N" for force in forces)
-        rows.append(("largest force in a pin", f"{most:.4g} N at most", *shown, _met(forces[1] <= FORCE_MET * most)))
+        rows.append(("largest force in a pin", f"{most:.4g} N at most", *shown, _met(outcome.keeps_force)))
     if rows:
         yield Heading("What was asked of them")
         yield TableBlock(("", "asked", "before", "after", "met"), tuple(rows), "lrrrl")

@@ -7,7 +7,17 @@ percent, for the interface rounds to two decimals.
 import numpy as np
 import pandas as pd
 
-from jointgap.tables.optimise_tables import FLOOR, OPTIMA, PATHS, POPULATION, RESIMULATED, TOLERANCE, VALLEY, WORTH
+from jointgap.tables.optimise_tables import (
+    FLOOR,
+    LOADS,
+    OPTIMA,
+    PATHS,
+    POPULATION,
+    RESIMULATED,
+    TOLERANCE,
+    VALLEY,
+    WORTH,
+)
 from jointgap.tables.surrogate_tables import CLEARANCE_FIT, FIT
 from jointgap.track.finished_tables import FinishedTables
 from jointgap.track.run_record import Curve, Record
@@ -46,7 +56,7 @@ def optimise_records(finished: FinishedTables) -> list[Record]:
     return [scenario_run, *nested]
 
 
-_TABLES = (OPTIMA, RESIMULATED, WORTH, POPULATION, PATHS, TOLERANCE, VALLEY, FLOOR)
+_TABLES = (OPTIMA, RESIMULATED, WORTH, LOADS, POPULATION, PATHS, TOLERANCE, VALLEY, FLOOR)
 
 
 def _is_of_its_source(row: dict) -> bool:
