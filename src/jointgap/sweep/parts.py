@@ -28,6 +28,6 @@ def check_no_others(folder: Path, names: Iterable[str]) -> None:
     if others := sorted(path.name for path in folder.glob("*.parquet") if path.name not in wanted):
         more = f" and {len(others) - 1} more" if len(others) > 1 else ""
         raise InputError(
-            f"{folder / others[0]}{more}: no part of this sweep, whose parts are {min(wanted)} to {max(wanted)}; remove "
-            "what is left of an earlier one, or ask for as many designs"
+            f"{folder / others[0]}{more}: no part of this sweep, whose parts are {min(wanted)} to {max(wanted)}; "
+            "remove what is left of an earlier one, or ask for as many designs"
         )
