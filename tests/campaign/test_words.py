@@ -12,7 +12,7 @@ from jointgap.campaign.phrasing import (
     unit_of,
 )
 from jointgap.effects import EFFECTS
-from jointgap.report.plain_words import joined, number, percent, rounded_gap, with_error, with_unit
+from jointgap.report.plain_words import fall_in_percent, joined, number, percent, rounded_gap, with_error, with_unit
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -175,3 +175,8 @@ def test_a_row_of_a_parameter_has_the_digits_of_its_error_in_the_value_and_at_bo
         ("Coulomb friction of the slider: force of friction", "21.30 N", "0.40", "20.60 to 22.00"),
         ("a slider mass other than nominal: mass beyond nominal", "9 kg", "at its bound", "–"),
     )
+
+
+def test_what_grows_in_one_scenario_is_not_said_to_fall():
+    assert fall_in_percent((5.0, 3.0)) == "falls by 3.0 to 5.0 %"
+    assert fall_in_percent((5.0, -2.0)) == "changes by −5.0 to +2.0 %"

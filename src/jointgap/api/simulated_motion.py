@@ -86,7 +86,7 @@ class Motion(Result):
         """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
         loose = self.mechanism.applied().loose
         names = sorted(_FIGURES, key=lambda name: name != ("orbits" if loose else "drive_and_guide"))
-        titles = {name: SPECS[_FIGURES[name]].title.rpartition(": ")[2] for name in names}  # the paper's numbers apart
+        titles = {name: SPECS[_FIGURES[name]].title.partition(" (")[0] for name in names}  # the paper's numbers apart
         return {name: title for name, title in titles.items() if loose or name not in _OF_LOOSE_JOINTS}
 
     def _draw(self, name: str):

@@ -51,7 +51,7 @@ _LEARNED = ("trajectory", "predictions")
 
 CATALOGUE = {
     "figure_05": FigureSpec(
-        "Figure 5: clearances",
+        "Clearances (the paper's figure 5)",
         _NETWORKS,
         "network_figures:clearances",
         _LEARNED,
@@ -62,7 +62,7 @@ CATALOGUE = {
         "training points alone does not show that.",
     ),
     "figure_06": FigureSpec(
-        "Figure 6: directions",
+        "Directions (the paper's figure 6)",
         _NETWORKS,
         "network_figures:directions",
         _LEARNED,
@@ -72,7 +72,7 @@ CATALOGUE = {
         "all samples; linear inside the grey band, logarithmic outside.",
     ),
     "figure_07": FigureSpec(
-        "Figure 7: derivatives",
+        "Derivatives (the paper's figure 7)",
         _NETWORKS,
         "network_figures:derivatives",
         _LEARNED,
@@ -82,7 +82,7 @@ CATALOGUE = {
         "networks invent what lies between, even where their training errors are small.",
     ),
     "figure_08": FigureSpec(
-        "Figure 8: MSE",
+        "Mean square error over the training (the paper's figure 8)",
         _NETWORKS,
         "network_figures:mse_curves",
         ("fit_history", "fit_errors"),
@@ -93,7 +93,7 @@ CATALOGUE = {
         "between the training points).",
     ),
     "figure_09": FigureSpec(
-        "Figure 9: rod, position",
+        "Position of the rod (the paper's figure 9)",
         _MOTION,
         "motion_figures:rod_position",
         ("kinematics",),
@@ -104,7 +104,7 @@ CATALOGUE = {
         "joint's clearance.",
     ),
     "figure_10": FigureSpec(
-        "Figure 10: rod, velocity",
+        "Velocity of the rod (the paper's figure 10)",
         _MOTION,
         "motion_figures:rod_velocity",
         ("kinematics",),
@@ -115,7 +115,7 @@ CATALOGUE = {
         "flight at the start.",
     ),
     "figure_11": FigureSpec(
-        "Figure 11: rod, acceleration",
+        "Acceleration of the rod (the paper's figure 11)",
         _MOTION,
         "motion_figures:rod_acceleration",
         ("kinematics",),
@@ -126,7 +126,7 @@ CATALOGUE = {
         "lengths, show something else there. Compare the two columns before believing that y deviates more than x.",
     ),
     "figure_12": FigureSpec(
-        "Figure 12: piston, position",
+        "Position of the piston (the paper's figure 12)",
         _MOTION,
         "motion_figures:piston_position",
         ("kinematics",),
@@ -136,7 +136,7 @@ CATALOGUE = {
         "clearances of all joints.",
     ),
     "figure_13": FigureSpec(
-        "Figure 13: piston, velocity",
+        "Velocity of the piston (the paper's figure 13)",
         _MOTION,
         "motion_figures:piston_velocity",
         ("kinematics",),
@@ -145,7 +145,7 @@ CATALOGUE = {
         "flies on while the crank already pulls, and around the load reversals.",
     ),
     "figure_14": FigureSpec(
-        "Figure 14: piston, acceleration",
+        "Acceleration of the piston (the paper's figure 14)",
         _MOTION,
         "motion_figures:piston_acceleration",
         ("kinematics",),
@@ -156,7 +156,7 @@ CATALOGUE = {
         "simulation, the paper's equations or the networks fail, not the mechanism.",
     ),
     "figure_15": FigureSpec(
-        "Figure 15: transmission angle",
+        "Transmission angle (the paper's figure 15)",
         _MOTION,
         "motion_figures:transmission_angles",
         ("kinematics",),
@@ -165,7 +165,7 @@ CATALOGUE = {
         "over every revolution (compare the two scales).",
     ),
     "figure_16": FigureSpec(
-        "Figure 16: errors of the transmission angle",
+        "Errors of the transmission angle (the paper's figure 16)",
         _OPTIMUM,
         "motion_figures:transmission_errors",
         (*_LEARNED, "optimise_optima"),

@@ -13,6 +13,7 @@ from jointgap.config import Scenario
 from jointgap.figures.catalogue import CATALOGUE
 from jointgap.paper.looseness_variants import VariantOptimum, conclusion, looseness_variants, variant_optimum
 from jointgap.report.page import Block, FigureBlock, Heading, Link, Page, Paragraph, TableBlock, written_today
+from jointgap.report.plain_words import fall_in_percent
 
 NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated")
 
@@ -163,10 +164,9 @@ def _families(table: pd.DataFrame) -> Iterator[tuple[str, list[tuple[str, ...]]]
 
 def headline(table: pd.DataFrame) -> str:
     """What came out of the scenarios of the `table` overview, in a line."""
-    low, high = (100.0 * end for end in (table["window_reduction"].min(), table["window_reduction"].max()))
     return (
-        f"In {len(table)} scenarios the RMS error of the transmission angle is {low:.1f} to {high:.1f} % smaller at "
-        "the lengths found, simulated again"
+        f"In {len(table)} scenarios the RMS error of the transmission angle "
+        f"{fall_in_percent(100.0 * table['window_reduction'])} at the lengths found, simulated again"
     )
 
 

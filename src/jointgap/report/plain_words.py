@@ -113,6 +113,14 @@ def rounded_gap(gap: float) -> str:
     return f"{gap:.2f}" if gap < 100 else f"{gap:.0f}"
 
 
+def fall_in_percent(falls: Iterable[float]) -> str:
+    """``falls by 3.1 to 5.0 %`` of several `falls` [%]; ``changes by −5.0 to +1.2 %`` where one of them is none."""
+    low, high = min(falls := list(falls)), max(falls)
+    if low > 0.0:
+        return f"falls by {low:.1f} to {high:.1f} %"
+    return f"changes by {-high:+.1f} to {-low:+.1f} %".replace("-", "\N{MINUS SIGN}")
+
+
 def percent(share: float, digits: int = 1) -> str:
     """A `share` of 1 in percent, with so many `digits` after the point."""
     return f"{100.0 * share:.{digits}f} %"

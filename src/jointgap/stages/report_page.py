@@ -27,7 +27,7 @@ from jointgap.report.page import (
     place_of,
     written_today,
 )
-from jointgap.report.plain_words import joined
+from jointgap.report.plain_words import fall_in_percent, joined
 from jointgap.stages.scenario_results import ScenarioResults
 from jointgap.sweep import study_page
 from jointgap.tables import STUDY
@@ -68,19 +68,24 @@ def page(
     summaries = {name: _summary(own) for name, own in learned.items()}
     gains = {name: known["headline"] for name, known in summaries.items()}
     whole = _size(folder, scenarios, campaigns) <= MOST_BYTES
-    first = _first_picture(scenarios, campaigns, studies, folder)
+    several = len(scenarios) + len(campaigns) + len(studies) > 1
+    first = _first_picture(scenarios, campaigns, studies, folder, several)
     parts = (
         *_side_by_side(table),
-        *(block for name, own in scenarios.items() for block in _scenario(own, gains.get(name, ""), whole, folder)),
+        *(
+            block
+            for name, own in scenarios.items()
+            for block in _scenario(own, gains.get(name, ""), whole, folder, several)
+        ),
         *(block for name, own in studies.items() for block in _study(name, own)),
-        *(block for name, content in verdicts.items() for block in _campaign(content, whole, folder)),
+        *(block for name, content in verdicts.items() for block in _campaign(content, whole, folder, several)),
         *([] if whole else _other_figures(scenarios, campaigns)),
     )
     return Page(
         _headline(summaries, verdicts, studies),
         (
             *first,
-            Bullets(tuple(_glance(scenarios, gains, verdicts, studies))),
+            *([Bullets(tuple(_glance(scenarios, gains, verdicts, studies)))] if several else []),
             *_without(first, parts),
         ),
         subject="What came out of this run",
@@ -117,10 +122,10 @@ def _headline(summaries: Mapping[str, Any], verdicts: Mapping[str, Any], studies
     if len(summaries) == 1:
         return next(iter(summaries.values()))["headline"]
     if summaries:
-        medians = [known["reduction_percent"]["median"] for known in summaries.values()]
+        falls = fall_in_percent(known["reduction_percent"]["median"] for known in summaries.values())
         return (
-            f"In {len(summaries)} scenarios the RMS error of the transmission angle falls by {min(medians):.1f} to "
-            f"{max(medians):.1f} % at the lengths found, simulated again"
+            f"In {len(summaries)} scenarios the RMS error of the transmission angle {falls} at the lengths found, "
+            "simulated again"
         )
     if len(verdicts) == 1:
         return verdict_page.title(next(iter(verdicts.values())))
@@ -132,16 +137,26 @@ def _headline(summaries: Mapping[str, Any], verdicts: Mapping[str, Any], studies
 
 
 def _first_picture(
-    scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], studies: Mapping[str, Any], folder: Path
+    scenarios: Mapping[str, ScenarioResults],
+    campaigns: Sequence[str],
+    studies: Mapping[str, Any],
+    folder: Path,
+    several: bool,
 ) -> list[Block]:
     if scenarios:
         name = next(iter(scenarios))
-        return [FigureBlock(f"{name}/figures/animation", f"{ANIMATION.title}: {name}", ANIMATION.caption, moving=True)]
+        title = _title(ANIMATION.title, name, several)
+        return [FigureBlock(f"{name}/figures/animation", title, ANIMATION.caption, moving=True)]
     if campaigns:
         spec = CAMPAIGN_FIGURES["measured_against_model"]
         stem = _of_campaign(folder, campaigns[0]).relative_to(folder) / "figures/measured_against_model"
-        return [FigureBlock(str(stem), f"{spec.title}: {campaigns[0]}", spec.caption)]
+        return [FigureBlock(str(stem), _title(spec.title, campaigns[0], several), spec.caption)]
     return study_page.figures(f"{next(iter(studies))}/study/")[:1] if studies else []
+
+
+def _title(words: str, name: str, several: bool) -> str:
+    """Of a figure; where the report is of `several` scenarios and campaigns, with the `name` of its own."""
+    return f"{words}: {name}" if several else words
 
 
 def _glance(
@@ -177,7 +192,7 @@ def _side_by_side(table: pd.DataFrame | None) -> list[Block]:
     return [Heading(scenario_overview.TITLE), *scenario_overview.side_by_side(table)]
 
 
-def _scenario(own: ScenarioResults, gain: str, whole: bool, folder: Path) -> list[Block]:
+def _scenario(own: ScenarioResults, gain: str, whole: bool, folder: Path, several: bool) -> list[Block]:
     name, description = own.path.name, own.scenario.description
     pages = {
         "summary.html": "the lengths, what they gain and what they cost",
@@ -191,28 +206,34 @@ def _scenario(own: ScenarioResults, gain: str, whole: bool, folder: Path) -> lis
         *([Paragraph(description)] if description else []),
         *([Paragraph(f"{gain}.", strong=True)] if gain else []),
         *([Bullets(tuple(links))] if links else []),
-        *_figures(specs, f"{name}/figures/", name, () if whole else _KEY_FIGURES),
+        *_figures(specs, f"{name}/figures/", name if several else "", () if whole else _KEY_FIGURES),
     ]
 
 
-def _campaign(content: Mapping[str, Any], whole: bool, folder: Path) -> list[Block]:
+def _campaign(content: Mapping[str, Any], whole: bool, folder: Path, several: bool) -> list[Block]:
     name = content["campaign"]
     place = f"{_of_campaign(folder, name).relative_to(folder)}/"
-    specs = {key: spec for key, spec in CAMPAIGN_FIGURES.items() if (folder / f"{place}figures/{key}.png").is_file()}
+    specs = {key: spec for key, spec in CAMPAIGN_FIGURES.items() if _shows(folder / f"{place}figures/{key}.png")}
     return [
         Heading(_of_verdict(name)),
         Paragraph(f"{verdict_page.title(content)}.", strong=True),
         Paragraph(answer(content)),
         Bullets((Link("the whole page, with numbers, parameters and what to do next", f"{place}{SUMMARIES[1]}"),)),
-        *_figures(specs, f"{place}figures/", name, () if whole else _KEY_FIGURES_OF_CAMPAIGNS),
+        *_figures(specs, f"{place}figures/", name if several else "", () if whole else _KEY_FIGURES_OF_CAMPAIGNS),
     ]
 
 
+def _shows(picture: Path) -> bool:
+    """Whether a figure was drawn, and not a sheet that says why there is nothing to draw: that has no plotted data."""
+    plotted = picture.with_suffix(".parquet")
+    return picture.is_file() and (not plotted.is_file() or tables.read_footer(plotted).num_rows > 0)
+
+
 def _figures(specs: Mapping[str, FigureSpec], place: str, name: str, wanted: Collection[str]) -> Iterator[Block]:
-    """All figures by category, or those `wanted` and links to the others."""
+    """All figures by category, or those `wanted` and links to the others; a `name` stands in their titles."""
     categories = dict.fromkeys(spec.category for spec in specs.values())
     for category in categories if not wanted else ():
-        yield Heading(f"{category} ({name})", 3)
+        yield Heading(f"{category} ({name})" if name else category, 3)
         for key in (key for key, spec in specs.items() if spec.category == category):
             yield _figure(specs[key], place, key, name)
     for key in wanted:
@@ -224,7 +245,7 @@ def _figures(specs: Mapping[str, FigureSpec], place: str, name: str, wanted: Col
 
 
 def _figure(spec: FigureSpec, place: str, key: str, name: str) -> FigureBlock:
-    return FigureBlock(f"{place}{key}", f"{spec.title}: {name}", spec.caption)
+    return FigureBlock(f"{place}{key}", _title(spec.title, name, bool(name)), spec.caption)
 
 
 def _other_figures(scenarios: Collection[str], campaigns: Collection[str]) -> list[Block]:
