@@ -102,7 +102,9 @@ def test_the_overview_lists_scenarios_in_their_order_and_families_by_count(scena
     assert tuple(found["family"]) == ("three_loose", "three_loose", "motor", "three_loose")
     text = to_markdown(overview.page(found))
     assert "| 1 of 1 | 0 of 1 | 0 of 1 |" in text
-    assert text.startswith("# The scenarios side by side: In 4 scenarios the RMS error of the transmission angle falls by 10")
+    assert text.startswith(
+        "# The scenarios side by side: In 4 scenarios the RMS error of the transmission angle falls by 10"
+    )
     assert "| [motor](./motor/summary.html) |" in text
     assert "(figures/motor/figures/resimulation.svg)" in text
     section = text[text.index("By count of loose joints") : text.index("## Does the gain last?")]

@@ -97,8 +97,10 @@ def test_a_configuration_that_cannot_be_read_is_refused_before_snakemake_sees_it
 
 def test_configuration_files_that_can_be_read_go_to_snakemake(tmp_path):
     (tmp_path / "mine.yaml").write_text("figures: {magnification: 1}\n")
-    options = ["--cores", "2", "--configfile=mine.yaml", "results/x.png"]
-    assert asked_of_snakemake(tmp_path, *options) == [*options, "--dry-run"]
+    (tmp_path / "more.yaml").write_text("figures: {magnification: 2}\n")
+    options = ["--configfile", "mine.yaml", "--cores", "2", "--configfile=more.yaml", "results/x.png"]
+    said = asked_of_snakemake(tmp_path, *options)
+    assert said == ["--cores", "2", "results/x.png", "--dry-run", "--configfile", "mine.yaml", "more.yaml"]
 
 
 @pytest.mark.parametrize(
