@@ -3,6 +3,7 @@
 import json
 import re
 
+import pytest
 import yaml
 
 from benchmarks.project import ROOT, run
@@ -32,6 +33,7 @@ rule study:
 """
 
 
+@pytest.mark.slow  # each job starts a Snakemake of its own: minutes
 def test_smoke_runs_through_a_cluster_executor_with_the_same_results(smoke, fresh_project):
     submit = fresh_project / "tests/workflow/submit.sh"
     done = run(
