@@ -132,3 +132,10 @@ def test_a_largest_force_bends_the_search_to_lengths_that_carry_no_more(objectiv
 def test_a_limit_that_was_relaxed_since_nothing_keeps_the_one_asked_for_is_not_told_as_what_decides(is_relaxed, words):
     surface = PinForce(*(np.linspace(*ends, 7) for ends in (BOX.crank_length, BOX.rod_length)), np.full((7, 7), 500.0))
     assert surface.limited(500.0, is_relaxed).active((0.150, 0.564)) == words
+
+
+@pytest.mark.parametrize(("value", "why"), [("300 kg", "has the unit 'kilogram'"), ("-3 mm", "must be greater than 0")])
+def test_a_wrong_value_that_is_met_exactly_is_told_once(value, why):
+    with pytest.raises(InputError, match=re.escape(f"stroke = '{value}': {why}")) as caught:
+        Constraints(stroke=value)
+    assert str(caught.value).count("stroke") == 1

@@ -197,6 +197,17 @@ def test_a_sweep_keeps_the_parts_that_are_there_and_a_grown_one_adds_to_them(tmp
     assert list(pd.read_parquet(tmp_path / "designs")["design"]) == list(range(6))
 
 
+@pytest.mark.parametrize("left", [0, 200, -1])
+def test_a_damaged_part_is_made_again_as_it_was(left, tmp_path):
+    made = scenario({"friction": {"from": 0.05, "to": 0.2}}, number=2)
+    sweep(made, tmp_path, 1)
+    part = tmp_path / "designs/part_000000.parquet"
+    whole = part.read_bytes()
+    part.write_bytes(whole[:left])
+    sweep(made, tmp_path, 1)
+    assert part.read_bytes() == whole
+
+
 def test_what_is_left_of_a_larger_sweep_is_refused_before_anything_is_simulated(tmp_path):
     ranges = {"friction": {"from": 0.05, "to": 0.2}}
     (tmp_path / "designs").mkdir()

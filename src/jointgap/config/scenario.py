@@ -9,6 +9,8 @@ import numpy as np
 from pydantic import (
     BeforeValidator,
     Field,
+    TypeAdapter,
+    ValidationError,
     WithJsonSchema,
     field_validator,
     model_validator,
@@ -271,17 +273,23 @@ class Ensemble(Section):
     seed: Seed = Field(0, description="seed")
 
 
-def _one_value_is_both_ends(value: Any) -> Any:
-    """50 mm as [50 mm, 50 mm]: what is given as one value has to be met exactly."""
-    return value if isinstance(value, list | tuple) else (value, value)
-
-
 def _limits(kind: Any) -> Any:
     """Type of an exact value, or of the lower and upper bound of a range."""
+    one = TypeAdapter(kind)
+
+    def one_value_is_both_ends(value: Any) -> Any:
+        """50 mm as [50 mm, 50 mm]: what is given as one value has to be met exactly."""
+        if isinstance(value, list | tuple):
+            return value
+        try:
+            return (one.validate_python(value),) * 2
+        except ValidationError as error:  # of one value, so told once
+            raise ValueError(error.errors()[0]["msg"].removeprefix("Value error, ")) from None
+
     ends = {"type": ["number", "string"]}
     both = {"type": "array", "items": ends, "minItems": 2, "maxItems": 2}
     return Annotated[
-        tuple[kind, kind], BeforeValidator(_one_value_is_both_ends), WithJsonSchema({"anyOf": [ends, both]})
+        tuple[kind, kind], BeforeValidator(one_value_is_both_ends), WithJsonSchema({"anyOf": [ends, both]})
     ]
 
 

@@ -90,7 +90,7 @@ def write_designs(designs: Designs, first: int, count: int, path: Path | str, wo
 
 
 def is_done(designs: Designs, first: int, count: int, path: Path) -> bool:
-    """Whether a part of the dataset is there.
+    """Whether a part of the dataset is there; one whose bytes are not those that were written is not.
 
     Parameters
     ----------
@@ -103,11 +103,14 @@ def is_done(designs: Designs, first: int, count: int, path: Path) -> bool:
     Raises
     ------
     InputError
-        It is damaged, or belongs to another sweep.
+        It belongs to another sweep.
     """
     if not path.exists():
         return False
-    footer = tables.read_footer(path)
+    try:
+        footer = tables.read_footer(path)
+    except InputError:
+        return False
     _check_belongs(designs, path, footer)
     return footer.num_rows == count and _numbers(path)[0] == first
 

@@ -38,7 +38,7 @@ def page(designs: Designs, dataset: Path) -> Page:
     introduction = (
         f"{designs.number} designs {_KINDS[designs.kind]}"
         + ("" if designs.kind == "grid" else f", seed {designs.seed}")
-        + f". {', '.join(axis.key for axis in designs.axes)} vary, all else is as in the mechanism. "
+        + f". Varied: {', '.join(axis.key for axis in designs.axes)}; all else is as in the mechanism. "
         f"Designs that failed: {sum(failed.values()) or 'none'}"
         + ("." if not failed else ": " + "; ".join(f"{count} x {why}" for why, count in failed.most_common(5)) + ".")
     )
