@@ -9,6 +9,7 @@ import pyarrow.compute as pc
 
 from jointgap import tables
 from jointgap.report.page import Page, Paragraph, TableBlock
+from jointgap.report.plain_words import unit_in_words
 from jointgap.sweep.design_of_experiments import SOURCE, Axis, Designs
 from jointgap.tables.columns import Column
 from jointgap.tables.sweep_tables import MEASURES
@@ -52,9 +53,9 @@ def page(designs: Designs, dataset: Path) -> Page:
     )
     blocks = (
         Paragraph(introduction),
-        TableBlock(("parameter", "unit", "smallest", "median", "largest"), _parameters(designs.axes, dataset)),
+        TableBlock(("parameter", "unit", "smallest", "median", "largest"), _parameters(designs.axes, dataset), "llrrr"),
         Paragraph(measured),
-        TableBlock(("measure", "unit", "smallest", "5 %", "median", "95 %", "largest"), _measures(dataset)),
+        TableBlock(("measure", "unit", "smallest", "5 %", "median", "95 %", "largest"), _measures(dataset), "llrrrrr"),
         Paragraph(files),
     )
     return Page("Sweep", blocks)
@@ -74,7 +75,7 @@ def _parameters(axes: tuple[Axis, ...], dataset: Path) -> tuple:
             words = sorted(map(str, pc.unique(values).to_pylist()))
             rows.append((axis.key, "", ", ".join(words), "", ""))
             continue
-        unit, factor = _SHOWN.get(axis.unit, (axis.unit or "1", 1.0))
+        unit, factor = _SHOWN.get(axis.unit, (unit_in_words(axis.unit or "1"), 1.0))
         rows.append((axis.key, unit, *_numbers(factor * values.to_numpy(), (0.0, 0.5, 1.0))))
     return tuple(rows)
 
@@ -88,7 +89,7 @@ def _measure(column: Column, dataset: Path) -> tuple | None:
     values = values[np.isfinite(values)]
     if not len(values):
         return None
-    unit, factor = _SHOWN.get(column.unit, (column.unit, 1.0))
+    unit, factor = _SHOWN.get(column.unit, (unit_in_words(column.unit), 1.0))
     return (column.description.partition(";")[0], unit, *_numbers(factor * values, _QUANTILES))
 
 

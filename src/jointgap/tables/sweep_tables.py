@@ -35,8 +35,7 @@ MEASURES = (
     Column(
         "repeat_distance",
         "1",
-        "how far the motion is from repeating; largest distance of the clearance vectors from those a revolution "
-        "before, as a share of the smallest clearance",
+        "distance of the clearance vectors from those a revolution before, largest, over the smallest clearance",
         nullable=True,
     ),
     *(
