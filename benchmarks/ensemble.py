@@ -26,7 +26,7 @@ def ensemble(runs: int) -> dict[str, float]:
     from benchmarks.simulate import SPEED, case
     from jointgap.config import Simulate
     from jointgap.dynamics.parallel_runs import Run
-    from jointgap.sweep.ensemble import write_ensemble
+    from jointgap.ensembles.ensemble import write_ensemble
 
     mechanism = case()
     options = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=360, tolerance=1e-9)

@@ -15,7 +15,7 @@ from jointgap.joints import JOINT_NUMBERS
 from jointgap.figures.catalogue import FIGURES
 from jointgap.stages.scenario_results import parts_of
 from jointgap.stages.scenario_stages import IMPACTS_PAGE, SCENARIO_STAGES
-from jointgap.sweep.study_catalogue import FIGURES as STUDY_FIGURES
+from jointgap.ensembles.study_catalogue import FIGURES as STUDY_FIGURES
 from jointgap.tables import outputs, write_text
 
 # Where files of mechanisms are looked for: here, beside the configuration, in the workflow's folder.

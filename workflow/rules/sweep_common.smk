@@ -2,7 +2,7 @@
 
 import json
 
-from jointgap.sweep.parts import check_no_others, part_name, parts
+from jointgap.designs.parts import check_no_others, part_name, parts
 
 
 def swept_scenarios():
@@ -22,7 +22,7 @@ def swept_scenarios():
 
 def parts_of_sweep(name):
     """First design and number of designs of each part, by the part's name."""
-    from jointgap.sweep.design_of_experiments import designs_of  # loads scipy
+    from jointgap.designs.design_of_experiments import designs_of  # loads scipy
 
     number = designs_of(SCENARIOS[name]).number
     return {part_name(i): part for i, part in enumerate(parts(number, SCENARIOS[name].sweep.designs_per_job))}

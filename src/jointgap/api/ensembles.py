@@ -10,7 +10,7 @@ import pandas as pd
 
 from jointgap.api.simulated_motion import checked_mechanism, simulate_options
 from jointgap.config import Mechanism, Runs, Simulate
-from jointgap.sweep.ensemble import EVENTS, RUNS, SAMPLES, ensemble_runs, write_ensemble
+from jointgap.ensembles.ensemble import EVENTS, RUNS, SAMPLES, ensemble_runs, write_ensemble
 from jointgap.tables import read_table
 
 

@@ -14,11 +14,11 @@ from jointgap.config import Mechanism, Optimise, Scenario, Simulate
 from jointgap.config.change import change
 from jointgap.dynamics import simulate as simulated
 from jointgap.dynamics.model.mechanism_warnings import sentences
+from jointgap.ensembles.cycle_statistics import contacts, time_shares
 from jointgap.errors import InputError
 from jointgap.figures.catalogue import SPECS
 from jointgap.joints import FROM_FRAME
 from jointgap.report.plain_words import in_words
-from jointgap.sweep.cycle_statistics import contacts, time_shares
 
 _TABLES = {"trajectory", "events", "kinematics"}
 _FIGURES = {spec.function.partition(":")[2]: name for name, spec in SPECS.items() if set(spec.tables) <= _TABLES}

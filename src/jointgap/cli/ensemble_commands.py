@@ -43,7 +43,7 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
         Processes.
     """
     from jointgap.config import parse_options
-    from jointgap.sweep.ensemble import ensemble_runs, write_ensemble
+    from jointgap.ensembles.ensemble import ensemble_runs, write_ensemble
 
     scenario = parse_options(options)
     varied = scenario.ensemble
@@ -81,8 +81,8 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
     """
     from jointgap import tables
     from jointgap.config import parse_options
+    from jointgap.ensembles.growth import measure_growth
     from jointgap.errors import InputError
-    from jointgap.sweep.growth import measure_growth
 
     scenario, size = parse_options(options), _quantity("--change", change, "m")
     tables.check_writable(growth)
@@ -129,8 +129,8 @@ def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: st
     """
     from jointgap import tables
     from jointgap.config import parse_options
+    from jointgap.ensembles.cycle_statistics import cycles
     from jointgap.stages.scenario_results import read_trajectory
-    from jointgap.sweep.cycle_statistics import cycles
 
     scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")
     places = [folder / f"{name}.parquet" for name in ("section", "revolutions", "impacts", "eccentricity")]

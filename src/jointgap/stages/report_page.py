@@ -11,6 +11,7 @@ from jointgap import tables
 from jointgap.campaign import verdict, verdict_page
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
 from jointgap.campaign.verdict_sentences import answer
+from jointgap.ensembles import study_page
 from jointgap.errors import InputError
 from jointgap.figures.campaign_catalogue import CATALOGUE as CAMPAIGN_FIGURES
 from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FigureSpec
@@ -29,7 +30,6 @@ from jointgap.report.page import (
 )
 from jointgap.report.plain_words import fall_in_percent, joined
 from jointgap.stages.scenario_results import ScenarioResults
-from jointgap.sweep import study_page
 from jointgap.tables import STUDY
 
 MOST_BYTES = 6_000_000

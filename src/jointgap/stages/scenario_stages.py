@@ -355,7 +355,7 @@ def study_points(scenario: "Scenario", number: int, points: Path, workers: int |
     workers : int, optional
         Processes.
     """
-    from jointgap.sweep.study_points import simulate_points
+    from jointgap.ensembles.study_points import simulate_points
 
     tables.check_writable(points)
     tables.write(STUDY, simulate_points(scenario, number, workers), points)
@@ -389,11 +389,11 @@ def study(scenario: "Scenario", folder: Path, parts: Sequence[Path], workers: in
     workers : int, optional
         Processes.
     """
+    from jointgap.ensembles.study_figures import draw_study
+    from jointgap.ensembles.study_page import page
+    from jointgap.ensembles.study_points import join_points, simulate_points
     from jointgap.figures import style
     from jointgap.report.page import to_markdown
-    from jointgap.sweep.study_figures import draw_study
-    from jointgap.sweep.study_page import page
-    from jointgap.sweep.study_points import join_points, simulate_points
 
     table, text = folder / "points.parquet", folder / "summary.md"
     tables.check_writable(table, text)
@@ -421,8 +421,8 @@ def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, 
     workers : int, optional
         Threads.
     """
-    from jointgap.sweep.design_of_experiments import designs_of
-    from jointgap.sweep.designs_to_parquet import write_designs
+    from jointgap.designs.design_of_experiments import designs_of
+    from jointgap.designs.designs_to_parquet import write_designs
 
     write_designs(designs_of(scenario), first, number, designs, workers)
 
@@ -457,11 +457,11 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     workers : int, optional
         Threads.
     """
+    from jointgap.designs.design_of_experiments import designs_of
+    from jointgap.designs.designs_to_parquet import check_dataset, is_done, write_designs
+    from jointgap.designs.parts import check_no_others, part_name, parts
+    from jointgap.designs.sweep_page import page
     from jointgap.report.page import to_html, to_markdown
-    from jointgap.sweep.design_of_experiments import designs_of
-    from jointgap.sweep.designs_to_parquet import check_dataset, is_done, write_designs
-    from jointgap.sweep.parts import check_no_others, part_name, parts
-    from jointgap.sweep.sweep_page import page
 
     designs, dataset = designs_of(scenario), folder / "designs"
     named = {part_name(i): part for i, part in enumerate(parts(designs.number, scenario.sweep.designs_per_job))}

@@ -8,9 +8,9 @@ import numpy as np
 import pyarrow.compute as pc
 
 from jointgap import tables
+from jointgap.designs.design_of_experiments import SOURCE, Axis, Designs
 from jointgap.report.page import Page, Paragraph, TableBlock
 from jointgap.report.plain_words import unit_in_words
-from jointgap.sweep.design_of_experiments import SOURCE, Axis, Designs
 from jointgap.tables.columns import Column
 from jointgap.tables.sweep_tables import MEASURES
 

@@ -9,11 +9,11 @@ from pyarrow.parquet import FileMetaData
 
 from jointgap import tables
 from jointgap.config.varied_values import with_values
+from jointgap.designs.design_of_experiments import SOURCE, Designs
+from jointgap.designs.measures import measures
 from jointgap.dynamics.parallel_runs import Run, simulate_runs
 from jointgap.errors import InputError
 from jointgap.progress import followed
-from jointgap.sweep.design_of_experiments import SOURCE, Designs
-from jointgap.sweep.measures import measures
 from jointgap.tables import Table, sweep_designs
 from jointgap.tables.sweep_tables import MEASURES
 

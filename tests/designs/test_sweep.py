@@ -9,12 +9,12 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import Scenario
+from jointgap.designs.design_of_experiments import designs_of
+from jointgap.designs.designs_to_parquet import check_dataset, simulate_designs, table_of, write_designs
 from jointgap.dynamics import simulate
+from jointgap.ensembles.cycle_statistics import clearance_vectors
 from jointgap.errors import InputError
 from jointgap.stages.scenario_stages import sweep
-from jointgap.sweep.cycle_statistics import clearance_vectors
-from jointgap.sweep.design_of_experiments import designs_of
-from jointgap.sweep.designs_to_parquet import check_dataset, simulate_designs, table_of, write_designs
 from tests.dynamics.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)

@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 from jointgap.dynamics import simulate
-from jointgap.errors import InputError
-from jointgap.sweep.cycle_statistics import (
+from jointgap.ensembles.cycle_statistics import (
     clearance_vectors,
     contacts,
     cycles,
@@ -18,6 +17,7 @@ from jointgap.sweep.cycle_statistics import (
     poincare_section,
     time_shares,
 )
+from jointgap.errors import InputError
 from tests.dynamics.cases import ALL, SPEED, mechanism, options
 
 

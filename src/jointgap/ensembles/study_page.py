@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.ensembles.study_catalogue import FIGURES, SHOWN
 from jointgap.report.page import FigureBlock, Page, Paragraph, TableBlock
 from jointgap.report.plain_words import in_words, joined
-from jointgap.sweep.study_catalogue import FIGURES, SHOWN
 
 _AXES = {
     "clearance": ("clearance", lambda value: f"{1e3 * value:.3g} mm"),

@@ -9,10 +9,10 @@ from jointgap.config import Mechanism
 from jointgap.dynamics.parallel_runs import Outcome, rod_and_slider
 from jointgap.dynamics.simulation import IntegrationResult
 from jointgap.dynamics.solver.contact_episodes import EVENT
+from jointgap.ensembles.study_points import high_order_rms
 from jointgap.joints import JOINTS
 from jointgap.link_lengths.objective import measure
 from jointgap.mechanism import transmission_angle
-from jointgap.sweep.study_points import high_order_rms
 
 _SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins", "directions")
 _ROUNDING = 1e-9  # [rad] of crank angles

@@ -13,12 +13,12 @@ from jointgap.config.varied_values import with_values
 from jointgap.dynamics.model.compile_parameters import joint_parameters
 from jointgap.dynamics.parallel_runs import Outcome, Run, simulate_runs
 from jointgap.dynamics.simulation import event_frame
+from jointgap.ensembles.cycle_statistics import contacts, time_shares
+from jointgap.ensembles.ensemble import perturbed_starts
+from jointgap.ensembles.growth import USEFUL, sampled_clearances
 from jointgap.errors import InputError
 from jointgap.mechanism import transmission_angle
 from jointgap.progress import followed
-from jointgap.sweep.cycle_statistics import contacts, time_shares
-from jointgap.sweep.ensemble import perturbed_starts
-from jointgap.sweep.growth import USEFUL, sampled_clearances
 from jointgap.tables.study_tables import MEASURES, NOISE_ORDER, ORDERS
 
 _PER_PERIOD = 12  # samples in a period of the contact's ringing

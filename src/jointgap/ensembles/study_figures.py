@@ -6,10 +6,10 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from jointgap.config import Scenario
+from jointgap.ensembles.study_catalogue import SHOWN
 from jointgap.figures import style
 from jointgap.figures.sheet import Panel, Quantity, Sheet
 from jointgap.figures.style import Drawing
-from jointgap.sweep.study_catalogue import SHOWN
 from jointgap.tables.study_tables import ORDERS
 
 CLEARANCE = Quantity("radial clearance", "mm", "$r_c$")

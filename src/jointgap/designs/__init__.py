@@ -1,0 +1,1 @@
+"""Thousands of designs: drawn, simulated, measured, and what is learnt from them."""
