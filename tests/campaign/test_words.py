@@ -8,7 +8,6 @@ from jointgap.campaign.phrasing import (
     label_in_words,
     parameter_rows,
     place_of,
-    size_in_words,
     unit_of,
 )
 from jointgap.effects import EFFECTS
@@ -135,11 +134,6 @@ def test_an_explanation_has_the_values_of_all_parameters_with_their_units():
 )
 def test_what_is_left_out_of_a_window_is_told_up_to_half_a_revolution(start, end, where):
     assert place_of("a", "guide_force", start, end) == f"run a, guide force, {where}"
-
-
-def test_an_effect_that_shrinks_as_its_parameter_grows_is_seen_up_to_a_value():
-    assert size_in_words("force_N", "0.03", "N", falls=False) == "force_N 0.03 N"
-    assert size_in_words("frequency_Hz", "50", "Hz", falls=True) == "frequency_Hz up to 50 Hz"
 
 
 @pytest.mark.parametrize(

@@ -146,7 +146,7 @@ def test_an_effect_that_is_a_nuisance_is_seen_beyond_that_nuisances_range():
 def test_noise_that_is_not_stated_is_assumed_and_told():
     found = preflight(planned(stated=False))
     assert len(found.assumed) == 9
-    assert re.fullmatch(r"torque in run slow: 0\.\d+ N\*m, 2 % of what it varies by", found.assumed[0])
+    assert re.fullmatch(r"torque in run slow: 0\.\d+ N m, 2 % of what it varies by", found.assumed[0])
     assert preflight(planned()).assumed == ()
     assert found.sizes["coulomb"] == pytest.approx(preflight(planned()).sizes["coulomb"], rel=1e-6)  # 2 % as well
 

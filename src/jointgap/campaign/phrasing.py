@@ -205,13 +205,6 @@ _CODE_NAME = re.compile(
 """Names with an underscore: others, such as ``gravity`` and ``speed``, are words."""
 
 
-def size_in_words(parameter: str, value: str, unit: str, falls: bool) -> str:
-    """``force_N 0.03 N`` of `parameter`, `value` and `unit`; ``up to`` 50 Hz where the effect shrinks as the value
-    grows (`falls`).
-    """
-    return f"{parameter} {'up to ' * falls}{with_unit(value, unit)}"
-
-
 def place_of(run: str, channel: str, start: float, end: float) -> str:
     """``run slow, crank torque, 350 to 10 deg of crank angle``; of most of a revolution, what is left out.
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.phrasing import size_in_words, unit_of
+from jointgap.campaign.phrasing import label_in_words, shown_size, unit_of, without_code_names
 from jointgap.campaign.tables_of_identification import (
     assumed,
     assumed_in_a_cell,
@@ -31,6 +31,8 @@ from jointgap.identification.noise_model import numerics_noise
 from jointgap.identification.protocol import Model
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.recordings import Measurements, Recording, read_measurements
+from jointgap.report.plain_words import in_words as name_in_words
+from jointgap.report.plain_words import joined, size_for_the_eye
 from jointgap.slider_crank import DEFAULT_SETTINGS as DEFAULT_MODEL_SETTINGS
 from jointgap.slider_crank import SliderCrankSettings, build_model
 
@@ -260,24 +262,31 @@ def in_words(
     """
     lines = ["Effects that these runs and channels show, from which size on:"]
     for row in detectable[detectable["detectable"]].itertuples():
-        size = size_in_words(row.parameter, f"{row.smallest_detectable:.3g}", row.unit, row.falls)
-        lines.append(f"  {row.label}: {size}")
+        size = shown_size(row.label, row.parameter, row.smallest_detectable, row.unit, row.falls)
+        lines.append(f"  {label_in_words(row.label)}: {size}")
     failed = failures(detectable)
     if absent := [label for label in undetectable(detectable) if label not in failed]:
-        lines.append(f"Not detectable at any size within bounds: {', '.join(absent)}")
+        lines.append(f"Not detectable at any size within bounds: {joined(map(label_in_words, absent))}")
     lines += [
-        f"Could not be simulated, so what size shows is not known: {label} ({why})" for label, why in failed.items()
+        f"Could not be simulated, so what size shows is not known: {label_in_words(label)} ({why})"
+        for label, why in failed.items()
     ]
     for group in confusable_groups(confusability):
-        lines.append(f"Cannot be told apart: {', '.join(group)}")
+        lines.append(f"Cannot be told apart: {joined(map(label_in_words, group))}")
     for row in advice.head(_MOST_ADVICE).itertuples():
-        gains = [f"shows {row.newly_detectable}"] if row.newly_detectable else []
-        gains += [f"tells apart {row.separated}"] if row.separated else []
+        shown = [label_in_words(label) for label in row.newly_detectable.split(", ") if label]
+        pairs = [pair.split(_SEPARATOR) for pair in row.separated.split(", ") if pair]
+        apart = [" from ".join(map(label_in_words, pair)) for pair in pairs]
+        gains = [f"shows {joined(shown)}"] if shown else []
+        gains += [f"tells {', '.join(apart)}"] if apart else []
         if gains:
-            lines.append(f"A further {row.change} {' and '.join(gains)}")
+            lines.append(f"A further {without_code_names(row.change)} {', and '.join(gains)}")
     lines += _alike_in_words(look_alikes)
     if noise := assumed(detectable):
-        lines += ["Assumed noise, where the campaign states none:", *(f"  {text}" for text in noise)]
+        lines += [
+            "Assumed noise, where the campaign states none:",
+            *(f"  {without_code_names(text)}" for text in noise),
+        ]
     return "\n".join(lines)
 
 
@@ -286,12 +295,15 @@ def _alike_in_words(look_alikes: pd.DataFrame) -> list[str]:
     lines, alike = [], look_alikes[look_alikes["alike"]]
     for pair in dict.fromkeys(frozenset((row.true, row.other)) for row in alike.itertuples()):
         rows = [row for row in alike.itertuples() if {row.true, row.other} == pair]
-        names, sizes = ", ".join(sorted(pair)), ", ".join(f"{row.true} {row.size:.2g} {row.unit}" for row in rows)
+        names = joined(map(label_in_words, sorted(pair)))
+        sizes = ", ".join(f"{label_in_words(row.true)} {size_for_the_eye(row.size, row.unit)}" for row in rows)
         lines.append(f"Cannot be told apart by where impacts come and how hard they are: {names} (true: {sizes})")
         parting = [
             name for name in rows[0].parted_by.split(", ") if all(name in row.parted_by.split(", ") for row in rows)
         ]
-        lines += [f"A further channel {name} tells these apart" for name in parting if name][:_MOST_ADVICE]
+        lines += [f"A further channel {name_in_words(name)} tells these apart" for name in parting if name][
+            :_MOST_ADVICE
+        ]
         if not any(parting):
             lines.append("No single further channel that was tried tells these apart at each of these sizes")
     return lines

@@ -18,6 +18,7 @@ from jointgap.identification.protocol import Candidate, Model, Series, runs_of
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS, DetectabilitySettings, IdentificationSettings
 from jointgap.identification.whitening import Noise
+from jointgap.report.plain_words import size_for_the_eye
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,7 @@ def assumed_noise(
                 continue
             sd, reason = _assumed_sd(series, predicted[series.channel], settings)
             noise[series.key] = Noise(np.full(series.value.shape, sd), source="assumed")
-            assumptions[series.key] = f"{series.channel} in run {run}: {sd:.3g} {series.unit}, {reason}"
+            assumptions[series.key] = f"{series.channel} in run {run}: {size_for_the_eye(sd, series.unit)}, {reason}"
     return noise, assumptions
 
 
@@ -173,7 +174,7 @@ def _assumed_sd(series: Series, predicted: np.ndarray, settings: DetectabilitySe
     """Standard deviation [unit], and where it comes from."""
     share = settings.assumed_noise_share
     if series.unit == "rad":
-        return float(np.deg2rad(settings.assumed_angle_noise_deg)), f"{settings.assumed_angle_noise_deg:g} deg"
+        return float(np.deg2rad(settings.assumed_angle_noise_deg)), "as for every angle"
     varies, size = float(np.std(predicted)), float(np.sqrt(np.mean(predicted**2)))
     if size == 0.0:
         raise InputError(
