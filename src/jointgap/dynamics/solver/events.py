@@ -98,43 +98,64 @@ def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
     if g1 >= 0.0 and not dips:
         return NOWHERE
     v0, v1, a0, a1 = v0 * duration, v1 * duration, a0 * duration**2, a1 * duration**2
+    # The interpolant lies above the least of its Bernstein coefficients: as a rule that settles it.
+    near = min(g0, g0 + 0.2 * v0, g0 + 0.4 * v0 + 0.05 * a0)
+    if min(near, g1, g1 - 0.2 * v1, g1 - 0.4 * v1 + 0.05 * a1) >= max(margin, 0.0):
+        return NOWHERE
     rise = g1 - g0
     c3 = 10.0 * rise - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
     c4 = -15.0 * rise + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
     c5 = 6.0 * rise - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)
+    value, slope = (g0, v0, 0.5 * a0, c3, c4, c5), (v0, a0, 3.0 * c3, 4.0 * c4, 5.0 * c5, 0.0)
     low, high, fall = 0.0, NOWHERE, v0
     for i in range(1, _PIECES + 1):
         x = i / _PIECES
-        rate = v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
+        rate = _quintic(slope, x)
         if fall < 0.0 <= rate:
-            left, right = low, x
-            for _ in range(50):
-                x = 0.5 * (left + right)
-                if v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5))) < 0.0:
-                    left = x
-                else:
-                    right = x
-            g = g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
+            bottom = _sign_change(slope, low, x, -1.0)
+            g = _quintic(value, bottom)
             if 0.0 <= g < margin:
-                return x
+                return bottom
             if g < 0.0:
-                high = x
+                high = bottom
                 break
-            x = i / _PIECES
-        if g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5)))) < 0.0:
+        if _quintic(value, x) < 0.0:
             high = x
             break
         low, fall = x, rate
     if high == NOWHERE:
         return NOWHERE
-    for _ in range(50):
-        x = 0.5 * (low + high)
-        # At the very start the condition has only just come true: zero up to rounding, and rising.
-        if g0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5)))) < 0.0:
+    # At the very start the condition has only just come true: zero up to rounding, and rising.
+    return _sign_change(value, low, high, 1.0)
+
+
+@compiled
+def _quintic(c, x):
+    """c[0] + c[1] x + ... + c[5] x^5."""
+    return c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * (c[4] + x * c[5]))))
+
+
+@compiled
+def _sign_change(c, low, high, sign):
+    """Where `_quintic` passes zero between `low`, where it has the sign `sign`, and `high`, where it has not.
+
+    Newton's method, kept between the last points on either side.
+    """
+    x = 0.5 * (low + high)
+    for _ in range(60):
+        value = _quintic(c, x)
+        if value * sign < 0.0:
             high = x
         else:
             low = x
-    return high
+        rate = c[1] + x * (2.0 * c[2] + x * (3.0 * c[3] + x * (4.0 * c[4] + x * 5.0 * c[5])))
+        following = x - value / rate
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        if abs(following - x) <= 2e-16 or high - low <= 2e-16:
+            break
+        x = following
+    return x
 
 
 @inlined
