@@ -115,15 +115,19 @@ def bodies_under(p, crank, here, x, torque, force, pin, piston, pivot) -> tuple:
     alpha2 = crank.acceleration
     if p.switches.free_crank:
         pivot_x, pivot_y, alpha2 = crank_accelerations(p, crank, torque, pivot, pin)
-    moment = pin[4] + piston[4] - near * (c * pin[3] - s * pin[2]) + far * (c * piston[3] - s * piston[2])
+    # Sums begin with what is known before the forces, or soon after: each stage of a step waits for the last of them.
+    moment = (near * s * pin[2] - near * c * pin[3]) + (far * c * piston[3] - far * s * piston[2])
+    moment += pin[4] + piston[4]
     ax, ay, alpha, bend = rod_accelerations(b, c, s, speed, x[3], x[7], pin[2] + piston[2], pin[3] + piston[3], moment)
     slider = b.gravity_x + (force - piston[2]) * b.slider_inverse_mass
-    swing, pull = alpha * s + speed * speed * c, alpha * c - speed * speed * s
+    swing, pull = speed * speed * c + alpha * s, alpha * c - speed * speed * s
     turn, square = alpha2 * crank.sine, crank.speed * crank.speed
+    pin_x = radius * (turn + square * crank.cosine) - pivot_x
+    pin_y = radius * (alpha2 * crank.cosine - square * crank.sine) + pivot_y
     return (
-        ax + near * swing + radius * (turn + square * crank.cosine) - pivot_x,
-        ay - near * pull - radius * (alpha2 * crank.cosine - square * crank.sine) - pivot_y,
-        ax - far * swing - slider,
+        (ax + pin_x) + near * swing,
+        (ay - pin_y) - near * pull,
+        (ax - slider) - far * swing,
         ay + far * pull,
         pivot_x,
         pivot_y,

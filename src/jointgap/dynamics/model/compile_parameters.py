@@ -84,6 +84,7 @@ def _bodies(mechanism: Mechanism) -> BodyParameters:
         crank_moment_y=0.0,
         crank_inertia=crank.inertia + crank.mass * crank.mass_centre**2,
         rod_length=rod.length,
+        rod_inverse_length=1 / rod.length,
         rod_mass=rod.mass,
         rod_inertia=rod.inertia,
         rod_inverse_mass=1 / rod.mass,

@@ -59,12 +59,13 @@ def pose(bodies, crank, y, x) -> Pose:
     y, x : tuples of 8 and 11 floats
         Clearance state and auxiliary state.
     """
-    length = bodies.rod_length
+    length, inverse = bodies.rod_length, bodies.rod_inverse_length
     end_y = bodies.crank_length * crank.sine + y[1] + x[1]
     end_vy = bodies.crank_length * crank.speed * crank.cosine + y[5] + x[5]
-    s = (bodies.slider_offset + y[3] - end_y) / length
-    c = math.sqrt(1.0 - s * s)
-    speed = (y[7] - end_vy) / (length * c)
+    s = (bodies.slider_offset + y[3] - end_y) * inverse
+    square = 1.0 - s * s
+    c = math.sqrt(square)
+    speed = (y[7] - end_vy) * inverse * (c * (1.0 / square))  # over c; the division does not wait for the root
     end_x = bodies.crank_length * crank.cosine + y[0] + x[0]
     end_vx = y[4] + x[4] - bodies.crank_length * crank.speed * crank.sine
     return Pose(c, s, speed, end_x + length * c - y[2], end_vx - length * speed * s - y[6])

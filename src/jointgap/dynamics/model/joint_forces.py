@@ -59,19 +59,21 @@ def joint_force(joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_
     if mode != CONTACT and joint.film_viscosity == 0.0:
         return NOTHING
     normal = tangential = fx = fy = on_body = on_partner = 0.0
-    r = math.sqrt(ex * ex + ey * ey)
+    square = ex * ex + ey * ey
+    r = math.sqrt(square)
     penetration = r - joint.clearance
     if mode == CONTACT and penetration > 0.0:
-        inverse = 1.0 / r
+        inverse = r * (1.0 / square)  # 1 / r; the division does not wait for the root
         nx, ny = ex * inverse, ey * inverse
         normal = normal_force(joint, penetration, vx * nx + vy * ny, damping_factor)
         body_arm, partner_arm, sliding = arms_and_sliding(
             joint, penetration, vy * nx - vx * ny, body_rate, partner_rate
         )
-        tangential = -normal * friction_coefficient(joint, sliding, bristle)
-        fx = -normal * nx - tangential * ny
-        fy = -normal * ny + tangential * nx
-        on_body, on_partner = body_arm * tangential, -partner_arm * tangential
+        # All that does not wait for the normal force first.
+        mu = friction_coefficient(joint, sliding, bristle)
+        tangential = -normal * mu
+        fx, fy = normal * (mu * ny - nx), -normal * (mu * nx + ny)
+        on_body, on_partner = -normal * (mu * body_arm), normal * (mu * partner_arm)
     if joint.film_viscosity > 0.0:
         film_x, film_y, film_body, film_partner = film_force(joint, ex, ey, vx, vy, body_rate, partner_rate)
         fx, fy, on_body, on_partner = fx + film_x, fy + film_y, on_body + film_body, on_partner + film_partner

@@ -104,6 +104,7 @@ class BodyParameters(NamedTuple):
     crank_moment_y: float
     crank_inertia: float
     rod_length: float
+    rod_inverse_length: float
     rod_mass: float
     rod_inertia: float
     rod_inverse_mass: float
