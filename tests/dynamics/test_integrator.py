@@ -6,7 +6,8 @@ import pytest
 from jointgap.dynamics.model.joint_forces import CONTACT, FLIGHT
 from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, COLUMNS, LINEAR, ds_for, elapsed_time, instant, step
+from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, LINEAR, ds_for, elapsed_time, instant, step
+from jointgap.dynamics.solver.step_stages import room_for_stages
 from jointgap.dynamics.solver.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
 from tests.dynamics.cases import SPEED, integrated, mechanism
 
@@ -17,7 +18,7 @@ def order(p, here, time_map, begin, end, counts):
     def state(count):
         there, s = here, begin
         for s1 in np.linspace(begin, end, count + 1)[1:]:
-            y, x, _ = step(p, there, time_map, s, s1 - s, 1e-5, np.zeros((COUNT, COLUMNS)))
+            y, x, _ = step(p, there, time_map, s, s1 - s, 1e-5, room_for_stages())
             there = instant(
                 p, there.time + elapsed_time(time_map, s, s1 - s), y, x, here.modes, here.approaches, here.begins
             )

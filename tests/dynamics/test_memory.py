@@ -16,8 +16,8 @@ from jointgap.dynamics.simulation import integrate_to_angles, simulate
 from jointgap.dynamics.solver.contact_episodes import EVENT
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.dynamics.solver.integrate import time_to_knot
-from jointgap.dynamics.solver.runge_kutta import COLUMNS, LINEAR, instant, step
-from jointgap.dynamics.solver.tableau import COUNT
+from jointgap.dynamics.solver.runge_kutta import LINEAR, instant, step
+from jointgap.dynamics.solver.step_stages import room_for_stages
 from tests.dynamics.cases import ALL, SPEED, free_impact, integrated, mechanism, options
 from tests.dynamics.laws import faded_damping, impact_duration, joint
 
@@ -155,7 +155,7 @@ def order(p, here, length, counts):
     def velocities(count):
         there = here
         for _ in range(count):
-            y, x, _ = step(p, there, LINEAR, 0.0, length / count, 1e-5, np.zeros((COUNT, COLUMNS)))
+            y, x, _ = step(p, there, LINEAR, 0.0, length / count, 1e-5, room_for_stages())
             there = instant(p, there.time + length / count, y, x, here.modes, here.approaches, here.begins)
         return np.array(there.clearance_state)[4:]
 

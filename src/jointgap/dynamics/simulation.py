@@ -24,6 +24,7 @@ from jointgap.dynamics.solver.integrate import (
     integrate,
 )
 from jointgap.dynamics.solver.sampling import SAMPLE, fill_samples
+from jointgap.dynamics.solver.step_stages import room_for_stages
 from jointgap.errors import InputError, SimulationError
 from jointgap.joints import JOINT, JOINTS
 from jointgap.tables import EVENTS, TRAJECTORY
@@ -212,8 +213,8 @@ def integrate_on(
     revolutions = max((angles[-1] - progress.here.crank_angle) / (2 * math.pi), 1.0)
     limit = math.ceil((steps_per_revolution or STEPS_PER_REVOLUTION) * revolutions)
     status, end, events, steps = integrate(
-        p, progress, times, angles, tolerance, VELOCITY_TIME, limit, samples.states, samples.auxiliary_states,
-        samples.modes, samples.approaches, samples.begins, samples.directions,
+        p, progress, times, angles, tolerance, VELOCITY_TIME, limit, room_for_stages(), samples.states,
+        samples.auxiliary_states, samples.modes, samples.approaches, samples.begins, samples.directions,
     )  # fmt: skip
     if status != DONE:
         advice = (

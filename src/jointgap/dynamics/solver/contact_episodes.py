@@ -11,7 +11,7 @@ import numpy as np
 from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.joint_forces import FLIGHT
 from jointgap.dynamics.model.parameters import Parameters
-from jointgap.dynamics.solver.runge_kutta import NORMAL, dt_ds
+from jointgap.dynamics.solver.runge_kutta import dt_ds
 from jointgap.dynamics.solver.tableau import COUNT, NODES, STAGES
 from jointgap.joints import JOINTS
 
@@ -43,21 +43,24 @@ def follow_episodes(episodes, here, there, motion, there_motion, step_map, step_
         `relative_motion` there.
     step_map, step_start, ds : int, float, float
         Course and extent of the step.
-    k : (12, 22) array
+    k : record
     """
     flying = here.modes[0] == FLIGHT and here.modes[1] == FLIGHT and here.modes[2] == FLIGHT
     if flying or ds == 0.0:
         return
-    for stage in range(COUNT):
-        duration = ds * STAGES[COUNT, stage] * dt_ds(step_map, step_start + NODES[stage] * ds)
-        for joint in range(3):
-            normal = max(k[stage, NORMAL + joint], 0.0)
-            episodes[joint, 0] += duration * normal
-            episodes[joint, 1] = max(episodes[joint, 1], normal)
     for joint in range(3):
+        if here.modes[joint] == FLIGHT:
+            continue
+        impulse, peak = 0.0, episodes[joint, 1]
+        for stage in range(COUNT):
+            normal = max(k.normals[joint, stage], 0.0)
+            impulse += STAGES[COUNT, stage] * dt_ds(step_map, step_start + NODES[stage] * ds) * normal
+            peak = max(peak, normal)
+        episodes[joint, 0] += ds * impulse
+        episodes[joint, 1] = peak
         ex, ey, vx, vy, _, _ = motion[joint]
         fx, fy, wx, wy, _, _ = there_motion[joint]
-        if here.modes[joint] != FLIGHT and ex * vx + ey * vy > 0.0 >= fx * wx + fy * wy:
+        if ex * vx + ey * vy > 0.0 >= fx * wx + fy * wy:
             episodes[joint, 2] += 1.0
 
 

@@ -19,8 +19,6 @@ from jointgap.dynamics.solver.events import advance, all_conditions, switched
 from jointgap.dynamics.solver.runge_kutta import (
     AFTER,
     BEFORE,
-    COLUMNS,
-    COUNT,
     LINEAR,
     Instant,
     ds_for,
@@ -167,8 +165,8 @@ def time_at_angle(p, here, there, step_map, step_start, angle, velocity_time, k)
         [rad].
     velocity_time : float
         As in `integrate` [s].
-    k : (12, 22) array
-        Work space.
+    k : record
+        As in `step`.
     """
     low, high = here.time, there.time
     share = (angle - here.crank_angle) / (there.crank_angle - here.crank_angle)
@@ -228,6 +226,7 @@ def integrate(
     tolerance,
     velocity_time,
     step_limit,
+    k,
     states,
     auxiliary_states,
     modes_at,
@@ -251,6 +250,8 @@ def integrate(
         Time [s] that turns an error in a velocity into one in a position.
     step_limit : int
         Most steps, rejected ones included.
+    k : record
+        As in `jointgap.dynamics.solver.runge_kutta.step`.
     states, auxiliary_states : (n, 8), (n, 11) arrays
         Overwritten with the samples.
     modes_at, approaches_at, begins_at, directions_at : (n, 3) arrays
@@ -262,11 +263,11 @@ def integrate(
     tuple
         Status, progress, events as an (m, 9) array (see `jointgap.dynamics.solver.contact_episodes`), number of steps.
     """
-    k = np.zeros((COUNT, COLUMNS))
     events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
     motor, longest = p.drive.kind == MOTOR, longest_step(p)
     here, seen, seen_time, turns, episodes, proposal, time_map, s = progress
     episodes = episodes.copy()  # those of the caller stay
+    before_step = episodes.copy()
     motion = relative_motion(here)
     holding = all_conditions(p, here, motion)
 
@@ -285,7 +286,7 @@ def integrate(
         steps += made
 
         # Accepted or not, the error says how long the next step may be.
-        factor = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * (allowed / error) ** 0.125))
+        factor = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * math.sqrt(math.sqrt(math.sqrt(allowed / error)))))
         if not error <= allowed:
             factor = min(factor, 0.9) if error < math.inf else 0.1
             proposal = (
@@ -301,7 +302,8 @@ def integrate(
             end = Progress(there, seen, seen_time, turns, episodes, proposal, time_map, s)
             return STALLED, end, events[:event_count], steps
         is_last = angles[-1] <= there.crank_angle if motor else times[-1] <= there.time
-        before_step = episodes.copy() if is_last else episodes
+        if is_last:
+            before_step[:] = episodes
         follow_episodes(episodes, here, there, motion, there_motion, step_map, step_start, ds, k)
 
         while sample < times.size:

@@ -18,6 +18,7 @@ from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES, Crank, a
 from jointgap.dynamics.model.normal_contact import damping_factor_at
 from jointgap.dynamics.model.parameters import CONSTANT, MOTOR
 from jointgap.dynamics.model.prescribed_drive import crank_motion
+from jointgap.dynamics.solver.step_stages import weighted_rows
 from jointgap.dynamics.solver.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
 
 LINEAR, AFTER, BEFORE = (np.int64(time_map) for time_map in (0, 1, -1))  # of one type, so that code is compiled once
@@ -26,8 +27,8 @@ SECOND = np.array([1, 1, *(1 + np.flatnonzero(row[1:])[0] for row in STAGES[2:])
 """By stage, the first column after column 0 that is not zero; in the solution's row the error estimators' too."""
 
 
-NORMAL, COLUMNS = STATES + AUXILIARY_STATES, STATES + AUXILIARY_STATES + 3
-"""Where in the work space for stages the normal forces begin, and how wide it is."""
+_ERRORS = np.array([ERROR_5, ERROR_3])
+_LAST = COUNT - 1
 
 SIN_3, SIN_5, SIN_7, SIN_9 = (1 / math.factorial(n) for n in (3, 5, 7, 9))
 COS_4, COS_6, COS_8, COS_10 = (1 / math.factorial(n) for n in (4, 6, 8, 10))
@@ -238,14 +239,15 @@ def auxiliary_at(x, ds, stage, k):
     ds : float
         Length of the step in s.
     stage : int
-    k : (12, 22) array
+    k : record
+        See `step`.
     """
     moved = np.zeros(AUXILIARY_STATES)
     for j in range(stage):
         a = STAGES[stage, j]
         if a != 0.0:
             for i in range(AUXILIARY_STATES):
-                moved[i] += a * k[j, STATES + i]
+                moved[i] += a * k.auxiliary_rates[j, i]
     for i in range(AUXILIARY_STATES):
         moved[i] = x[i] + ds * moved[i]
     return (
@@ -266,8 +268,8 @@ def step(p, here, time_map, s, ds, velocity_time, k):
         How time runs, and where the step starts and how long it is.
     velocity_time : float
         Time [s] that turns an error in a velocity into one in a position.
-    k : (12, 22) array
-        Work space for the stages: rates of the states and of the auxiliary states over s, normal forces [N].
+    k : record
+        Where the stages are kept: see `jointgap.dynamics.solver.step_stages`. Overwritten.
 
     Returns
     -------
@@ -281,37 +283,32 @@ def step(p, here, time_map, s, ds, velocity_time, k):
         or _fades(p.piston_pin, begins[1], here.time, later)
         or _fades(p.crank_pivot, begins[2], here.time, later)
     )
-    factor = dt_ds(time_map, s)
+    # The newest stage's rates stay at hand: the sums over the earlier ones, which take long, need not wait for them.
+    factor, v, a = dt_ds(time_map, s), here.clearance_rates, here.auxiliary_rates
+    newest = (
+        factor * v[0], factor * v[1], factor * v[2], factor * v[3],
+        factor * v[4], factor * v[5], factor * v[6], factor * v[7],
+    )  # fmt: skip
     for i in range(STATES):
-        k[0, i] = factor * here.clearance_rates[i]
+        k.rates[0, i] = newest[i]
     for i in range(3):
-        k[0, NORMAL + i] = here.normals[i]
+        k.normals[i, 0] = here.normals[i]
     auxiliary = p.switches.auxiliary
     if auxiliary:
         for i in range(AUXILIARY_STATES):
-            k[0, STATES + i] = factor * here.auxiliary_rates[i]
-    z, z_auxiliary, crank, angle = y, x, here.crank, here.crank_angle
-    for stage in range(1, COUNT + 1):
-        a = STAGES[stage, 0]
-        z0, z1, z2, z3 = a * k[0, 0], a * k[0, 1], a * k[0, 2], a * k[0, 3]
-        z4, z5, z6, z7 = a * k[0, 4], a * k[0, 5], a * k[0, 6], a * k[0, 7]
-        for j in range(SECOND[stage], stage):
-            a = STAGES[stage, j]
-            z0 += a * k[j, 0]
-            z1 += a * k[j, 1]
-            z2 += a * k[j, 2]
-            z3 += a * k[j, 3]
-            z4 += a * k[j, 4]
-            z5 += a * k[j, 5]
-            z6 += a * k[j, 6]
-            z7 += a * k[j, 7]
-        z0, z1, z2, z3 = y[0] + ds * z0, y[1] + ds * z1, y[2] + ds * z2, y[3] + ds * z3
-        z4, z5, z6, z7 = y[4] + ds * z4, y[5] + ds * z5, y[6] + ds * z6, y[7] + ds * z7
-        z = (z0, z1, z2, z3, z4, z5, z6, z7)
+            k.auxiliary_rates[0, i] = factor * a[i]
+    z_auxiliary, crank, angle = x, here.crank, here.crank_angle
+    for stage in range(1, COUNT):
+        earlier = weighted_rows(k.rates, STAGES, stage, SECOND[stage], stage - 1)
+        w = ds * STAGES[stage, stage - 1]
+        z = (
+            y[0] + ds * earlier[0] + w * newest[0], y[1] + ds * earlier[1] + w * newest[1],
+            y[2] + ds * earlier[2] + w * newest[2], y[3] + ds * earlier[3] + w * newest[3],
+            y[4] + ds * earlier[4] + w * newest[4], y[5] + ds * earlier[5] + w * newest[5],
+            y[6] + ds * earlier[6] + w * newest[6], y[7] + ds * earlier[7] + w * newest[7],
+        )  # fmt: skip
         if auxiliary:
             z_auxiliary = auxiliary_at(x, ds, stage, k)
-        if stage == COUNT:
-            break
         advance = NODES[stage] * ds
         passed = elapsed_time(time_map, s, advance)
         if p.drive.kind == CONSTANT:
@@ -326,20 +323,50 @@ def step(p, here, time_map, s, ds, velocity_time, k):
             p, here.time + passed, angle, crank, z, z_auxiliary, here.modes, damping
         )
         factor = dt_ds(time_map, s + advance)
-        k[stage, 0], k[stage, 1], k[stage, 2], k[stage, 3] = factor * z4, factor * z5, factor * z6, factor * z7
-        k[stage, 4], k[stage, 5], k[stage, 6], k[stage, 7] = (
+        newest = (
+            factor * z[4], factor * z[5], factor * z[6], factor * z[7],
             factor * a4[0], factor * a4[1], factor * a4[2], factor * a4[3],
         )  # fmt: skip
+        for i in range(STATES):
+            k.rates[stage, i] = newest[i]
         if auxiliary:
             rates = rates_of_auxiliary(z_auxiliary, a4, bristles)
             for i in range(AUXILIARY_STATES):
-                k[stage, STATES + i] = factor * rates[i]
-        k[stage, NORMAL], k[stage, NORMAL + 1], k[stage, NORMAL + 2] = pin[0], piston[0], pivot[0]
-    return z, z_auxiliary, abs(ds) * relative_error(p, k, velocity_time)
+                k.auxiliary_rates[stage, i] = factor * rates[i]
+        k.normals[0, stage], k.normals[1, stage], k.normals[2, stage] = pin[0], piston[0], pivot[0]
+    e, w = weighted_rows(k.rates, STAGES, COUNT, SECOND[COUNT], _LAST), STAGES[COUNT, _LAST]
+    # Summed before it is added to the state: of a state's last digit nothing is lost twice.
+    z = (
+        y[0] + ds * (e[0] + w * newest[0]), y[1] + ds * (e[1] + w * newest[1]),
+        y[2] + ds * (e[2] + w * newest[2]), y[3] + ds * (e[3] + w * newest[3]),
+        y[4] + ds * (e[4] + w * newest[4]), y[5] + ds * (e[5] + w * newest[5]),
+        y[6] + ds * (e[6] + w * newest[6]), y[7] + ds * (e[7] + w * newest[7]),
+    )  # fmt: skip
+    if auxiliary:
+        z_auxiliary = auxiliary_at(x, ds, COUNT, k)
+    return z, z_auxiliary, abs(ds) * relative_error(p, k, newest, velocity_time)
 
 
-@compiled
-def relative_error(p, k, velocity_time):
+@inlined
+def _squares(values, velocity_time) -> float:
+    """Sum of the squares of eight errors, those of the velocities times `velocity_time` [s]."""
+    places = (values[0] * values[0] + values[1] * values[1]) + (values[2] * values[2] + values[3] * values[3])
+    speeds = (values[4] * values[4] + values[5] * values[5]) + (values[6] * values[6] + values[7] * values[7])
+    return places + velocity_time * velocity_time * speeds
+
+
+@inlined
+def _with_newest(k, row, newest) -> tuple:
+    """Error estimate in the states of row `row` of `_ERRORS`."""
+    e, w = weighted_rows(k.rates, _ERRORS, row, SECOND[COUNT], _LAST), _ERRORS[row, _LAST]
+    return (
+        e[0] + w * newest[0], e[1] + w * newest[1], e[2] + w * newest[2], e[3] + w * newest[3],
+        e[4] + w * newest[4], e[5] + w * newest[5], e[6] + w * newest[6], e[7] + w * newest[7],
+    )  # fmt: skip
+
+
+@inlined
+def relative_error(p, k, newest, velocity_time) -> float:
     """Estimated local error [m] over ds, from a step's stages: the 5th-order estimate, damped by the 3rd-order one.
 
     Errors in velocities count by `velocity_time`, those of the crank angle by the crank's length.
@@ -347,22 +374,37 @@ def relative_error(p, k, velocity_time):
     Parameters
     ----------
     p : Parameters
-    k : (12, 22) array
+    k : record
+        The stages.
+    newest : tuple of 8 floats
+        Rates of the last stage.
     velocity_time : float
         [s].
     """
-    fifth = third = 0.0
-    for i in range(STATES + AUXILIARY_STATES if p.switches.auxiliary else STATES):
-        e5, e3 = ERROR_5[0] * k[0, i], ERROR_3[0] * k[0, i]
-        for j in range(SECOND[COUNT], COUNT):
-            e5 += ERROR_5[j] * k[j, i]
-            e3 += ERROR_3[j] * k[j, i]
-        weight = velocity_time if 4 <= i < 8 or 12 <= i < 16 else 1.0
-        if i == STATES + 2 or i == STATES + 6:
-            weight *= p.bodies.crank_length
-        fifth += (weight * e5) ** 2
-        third += (weight * e3) ** 2
+    fifth = _squares(_with_newest(k, 0, newest), velocity_time)
+    third = _squares(_with_newest(k, 1, newest), velocity_time)
+    if p.switches.auxiliary:
+        more_fifth, more_third = _auxiliary_squares(p, k, velocity_time)
+        fifth += more_fifth
+        third += more_third
     size = math.sqrt(fifth + 0.01 * third)
     if size == 0.0:
         return 0.0
     return fifth / size if size < math.inf else math.inf  # an overflow or NaN must not pass for a small error
+
+
+@compiled
+def _auxiliary_squares(p, k, velocity_time):
+    """Sums of the squares of both estimated errors in the auxiliary states; parameters as of `relative_error`."""
+    fifth = third = 0.0
+    for i in range(AUXILIARY_STATES):
+        e5, e3 = ERROR_5[0] * k.auxiliary_rates[0, i], ERROR_3[0] * k.auxiliary_rates[0, i]
+        for j in range(SECOND[COUNT], COUNT):
+            e5 += ERROR_5[j] * k.auxiliary_rates[j, i]
+            e3 += ERROR_3[j] * k.auxiliary_rates[j, i]
+        weight = velocity_time if 4 <= i < 8 else 1.0
+        if i == 2 or i == 6:
+            weight *= p.bodies.crank_length
+        fifth += (weight * e5) ** 2
+        third += (weight * e3) ** 2
+    return fifth, third

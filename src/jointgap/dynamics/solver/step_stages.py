@@ -1,0 +1,94 @@
+"""The stages of a Runge-Kutta step: where they are kept, and their weighted sums, many states in one operation.
+
+They are kept in a record, which compiled code receives as a pointer. As an array they would cost more than their sums:
+compiled code would count a reference at every call, and look up a stride at every access.
+"""
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
+from jointgap.dynamics.solver.tableau import COUNT
+
+_JOINTS = 3
+_LANES = 4  # numbers that one operation takes: with eight, processors that can do so slow down all else
+_VECTORS = STATES // _LANES
+
+STAGES_KEPT = np.dtype(
+    (
+        np.record,
+        [
+            ("rates", "f8", (COUNT, STATES)),
+            ("auxiliary_rates", "f8", (COUNT, AUXILIARY_STATES)),
+            ("normals", "f8", (_JOINTS, COUNT)),
+        ],
+    )
+)
+"""Rates of the states and of the auxiliary states over s, by stage; normal forces [N], by joint and stage."""
+
+
+def room_for_stages() -> np.record:
+    """An empty record of `STAGES_KEPT`; each integration needs one of its own."""
+    return np.zeros(1, STAGES_KEPT)[0]
+
+
+@intrinsic
+def _weighted_rows(typing_context, rows, weights, row, first, last):
+    """`weighted_rows` in vectors; numba itself makes eight sums of it, number by number."""
+    numbers, place = types.UniTuple(types.float64, STATES), types.intp
+
+    def generate(context, builder, signature, arguments):
+        start, factors = (
+            context.make_array(kind)(context, builder, value=value).data
+            for kind, value in zip(signature.args[:2], arguments[:2], strict=True)
+        )
+        row, first, last = arguments[2:]
+        vector, index = ir.VectorType(ir.DoubleType(), _LANES), ir.IntType(64)
+        start = builder.bitcast(start, vector.as_pointer())
+        factors = builder.gep(factors, [builder.mul(row, index(COUNT))])
+        totals = [cgutils.alloca_once_value(builder, ir.Constant(vector, [0.0] * _LANES)) for _ in range(_VECTORS)]
+        lanes = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), [0] * _LANES)
+
+        def add(place):
+            factor = builder.insert_element(vector(ir.Undefined), builder.load(builder.gep(factors, [place])), index(0))
+            factor = builder.shuffle_vector(factor, vector(ir.Undefined), lanes)
+            for i, total in enumerate(totals):
+                at = builder.gep(start, [builder.add(builder.mul(place, index(_VECTORS)), index(i))])
+                product = builder.fmul(factor, builder.load(at, align=8), flags=("contract",))
+                builder.store(builder.fadd(builder.load(total), product, flags=("contract",)), total)
+
+        with builder.if_then(builder.icmp_signed(">", last, index(0))):
+            add(index(0))
+        with cgutils.for_range_slice(builder, first, last, index(1), index) as (place, _):
+            add(place)
+        each = [builder.extract_element(builder.load(total), index(i)) for total in totals for i in range(_LANES)]
+        return context.make_tuple(builder, signature.return_type, each)
+
+    return numbers(rows, weights, place, place, place), generate
+
+
+def _weighted_rows_in_python(rows, weights, row, first, last):
+    places = [0, *range(first, last)] if last > 0 else []
+    return tuple(sum((weights[row, place] * rows[place] for place in places), np.zeros(STATES)).tolist())
+
+
+weighted_rows = _weighted_rows_in_python if numba.config.DISABLE_JIT else _weighted_rows
+"""weighted_rows(rows, weights, row, first, last): sums over row 0 and rows `first` ... `last` - 1, none if `last` is 0.
+
+Parameters
+----------
+rows : (12, 8) array
+weights : (n, 12) array
+row : int
+    Which row of the weights.
+first, last : int
+
+Returns
+-------
+tuple of 8 floats
+    weights[row, 0] rows[0] + weights[row, first] rows[first] + ...
+"""
