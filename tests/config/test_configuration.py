@@ -8,7 +8,16 @@ import jsonschema
 import pytest
 import yaml
 
-from jointgap.config import Box, json_schema, load_mechanism, options_for, parse_options, resolve, stands_alone
+from jointgap.config import (
+    Box,
+    check_whole,
+    json_schema,
+    load_mechanism,
+    options_for,
+    parse_options,
+    resolve,
+    stands_alone,
+)
 from jointgap.config.layers import Layer, merge, merged, sources
 from jointgap.config.load import sources_of
 from jointgap.config.scenario import SECTIONS
@@ -279,6 +288,16 @@ def test_a_configuration_that_brings_its_scenarios_and_their_mechanisms_stands_a
 def test_a_scenario_that_stands_alone_trains_for_some_hundred_iterations_and_has_no_limit_of_the_ratio():
     mine = resolve(OWN, (ROOT,))["mine"]
     assert (mine.surrogate.iterations, mine.surrogate.seeds, mine.optimise.ratio_limit) == (300, (0,), None)
+
+
+def test_what_is_left_to_its_defaults_has_to_go_with_the_rest_where_all_is_asked_for():
+    coarse = OWN | {"simulate": {"samples_per_revolution": 100}}
+    with pytest.raises(InputError, match=r"scenario mine: .*must be a multiple of surrogate\.training_points"):
+        resolve(coarse, (ROOT,))
+    mine = resolve(coarse, (ROOT,), whole=False)["mine"]
+    with pytest.raises(InputError, match=r"scenario mine: .*must be a multiple of surrogate\.training_points"):
+        check_whole(mine, "mine")
+    check_whole(resolve(OWN, (ROOT,), whole=False)["mine"], "mine")
 
 
 @pytest.mark.parametrize("name", ["wide (5 %)", "a/b", "..", "", "wide box", "a:b", "w" * 61])

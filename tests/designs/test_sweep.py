@@ -9,6 +9,7 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import Scenario
+from jointgap.designs import designs_to_parquet
 from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.designs_to_parquet import check_dataset, simulate_designs, table_of, write_designs
 from jointgap.dynamics import simulate
@@ -166,7 +167,7 @@ def test_a_mechanism_without_clearance_has_no_error_and_the_stroke_and_dead_cent
 def test_the_number_of_workers_does_not_change_a_byte(measured, tmp_path):
     designs, _ = measured
     for workers in (1, 3):
-        write_designs(designs, 0, 4, tmp_path / f"{workers}.parquet", workers)
+        write_designs(designs, 0, 4, tmp_path / f"{workers}.parquet", "code", workers)
     assert (tmp_path / "1.parquet").read_bytes() == (tmp_path / "3.parquet").read_bytes()
 
 
@@ -180,21 +181,56 @@ def test_an_impossible_design_is_a_row_with_its_reason():
     assert frame.loc[~failed, "reason"].isna().all()
 
 
-def test_a_sweep_keeps_the_parts_that_are_there_and_a_grown_one_adds_to_them(tmp_path):
-    ranges = {"friction": {"from": 0.05, "to": 0.2}}
-    sweep(scenario(ranges, number=4, designs_per_job=2), tmp_path, 1)
-    parts = sorted((tmp_path / "designs").iterdir())
-    before = {part.name: (part.read_bytes(), part.stat().st_mtime_ns) for part in parts}
-    parts[1].unlink()  # as if it had been killed
-    text = sweep(scenario(ranges, number=6, designs_per_job=2), tmp_path, 1)
-    after = {
-        part.name: (part.read_bytes(), part.stat().st_mtime_ns) for part in sorted((tmp_path / "designs").iterdir())
-    }
-    assert after["part_000000.parquet"] == before["part_000000.parquet"]
-    assert after["part_000001.parquet"][0] == before["part_000001.parquet"][0]
-    assert "part_000002.parquet" in after
-    assert "6 designs" in text
-    assert list(pd.read_parquet(tmp_path / "designs")["design"]) == list(range(6))
+RANGE = {"friction": {"from": 0.05, "to": 0.2}}
+
+
+@pytest.fixture
+def simulated(monkeypatch) -> list[int]:
+    """Numbers of the designs that are simulated."""
+    numbers: list[int] = []
+
+    def recorded(designs, first, count, workers=None):
+        numbers.extend(range(first, first + count))
+        return simulate_designs(designs, first, count, workers)
+
+    monkeypatch.setattr(designs_to_parquet, "simulate_designs", recorded)
+    return numbers
+
+
+def dataset(folder: Path) -> dict[str, bytes]:
+    return {part.name: part.read_bytes() for part in sorted((folder / "designs").iterdir())}
+
+
+def test_a_grown_sweep_simulates_no_design_again_and_ends_with_the_files_of_one_that_was_never_smaller(
+    simulated, tmp_path
+):
+    text = sweep(scenario(RANGE, number=8, designs_per_job=3), tmp_path / "at once", 1)
+    assert "8 designs" in text
+    assert simulated == list(range(8))
+    simulated.clear()
+    for number in (1, 4, 8):
+        sweep(scenario(RANGE, number=number, designs_per_job=3), tmp_path / "grown", 1)
+    assert simulated == list(range(8))
+    assert dataset(tmp_path / "grown") == dataset(tmp_path / "at once")
+
+
+def test_a_killed_sweep_goes_on_with_the_parts_that_are_missing(simulated, tmp_path):
+    made = scenario(RANGE, number=6, designs_per_job=2)
+    sweep(made, tmp_path, 1)
+    whole = dataset(tmp_path)
+    simulated.clear()
+    (tmp_path / "designs/part_000001.parquet").unlink()
+    (tmp_path / "designs/.part_000001-abc.parquet").write_bytes(b"PAR1")  # as if it had been killed
+    sweep(made, tmp_path, 1)
+    assert simulated == [2, 3]
+    assert dataset(tmp_path) == whole
+
+
+def test_designs_that_other_code_measured_are_measured_again(simulated, tmp_path):
+    designs = designs_of(scenario(RANGE, number=2))
+    for code in ("old", "new", "new"):
+        write_designs(designs, 0, 2, tmp_path / "part.parquet", code, 1)
+    assert simulated == [0, 1, 0, 1]
 
 
 @pytest.mark.parametrize("left", [0, 200, -1])
@@ -208,32 +244,39 @@ def test_a_damaged_part_is_made_again_as_it_was(left, tmp_path):
     assert part.read_bytes() == whole
 
 
-def test_what_is_left_of_a_larger_sweep_is_refused_before_anything_is_simulated(tmp_path):
-    ranges = {"friction": {"from": 0.05, "to": 0.2}}
-    (tmp_path / "designs").mkdir()
-    (tmp_path / "designs/part_000002.parquet").touch()
-    with pytest.raises(InputError, match=r"part_000002\.parquet: no part of this sweep"):
-        sweep(scenario(ranges, number=4, designs_per_job=2), tmp_path, 1)
-    assert len(list((tmp_path / "designs").iterdir())) == 1
+def refused(made: Scenario, folder: Path) -> str:
+    before = dataset(folder)
+    with pytest.raises(InputError) as caught:
+        sweep(made, folder, 1)
+    assert dataset(folder) == before
+    return str(caught.value)
 
 
-def test_a_dataset_of_another_sweep_is_refused(tmp_path):
-    write_designs(designs_of(scenario({"friction": {"from": 0, "to": 0.1}}, number=1)), 0, 1, tmp_path / "a.parquet")
-    other = designs_of(scenario({"friction": {"from": 0, "to": 0.2}}, number=1))
-    with pytest.raises(InputError, match=r"a\.parquet: belongs to another sweep"):
-        check_dataset(other, tmp_path)
+def test_a_folder_that_holds_anything_else_is_refused_before_anything_is_simulated(simulated, tmp_path):
+    sweep(scenario(RANGE, number=5, designs_per_job=2), tmp_path, 1)
+    simulated.clear()
+    fewer = refused(scenario(RANGE, number=3, designs_per_job=2), tmp_path)
+    assert "part_000001.parquet: holds designs 2 to 3, but sweep.number asks for 3; ask for 5 or more" in fewer
+    cut = refused(scenario(RANGE, number=5, designs_per_job=4), tmp_path)
+    assert "part_000001.parquet: holds designs 2 to 3, which are no part of this sweep in parts of 4; set sweep." in cut
+    other = refused(scenario({"friction": {"from": 0, "to": 0.2}}, number=5, designs_per_job=2), tmp_path)
+    assert "part_000000.parquet: belongs to another sweep" in other
+    (tmp_path / "designs/mine.parquet").write_bytes(b"")
+    strange = refused(scenario(RANGE, number=5, designs_per_job=2), tmp_path)
+    assert "mine.parquet: cannot be read as Parquet" in strange
+    assert not simulated
 
 
-def test_a_design_that_is_missing_or_too_many_is_told(tmp_path):
+def test_a_design_that_is_missing_or_there_twice_is_told(tmp_path):
     designs = designs_of(scenario({"friction": {"from": 0, "to": 0.1}}, number=2))
-    write_designs(designs, 1, 1, tmp_path / "b.parquet")
+    write_designs(designs, 1, 1, tmp_path / "b.parquet", "code")
     with pytest.raises(InputError, match="design 0 is missing"):
         check_dataset(designs, tmp_path)
-    write_designs(designs, 0, 1, tmp_path / "a.parquet")
+    write_designs(designs, 0, 1, tmp_path / "a.parquet", "code")
     check_dataset(designs, tmp_path)
-    fewer = designs_of(scenario({"friction": {"from": 0, "to": 0.1}}, number=1))
-    with pytest.raises(InputError, match=r"b\.parquet: holds design 1, but sweep\.number asks for 1"):
-        check_dataset(fewer, tmp_path)
+    write_designs(designs, 0, 1, tmp_path / "c.parquet", "code")
+    with pytest.raises(InputError, match=r"c\.parquet: design 0 is there twice"):
+        check_dataset(designs, tmp_path)
 
 
 @pytest.mark.parametrize(

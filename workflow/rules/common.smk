@@ -1,6 +1,7 @@
 # What the rules share: the scenarios and campaigns of the configuration, typed and checked, and what each stage reads of them.
 
 import json
+import sys
 from hashlib import sha256
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from snakemake.logging import logger
 
 from jointgap.campaign.campaign_files import campaigns
 from jointgap.paper.looseness_variants import looseness_variants
-from jointgap.config import Constraints, resolve
+from jointgap.config import Constraints, check_whole, resolve
 from jointgap.errors import InputError
 from jointgap.joints import JOINT_NUMBERS
 from jointgap.figures.catalogue import FIGURES
@@ -30,7 +31,7 @@ for folder in map(str, FOLDERS):
             f"the folder {folder} has a brace in its path, which Snakemake takes for a wildcard; rename it"
         )
 try:
-    SCENARIOS = resolve(config, FOLDERS)
+    SCENARIOS = resolve(config, FOLDERS, whole=False)
     CAMPAIGNS = campaigns(config.get("campaigns", []), FOLDERS, config.get("fit_parts"))
     if any(scenario.optimise.constraints != Constraints() for scenario in SCENARIOS.values()):
         from jointgap.link_lengths.region import check_constraints  # loads scipy
@@ -47,6 +48,11 @@ wildcard_constraints:
     scenario="|".join(SCENARIOS),
     output="|".join(outputs(JOINT_NUMBERS)),
     campaign="|".join(CAMPAIGNS) or "-",
+
+
+def refuse(error):
+    """End here, as the commands do: of an error in an input function Snakemake shows where the function stands."""
+    sys.exit(f"jointgap: error: {error}")
 
 
 def options_file(scenario, stage):
@@ -112,6 +118,11 @@ def of_each_output(table):
 
 def made_of_scenario(name):
     """Every file that rules make of a scenario but for its study; of one whose joints are all ideal, its simulation and animation."""
+    # A sweep or a study goes without what learning and optimising need.
+    try:
+        check_whole(SCENARIOS[name], name)
+    except InputError as error:
+        refuse(error)
     learned = outputs(SCENARIOS[name].mechanism.applied().loose)
     made = [rules.simulate, rules.animation]
     if name in LOOSE:

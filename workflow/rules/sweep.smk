@@ -8,9 +8,10 @@ rule swept:
         "all designs of the sweeps are measured"
 
 
+# A part that is there is not removed before its job: of a sweep that has grown its designs are kept.
 rule sweep_designs:
     output:
-        designs="results/{scenario}/sweep/designs/{part}.parquet",
+        designs=update("results/{scenario}/sweep/designs/{part}.parquet"),
     log:
         "results/{scenario}/logs/sweep_{part}.log",
     wildcard_constraints:

@@ -1,31 +1,40 @@
 # What the rules of sweeps share: which scenarios are swept, their parts, and what each part depends on.
 
 import json
+from functools import cache
 
-from jointgap.designs.parts import check_no_others, part_name, parts
+from jointgap.parts import parts
 
 
+@cache
 def swept_scenarios():
     """Scenarios with parameters to sweep; there has to be one, and each sweep has to be possible, before anything runs."""
+    from jointgap.designs.designs_to_parquet import check_folder  # loads scipy
+
     names = [name for name, scenario in SCENARIOS.items() if scenario.sweep.parameters]
     if not names:
-        raise WorkflowError(
-            "sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml"
-        )
-    try:
-        for name in names:
-            check_no_others(Path("results", name, "sweep/designs"), parts_of_sweep(name))
-    except InputError as error:
-        raise WorkflowError(str(error)) from None
+        refuse("sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml")
+    for name in names:
+        try:
+            folder = Path("results", name, "sweep/designs")
+            check_folder(designs_of_sweep(name), folder, SCENARIOS[name].sweep.designs_per_job)
+        except InputError as error:
+            refuse(f"scenario {name}: {error}")
     return names
 
 
-def parts_of_sweep(name):
-    """First design and number of designs of each part, by the part's name."""
+@cache
+def designs_of_sweep(name):
+    """The designs of a scenario's sweep."""
     from jointgap.designs.design_of_experiments import designs_of  # loads scipy
 
-    number = designs_of(SCENARIOS[name]).number
-    return {part_name(i): part for i, part in enumerate(parts(number, SCENARIOS[name].sweep.designs_per_job))}
+    return designs_of(SCENARIOS[name])
+
+
+@cache
+def parts_of_sweep(name):
+    """First design and number of designs of each part, by the part's name."""
+    return parts(designs_of_sweep(name).number, SCENARIOS[name].sweep.designs_per_job)
 
 
 def made_of_sweep(name):

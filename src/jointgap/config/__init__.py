@@ -5,6 +5,7 @@ from jointgap.config.documents import read_yaml
 from jointgap.config.joint_config import Contact, Joint, Joints, hertz_stiffness
 from jointgap.config.layers import shipped_mechanisms
 from jointgap.config.load import (
+    check_whole,
     json_schema,
     load_mechanism,
     options_for,
@@ -62,6 +63,7 @@ __all__ = [
     "change",
     "check_drive",
     "check_tolerance",
+    "check_whole",
     "hertz_stiffness",
     "json_schema",
     "load_mechanism",

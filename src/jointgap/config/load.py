@@ -103,7 +103,10 @@ _NOT_OF_SCENARIOS = ("run", "scenarios", "campaigns", "fit_parts")
 
 
 def resolve(
-    config: Mapping[str, Any], folders: tuple[Path, ...] = (Path(),), source: str = "configuration"
+    config: Mapping[str, Any],
+    folders: tuple[Path, ...] = (Path(),),
+    source: str = "configuration",
+    whole: bool = True,
 ) -> dict[str, Scenario]:
     """The scenarios that a configuration asks to run.
 
@@ -116,6 +119,9 @@ def resolve(
         Where mechanism files are looked for, first found wins.
     source : str
         What to call the configuration in errors.
+    whole : bool
+        Whether the sections that a scenario leaves to their defaults have to go with the others; a workflow that needs
+        some of them alone calls `check_whole` for what needs them all.
 
     Returns
     -------
@@ -127,13 +133,34 @@ def resolve(
     InputError
         Unknown scenario or key, wrong type, impossible value.
     """
-    layers = scenario_layers(config, folders, source)
-    return {name: _scenario(merged(each), folders, f"{source}, scenario {name}") for name, each in layers.items()}
+    defaults = _DEFAULT_SECTIONS if whole else {}
+    found = {}
+    for name, layers in scenario_layers(config, folders, source).items():
+        where = _where(source, name)
+        found[name] = validate(Scenario, defaults | _with_drive_file(merged(layers), folders, where), where)
+    return found
 
 
-def _scenario(data: dict[str, Any], folders: tuple[Path, ...], source: str) -> Scenario:
-    """The scenario in `data`; a section that it leaves to its defaults has to go with the others all the same."""
-    return validate(Scenario, _DEFAULT_SECTIONS | _with_drive_file(data, folders, source), source)
+def check_whole(scenario: Scenario, name: str, source: str = "configuration") -> None:
+    """Whether all sections of a scenario go together, those that it leaves to their defaults too.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        As `resolve` gives it.
+    name, source : str
+        Its name, and what to call the configuration in errors.
+
+    Raises
+    ------
+    InputError
+        Two sections contradict each other.
+    """
+    validate(Scenario, scenario.model_dump(by_alias=True), _where(source, name))
+
+
+def _where(source: str, name: str) -> str:
+    return f"{source}, scenario {name}"
 
 
 def scenario_layers(
@@ -158,7 +185,7 @@ def scenario_layers(
         if not isinstance(name, str | int) or name not in scenarios:
             raise InputError(f"{source}: run names '{name}'; {did_you_mean(name, scenarios)}")
         over = scenarios[name] or {}
-        where = f"{source}, scenario {name}"
+        where = _where(source, name)
         if not isinstance(over, Mapping):
             raise InputError(f"{where}: = {over!r} must be a mapping of overrides")
         try:

@@ -1,4 +1,8 @@
-"""Simulate and measure designs of a sweep: a file for each part of them, which together are one Parquet dataset."""
+"""Simulate and measure designs of a sweep: a file for each part of them, which together are one Parquet dataset.
+
+A part's file names its designs' sweep and the code that measured them. What it holds is not simulated again: a part
+that is there is kept, and one that is too short, because the sweep has grown since, is made longer.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,12 +17,16 @@ from jointgap.designs.design_of_experiments import SOURCE, Designs
 from jointgap.designs.measures import measures
 from jointgap.dynamics.parallel_runs import Run, simulate_runs
 from jointgap.errors import InputError
+from jointgap.parts import parts
 from jointgap.progress import followed
 from jointgap.tables import Table, sweep_designs
 from jointgap.tables.sweep_tables import MEASURES
 
 DIGEST = "jointgap_sweep"
 """Key of a file's metadata: the digest of the sweep that its designs belong to."""
+
+CODE = "jointgap_code"
+"""Key of a file's metadata: the digest of the code that simulated and measured them."""
 
 
 def table_of(designs: Designs) -> Table:
@@ -80,39 +88,110 @@ def _possible_runs(designs: Designs, values: list[dict], errors: dict[int, Input
         yield Run(scenario.mechanism, scenario.simulate, values={"place": place})
 
 
-def write_designs(designs: Designs, first: int, count: int, path: Path | str, workers: int | None = None) -> None:
-    """Simulate and measure designs, and write their table to `path`; other parameters as of `simulate_designs`, and its
-    errors.
-    """
-    tables.check_writable(path)
-    frame = simulate_designs(designs, first, count, workers)
-    tables.write(table_of(designs), frame, path, {DIGEST: designs.digest})
-
-
-def is_done(designs: Designs, first: int, count: int, path: Path) -> bool:
-    """Whether a part of the dataset is there; one whose bytes are not those that were written is not.
+def write_designs(
+    designs: Designs, first: int, count: int, path: Path | str, code: str, workers: int | None = None
+) -> None:
+    """Make a part of the dataset: simulate and measure those of its designs that its file does not hold yet.
 
     Parameters
     ----------
     designs : Designs
     first, count : int
-        First design and number of designs that the part holds.
-    path : Path
-        Its file.
+        First design and number of designs of the part.
+    path : Path or str
+        Its file. Designs that it holds are kept where the same code measured them; the file is written anew, whole or
+        not at all, where some are missing.
+    code : str
+        Digest of the code.
+    workers : int, optional
+        As of `simulate_designs`, as are the errors.
+    """
+    path, table = Path(path), table_of(designs)
+    for left in path.parent.glob(f".{path.stem}-*"):  # of a write that was killed; polars and duckdb would read it
+        left.unlink(missing_ok=True)
+    kept = _kept(designs, first, count, path, code)
+    if len(kept) == count:
+        return
+    tables.check_writable(path)
+    more = simulate_designs(designs, first + len(kept), count - len(kept), workers)
+    frame = pd.concat([kept, more], ignore_index=True) if len(kept) else more
+    tables.write(table, frame, path, {DIGEST: designs.digest, CODE: code})
+
+
+def _kept(designs: Designs, first: int, count: int, path: Path, code: str) -> pd.DataFrame:
+    """The designs of a part that its file holds; none where it is damaged, or of another sweep or code."""
+    none = pd.DataFrame({name: [] for name in table_of(designs).names})
+    try:
+        footer = tables.read_footer(path)
+    except InputError:
+        return none
+    told = footer.metadata or {}
+    if told.get(DIGEST.encode()) != designs.digest.encode() or told.get(CODE.encode()) != code.encode():
+        return none
+    begin, end = _span(footer)
+    return tables.read(table_of(designs), path) if begin == first and end <= first + count else none
+
+
+def write_dataset(designs: Designs, folder: Path, per_job: int, code: str, workers: int | None = None) -> None:
+    """Make all parts of the dataset in a `folder` that are not there.
+
+    Parameters
+    ----------
+    designs : Designs
+    folder : Path
+    per_job : int
+        Designs of a part.
+    code : str
+        Digest of the code; parts that another one made are made again.
+    workers : int, optional
+        As of `simulate_designs`.
 
     Raises
     ------
     InputError
-        It belongs to another sweep.
+        As `check_folder`, before anything is simulated.
     """
-    if not path.exists():
-        return False
-    try:
-        footer = tables.read_footer(path)
-    except InputError:
-        return False
-    _check_belongs(designs, path, footer)
-    return footer.num_rows == count and _numbers(path)[0] == first
+    check_folder(designs, folder, per_job)
+    for name, (first, count) in parts(designs.number, per_job).items():
+        write_designs(designs, first, count, folder / f"{name}.parquet", code, workers)
+    check_dataset(designs, folder)
+
+
+def check_folder(designs: Designs, folder: Path, per_job: int) -> None:
+    """Whether a `folder` holds nothing but parts of the sweep `designs`, before hours of simulation.
+
+    A part may be missing, damaged, or shorter than it is to become.
+
+    Parameters
+    ----------
+    designs : Designs
+    folder : Path
+    per_job : int
+        Designs of a part.
+
+    Raises
+    ------
+    InputError
+        A file of another sweep, of more designs than are asked for, or of parts of another size.
+    """
+    wanted, spans = parts(designs.number, per_job), {}
+    for path in sorted(folder.glob("[!.]*.parquet")):
+        try:
+            footer = tables.read_footer(path)
+        except InputError as error:
+            if path.stem in wanted:
+                continue  # damaged: it is made again
+            raise InputError(f"{error}; or remove it, it is no part of this sweep") from error
+        _check_belongs(designs, path, footer)
+        spans[path] = _span(footer)
+    _check_number(designs, spans)
+    for path, (begin, end) in spans.items():
+        first, count = wanted.get(path.stem, (-1, 0))
+        if begin != first or end > first + count:
+            raise InputError(
+                f"{path}: holds designs {begin} to {end - 1}, which are no part of this sweep in parts of {per_job}; "
+                "set sweep.designs_per_job as it was when the folder was made, or give another folder"
+            )
 
 
 def check_dataset(designs: Designs, folder: Path) -> None:
@@ -123,32 +202,48 @@ def check_dataset(designs: Designs, folder: Path) -> None:
     InputError
         A file of another sweep, a design that is missing, there twice, or more than are asked for.
     """
-    files = sorted(folder.glob("*.parquet"))
-    if not files:
+    spans = {}
+    for path in sorted(folder.glob("[!.]*.parquet")):
+        footer = tables.read_footer(path)
+        _check_belongs(designs, path, footer)
+        spans[path] = _span(footer)
+    if not spans:
         raise InputError(f"{folder}: holds no designs; simulate them first")
-    for path in files:
-        _check_belongs(designs, path, tables.read_footer(path))
-    numbers = np.sort(np.concatenate([_numbers(path) for path in files]))
-    if numbers[-1] >= designs.number:
-        beyond = next(path for path in files if _numbers(path).max() >= designs.number)
+    _check_number(designs, spans)
+    reached = 0
+    for path, (begin, end) in sorted(spans.items(), key=lambda item: item[1]):
+        if begin < reached:
+            raise InputError(f"{path}: design {begin} is there twice; remove this file and start again")
+        if begin > reached:
+            break
+        reached = end
+    if reached < designs.number:
+        raise InputError(f"{folder}: design {reached} is missing; start again, which makes its part")
+
+
+def _check_number(designs: Designs, spans: dict[Path, tuple[int, int]]) -> None:
+    """No file holds designs beyond those that are asked for."""
+    most = max((end for _, end in spans.values()), default=0)
+    if most > designs.number:
+        path, (begin, end) = next(item for item in spans.items() if item[1][1] > designs.number)
         raise InputError(
-            f"{beyond}: holds design {numbers[-1]}, but sweep.number asks for {designs.number}; remove it, or ask for "
-            "more designs"
+            f"{path}: holds designs {begin} to {end - 1}, but sweep.number asks for {designs.number}; ask for {most} "
+            "or more, for a sweep only grows, or give another folder"
         )
-    if not np.array_equal(numbers, np.arange(designs.number)):
-        missing = np.setdiff1d(np.arange(designs.number), numbers)
-        what = f"design {missing[0]} is missing" if len(missing) else "a design is there twice"
-        raise InputError(f"{folder}: {what}; remove the files of its part and start again")
 
 
-def _numbers(path: Path) -> np.ndarray:
-    return tables.read_columns(path, ["design"])["design"].to_numpy()
+def _span(footer: FileMetaData) -> tuple[int, int]:
+    """First design of a file, and the one after its last."""
+    place = footer.schema.names.index("design")
+    groups = [footer.row_group(group).column(place).statistics for group in range(footer.num_row_groups)]
+    return min(group.min for group in groups), max(group.max for group in groups) + 1
 
 
 def _check_belongs(designs: Designs, path: Path, footer: FileMetaData) -> None:
     of = (footer.metadata or {}).get(DIGEST.encode(), b"").decode()
     if of != designs.digest:
+        fixed = "" if designs.kind == "sobol" else f"; a {designs.kind} of another size is another sweep too"
         raise InputError(
-            f"{path}: belongs to another sweep (its digest is {of or 'none'}, this one's is {designs.digest}); move it "
-            "away, or give another folder"
+            f"{path}: belongs to another sweep (its digest is {of or 'none'}, this one's is {designs.digest}{fixed}); "
+            "move the folder away, or give another one"
         )

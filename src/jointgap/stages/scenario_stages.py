@@ -409,7 +409,7 @@ def study(scenario: "Scenario", folder: Path, parts: Sequence[Path], workers: in
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "sweep"))
 def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, workers: int | None) -> None:
-    """Simulate and measure some designs of the sweep, for `jointgap sweep`.
+    """Simulate and measure some designs of the sweep, for `jointgap sweep`; those that the file holds are kept.
 
     Parameters
     ----------
@@ -417,14 +417,14 @@ def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, 
     first, number : int
         First design, counted from 0, and how many.
     designs : Path
-        File to write: table `jointgap.tables.sweep_designs`.
+        File to write: table `jointgap.tables.sweep_designs`. What this code has measured of the same sweep is kept.
     workers : int, optional
         Threads.
     """
     from jointgap.designs.design_of_experiments import designs_of
     from jointgap.designs.designs_to_parquet import write_designs
 
-    write_designs(designs_of(scenario), first, number, designs, workers)
+    write_designs(designs_of(scenario), first, number, designs, SCENARIO_STAGES["sweep-designs"].digest, workers)
 
 
 @SCENARIO_STAGES.stage(files=("summary.md", "summary.html"), sections=(*_MOTION, "sweep"))
@@ -458,19 +458,14 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
         Threads.
     """
     from jointgap.designs.design_of_experiments import designs_of
-    from jointgap.designs.designs_to_parquet import check_dataset, is_done, write_designs
-    from jointgap.designs.parts import check_no_others, part_name, parts
+    from jointgap.designs.designs_to_parquet import write_dataset
     from jointgap.designs.sweep_page import page
     from jointgap.report.page import to_html, to_markdown
 
     designs, dataset = designs_of(scenario), folder / "designs"
-    named = {part_name(i): part for i, part in enumerate(parts(designs.number, scenario.sweep.designs_per_job))}
-    check_no_others(dataset, named)
-    for name, (first, count) in named.items():
-        file = dataset / f"{name}.parquet"
-        if not is_done(designs, first, count, file):
-            write_designs(designs, first, count, file, workers)
-    check_dataset(designs, dataset)
+    tables.check_writable(folder / "summary.html", folder / "summary.md")
+    code = SCENARIO_STAGES["sweep-designs"].digest
+    write_dataset(designs, dataset, scenario.sweep.designs_per_job, code, workers)
     summary = page(designs, dataset)
     tables.write_text(folder / "summary.html", to_html(summary))
     text = to_markdown(summary)
