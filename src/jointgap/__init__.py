@@ -17,6 +17,7 @@ __version__ = "0.1.0"
 
 _PUBLIC = {
     "jointgap.api.ensembles": ("Motions", "ensemble"),
+    "jointgap.api.sweeps": ("SweptDesigns", "sweep"),
     "jointgap.api.simulated_motion": ("Motion", "simulate"),
     "jointgap.api.optimum": ("Optimum", "optimise"),
     "jointgap.api.plan": ("Preflight", "preflight"),
@@ -66,6 +67,7 @@ __all__ = [
     "SimulationError",
     "Slider",
     "Surrogate",
+    "SweptDesigns",
     "Verdict",
     "analyse",
     "change",
@@ -76,6 +78,7 @@ __all__ = [
     "read_table",
     "read_verdict",
     "simulate",
+    "sweep",
 ]
 
 if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
@@ -84,6 +87,7 @@ if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
     from jointgap.api.optimum import Optimum, optimise
     from jointgap.api.plan import Preflight, preflight
     from jointgap.api.simulated_motion import Motion, simulate
+    from jointgap.api.sweeps import SweptDesigns, sweep
     from jointgap.config import (
         Box,
         ConstantDrive,

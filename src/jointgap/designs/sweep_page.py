@@ -34,8 +34,7 @@ def page(designs: Designs, dataset: Path) -> Page:
     dataset : Path
         Folder that holds all of them.
     """
-    reasons = tables.read_columns(dataset, ["reason"])["reason"]
-    failed = Counter(_kind_of(reason) for reason in reasons.drop_null().to_pylist())
+    failed = failures(dataset)
     introduction = (
         f"{designs.number} designs {_KINDS[designs.kind]}"
         + ("" if designs.kind == "grid" else f", seed {designs.seed}")
@@ -59,6 +58,12 @@ def page(designs: Designs, dataset: Path) -> Page:
         Paragraph(files),
     )
     return Page("Sweep", blocks)
+
+
+def failures(dataset: Path) -> Counter[str]:
+    """How many designs of a `dataset` failed, by the reason without what differs from design to design."""
+    reasons = tables.read_columns(dataset, ["reason"])["reason"]
+    return Counter(_kind_of(reason) for reason in reasons.drop_null().to_pylist())
 
 
 def _kind_of(reason: str) -> str:
