@@ -9,10 +9,20 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from drills.harness import Answers, Case, Complaint, Drill, Failure, Row, Sitting
-from drills.pieces import NETWORK, SCREENED, STORE, Piece, hidden_files, start_over, write_inputs
+from drills.pieces import (
+    NETWORK,
+    SCREENED,
+    STORE,
+    SWEEP,
+    SWEEP_OF_WORKFLOW,
+    Piece,
+    hidden_files,
+    start_over,
+    write_inputs,
+)
 from drills.project import clean_folder, run, start
 
-_COUNTS = {STORE: 26, NETWORK: 12, SCREENED: 12}
+_COUNTS = {STORE: 26, NETWORK: 12, SCREENED: 12, SWEEP: 20, SWEEP_OF_WORKFLOW: 20}
 _SIDES = 2  # runs side by side
 
 

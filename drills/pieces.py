@@ -34,6 +34,16 @@ TINY = {
         }
     },
 }
+SWEPT = {
+    "mechanism": "erkaya2009",
+    "simulate": {"revolutions": 2, "samples_per_revolution": 360, "tolerance": "1e-8 m"},
+    "sweep": {
+        "number": 450,
+        "designs_per_job": 100,
+        "parameters": {"clearance": {"from": "0.1 mm", "to": "1 mm"}, "friction": {"from": 0, "to": 0.2}},
+    },
+}
+"""Some seconds of simulation, so that most kills come while designs are simulated."""
 _CAMPAIGN = {
     "name": "small",
     "mechanism": str(ROOT / "config/mechanisms/ideal_joints.yaml"),
@@ -62,8 +72,12 @@ except InputError as error:
 
 
 def write_inputs(folder: Path) -> None:
-    """The configuration ``tiny.json``, the campaign ``small/small.json`` and the samples of its runs."""
+    """The configurations ``tiny.json`` and ``sweeps.json``, the options ``sweep.json``, the campaign
+    ``small/small.json`` and the samples of its runs.
+    """
     (folder / "tiny.json").write_text(json.dumps(TINY))
+    (folder / "sweep.json").write_text(json.dumps(SWEPT))
+    (folder / "sweeps.json").write_text(json.dumps({"scenarios": {"swept": SWEPT}}))
     own = folder / "small"
     own.mkdir()
     (own / "small.json").write_text(json.dumps(_CAMPAIGN))
@@ -97,6 +111,12 @@ def _results(folder: Path) -> dict[str, str]:
     return {
         path: digest for path, digest in found.items() if not any(part.startswith(".") for part in Path(path).parts)
     }
+
+
+def _dataset(folder: Path) -> dict[str, str]:
+    """Digests of the results, and of every hidden file among the designs: other programs would read that too."""
+    found = digests(folder / "results") if (folder / "results").is_dir() else {}
+    return _results(folder) | {path: digest for path, digest in found.items() if Path(path).parent.name == "designs"}
 
 
 def _store(folder: Path) -> dict[str, str]:
@@ -142,4 +162,16 @@ SCENARIO = Piece(
     _results,
 )
 SCREENED = Piece("a campaign up to screening", _campaign("results/campaigns/small/screen/screened.parquet"), _results)
+SWEEP = Piece(
+    "a sweep",
+    lambda cores: [
+        *("jointgap", "sweep", "--options", "sweep.json", "--folder", "results/swept", "--workers", str(cores))
+    ],
+    _dataset,
+)
+SWEEP_OF_WORKFLOW = Piece(
+    "a sweep of the workflow",
+    lambda cores: snakemake_command("--configfile", "sweeps.json", "--quiet", "all", "--", "swept", cores=cores),
+    _dataset,
+)
 CAMPAIGN = Piece("a campaign up to its verdict", _campaign("results/campaigns/small/verdict.json"), _results)
