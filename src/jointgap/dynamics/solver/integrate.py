@@ -339,6 +339,9 @@ def integrate(
             s = math.sqrt(s * s + there.time - here.time)
         if not happens:
             following = elapsed_time(step_map, step_start + ds, ds * factor)
+            if step_map == AFTER:
+                # Between equal steps in s, right at the impact, and in time, right far from it: fewer are rejected.
+                following = math.sqrt(following * factor * elapsed_time(step_map, step_start, ds))
             proposal = max(following, unhindered) if proposal < unhindered else following
             here, motion, holding = there, there_motion, there_holding
             continue
