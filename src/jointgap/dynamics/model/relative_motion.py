@@ -18,14 +18,26 @@ def relative_motion(here) -> tuple:
     )
 
 
+@inlined
+def clearances(y, x) -> tuple:
+    """Clearance vector and its rate at crank pin, piston pin and crank pivot, 4 numbers each [m, m/s].
+
+    Parameters
+    ----------
+    y, x : tuples of 8 and 11 floats
+        Clearance state and auxiliary state.
+    """
+    return (y[0], y[1], y[4], y[5]), (y[2], y[3], y[6], y[7]), (x[0], x[1], x[4], x[5])
+
+
 @compiled
 def swept_angle(before, after, duration):
     """Angle [rad] through which a clearance vector turns between two instants of one step, whole turns included.
 
     Parameters
     ----------
-    before, after : tuples of 6 floats
-        Clearance vector, rate and second rate at both instants.
+    before, after : tuples of 4 floats
+        Clearance vector [m] and its rate [m/s] at both instants.
     duration : float
         Time between them [s].
     """
@@ -57,8 +69,8 @@ def turns_after(turns, before, after, duration):
     ----------
     turns : float
         Whole turns before.
-    before, after : tuples of 6 floats
-        Clearance vector [m], its rate [m/s] and second rate [m/s^2].
+    before, after : tuples of 4 floats
+        Clearance vector [m] and its rate [m/s].
     duration : float
         [s].
     """
@@ -82,7 +94,7 @@ def all_turns(turns, before, after, duration) -> tuple:
     ----------
     turns : tuple of 3 floats
     before, after : tuples of 3 tuples
-        `relative_motion` at both instants.
+        `clearances` at both instants.
     duration : float
         [s].
     """

@@ -1,7 +1,7 @@
 """Integration over time: steps under error control, ended at events, with samples taken inside the steps.
 
-A sample is a shorter step of the same method from the start of the step that it lies in. So it is as exact as the step,
-and the integration does not depend on where samples are taken.
+Samples are taken inside the steps (`jointgap.dynamics.solver.dense_output`), so that the integration does not depend on
+where they are.
 """
 
 import math
@@ -13,19 +13,18 @@ from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.model.joint_forces import FLIGHT
 from jointgap.dynamics.model.parameters import MOTOR
-from jointgap.dynamics.model.relative_motion import all_turns, direction, relative_motion
+from jointgap.dynamics.model.relative_motion import all_turns, clearances, direction, relative_motion
 from jointgap.dynamics.solver.contact_episodes import EPISODE, EVENT_WIDTH, begin_episode, follow_episodes, note_event
+from jointgap.dynamics.solver.dense_output import prepare_inside, state_inside
 from jointgap.dynamics.solver.events import advance, all_conditions, switched
 from jointgap.dynamics.solver.runge_kutta import (
     AFTER,
     BEFORE,
     LINEAR,
     Instant,
-    ds_for,
     elapsed_time,
     instant,
     next_knot,
-    step,
 )
 
 DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE, STALLED = range(5)
@@ -43,7 +42,7 @@ class Progress(NamedTuple):
     here : Instant
         From which the next step begins; the samples so far end before or within this step.
     seen : tuple
-        `relative_motion` at the instant up to which the directions of the clearance vectors were followed.
+        `clearances` at the instant up to which the directions of the clearance vectors were followed.
     seen_time : float
         That instant [s].
     turns : tuple of 3 floats
@@ -151,28 +150,26 @@ def replaced(values, place, value):
 
 
 @compiled
-def time_at_angle(p, here, there, step_map, step_start, angle, velocity_time, k):
-    """Time [s] within a step at which a motor's crank passes `angle` [rad], by Newton's method with true steps.
+def time_at_angle(p, here, there, step_map, step_start, ds, angle, smooth, velocity_time, k):
+    """Time [s] within a step at which a motor's crank passes `angle` [rad], by Newton's method.
 
     Parameters
     ----------
     p : Parameters
     here, there : Instant
         Both ends of the step.
-    step_map, step_start : int, float
-        Its time map and where it begins in s.
+    step_map, step_start, ds : int, float, float
+        Its time map, where it begins in s and its extent.
     angle : float
         [rad].
-    velocity_time : float
-        As in `integrate` [s].
-    k : record
-        As in `step`.
+    smooth, velocity_time, k
+        As in `jointgap.dynamics.solver.dense_output.state_inside`.
     """
     low, high = here.time, there.time
     share = (angle - here.crank_angle) / (there.crank_angle - here.crank_angle)
     time = low + share * (high - low)
     for _ in range(50):
-        _, x, _ = step(p, here, step_map, step_start, ds_for(step_map, step_start, time - here.time), velocity_time, k)
+        _, x = state_inside(p, here, step_map, step_start, ds, time, smooth, velocity_time, k)
         following = time - (x[2] - angle) / x[6]
         if x[2] < angle:
             low = time
@@ -212,9 +209,9 @@ def beginning(p, y, x, time):
     x_start = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
     nowhere = (math.inf, math.inf, math.inf)
     here = instant(p, time, y_start, x_start, (FLIGHT, FLIGHT, FLIGHT), nowhere, nowhere)
-    motion = relative_motion(here)
+    seen = clearances(y_start, x_start)
     episodes = np.zeros((3, EPISODE))
-    return Progress(here, motion, here.time, (0.0, 0.0, 0.0), episodes, 0.1 * longest_step(p), LINEAR, 0.0)
+    return Progress(here, seen, here.time, (0.0, 0.0, 0.0), episodes, 0.1 * longest_step(p), LINEAR, 0.0)
 
 
 @compiled
@@ -303,22 +300,27 @@ def integrate(
             return STALLED, end, events[:event_count], steps
         is_last = angles[-1] <= there.crank_angle if motor else times[-1] <= there.time
         if is_last:
-            before_step[:] = episodes
+            for i in range(3):
+                for j in range(EPISODE):
+                    before_step[i, j] = episodes[i, j]
         follow_episodes(episodes, here, there, motion, there_motion, step_map, step_start, ds, k)
 
+        prepared = smooth = False
         while sample < times.size:
-            if motor:
-                if angles[sample] > there.crank_angle:
-                    break
-                times[sample] = time_at_angle(p, here, there, step_map, step_start, angles[sample], velocity_time, k)
-            elif times[sample] > there.time:
+            if (angles[sample] > there.crank_angle) if motor else (times[sample] > there.time):
                 break
+            at_end = not motor and times[sample] == there.time
+            if not at_end and not prepared:
+                smooth = prepare_inside(p, here, there, step_map, step_start, ds, tolerance, velocity_time, k)
+                prepared = True
+            if motor:
+                times[sample] = time_at_angle(
+                    p, here, there, step_map, step_start, ds, angles[sample], smooth, velocity_time, k
+                )
             time, y_now, x_now = times[sample], there.clearance_state, there.auxiliary_state
             if time < there.time:
-                y_now, x_now, _ = step(
-                    p, here, step_map, step_start, ds_for(step_map, step_start, time - here.time), velocity_time, k
-                )
-            now = relative_motion(instant(p, time, y_now, x_now, here.modes, here.approaches, here.begins))
+                y_now, x_now = state_inside(p, here, step_map, step_start, ds, time, smooth, velocity_time, k)
+            now = clearances(y_now, x_now)
             turns = all_turns(turns, seen, now, time - seen_time)
             seen, seen_time = now, time
             for i in range(STATES):
@@ -333,8 +335,9 @@ def integrate(
             # The step is made again by who goes on from here: samples may lie in the rest of it.
             end = Progress(here, seen, seen_time, turns, before_step, unhindered, time_map, s)
             return DONE, end, events[:event_count], steps
-        turns = all_turns(turns, seen, there_motion, there.time - seen_time)
-        seen, seen_time = there_motion, there.time
+        now = clearances(there.clearance_state, there.auxiliary_state)
+        turns = all_turns(turns, seen, now, there.time - seen_time)
+        seen, seen_time = now, there.time
         if time_map == AFTER:
             s = math.sqrt(s * s + there.time - here.time)
         if not happens:

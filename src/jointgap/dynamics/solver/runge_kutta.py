@@ -230,29 +230,53 @@ instant_in_place = inlined(getattr(instant, "py_func", instant))
 
 
 @compiled
-def auxiliary_at(x, ds, stage, k):
-    """Auxiliary states at a stage of a step from `x`, whose earlier stages are in `k`.
+def auxiliary_rows(x, ds, weights, row, first, last, k):
+    """Auxiliary states after `ds` from `x` on at the weighted sum of the rates that are kept.
 
     Parameters
     ----------
     x : tuple of 11 floats
     ds : float
-        Length of the step in s.
-    stage : int
+    weights : (n, m) array
+    row, first, last : int
+        As in `jointgap.dynamics.solver.step_stages.weighted_rows`.
     k : record
         See `step`.
     """
     moved = np.zeros(AUXILIARY_STATES)
-    for j in range(stage):
-        a = STAGES[stage, j]
-        if a != 0.0:
-            for i in range(AUXILIARY_STATES):
-                moved[i] += a * k.auxiliary_rates[j, i]
+    for i in range(AUXILIARY_STATES):
+        moved[i] = weights[row, 0] * k.auxiliary_rates[0, i]
+    for j in range(first, last):
+        for i in range(AUXILIARY_STATES):
+            moved[i] += weights[row, j] * k.auxiliary_rates[j, i]
     for i in range(AUXILIARY_STATES):
         moved[i] = x[i] + ds * moved[i]
     return (
         moved[0], moved[1], moved[2], moved[3], moved[4], moved[5], moved[6], moved[7], moved[8], moved[9], moved[10],
     )  # fmt: skip
+
+
+@inlined
+def rates_over_s(k, row, here, factor, auxiliary) -> None:
+    """Keep the rates at an instant.
+
+    Parameters
+    ----------
+    k : record
+        Changed in place.
+    row : int
+        Where.
+    here : Instant
+    factor : float
+        dt/ds.
+    auxiliary : bool
+        Whether those of the auxiliary states as well.
+    """
+    for i in range(STATES):
+        k.rates[row, i] = factor * here.clearance_rates[i]
+    if auxiliary:
+        for i in range(AUXILIARY_STATES):
+            k.auxiliary_rates[row, i] = factor * here.auxiliary_rates[i]
 
 
 @compiled
@@ -284,19 +308,14 @@ def step(p, here, time_map, s, ds, velocity_time, k):
         or _fades(p.crank_pivot, begins[2], here.time, later)
     )
     # The newest stage's rates stay at hand: the sums over the earlier ones, which take long, need not wait for them.
-    factor, v, a = dt_ds(time_map, s), here.clearance_rates, here.auxiliary_rates
+    auxiliary, factor, v = p.switches.auxiliary, dt_ds(time_map, s), here.clearance_rates
     newest = (
         factor * v[0], factor * v[1], factor * v[2], factor * v[3],
         factor * v[4], factor * v[5], factor * v[6], factor * v[7],
     )  # fmt: skip
-    for i in range(STATES):
-        k.rates[0, i] = newest[i]
+    rates_over_s(k, 0, here, factor, auxiliary)
     for i in range(3):
         k.normals[i, 0] = here.normals[i]
-    auxiliary = p.switches.auxiliary
-    if auxiliary:
-        for i in range(AUXILIARY_STATES):
-            k.auxiliary_rates[0, i] = factor * a[i]
     z_auxiliary, crank, angle = x, here.crank, here.crank_angle
     for stage in range(1, COUNT):
         earlier = weighted_rows(k.rates, STAGES, stage, SECOND[stage], stage - 1)
@@ -308,7 +327,7 @@ def step(p, here, time_map, s, ds, velocity_time, k):
             y[6] + ds * earlier[6] + w * newest[6], y[7] + ds * earlier[7] + w * newest[7],
         )  # fmt: skip
         if auxiliary:
-            z_auxiliary = auxiliary_at(x, ds, stage, k)
+            z_auxiliary = auxiliary_rows(x, ds, STAGES, stage, SECOND[stage], stage, k)
         advance = NODES[stage] * ds
         passed = elapsed_time(time_map, s, advance)
         if p.drive.kind == CONSTANT:
@@ -343,7 +362,7 @@ def step(p, here, time_map, s, ds, velocity_time, k):
         y[6] + ds * (e[6] + w * newest[6]), y[7] + ds * (e[7] + w * newest[7]),
     )  # fmt: skip
     if auxiliary:
-        z_auxiliary = auxiliary_at(x, ds, COUNT, k)
+        z_auxiliary = auxiliary_rows(x, ds, STAGES, COUNT, SECOND[COUNT], COUNT, k)
     return z, z_auxiliary, abs(ds) * relative_error(p, k, newest, velocity_time)
 
 
@@ -393,6 +412,13 @@ def relative_error(p, k, newest, velocity_time) -> float:
     return fifth / size if size < math.inf else math.inf  # an overflow or NaN must not pass for a small error
 
 
+@inlined
+def auxiliary_weight(p, i, velocity_time) -> float:
+    """Weight of an error in auxiliary state `i`; parameters as of `relative_error`."""
+    weight = velocity_time if 4 <= i < 8 else 1.0
+    return weight * p.bodies.crank_length if i == 2 or i == 6 else weight
+
+
 @compiled
 def _auxiliary_squares(p, k, velocity_time):
     """Sums of the squares of both estimated errors in the auxiliary states; parameters as of `relative_error`."""
@@ -402,9 +428,7 @@ def _auxiliary_squares(p, k, velocity_time):
         for j in range(SECOND[COUNT], COUNT):
             e5 += ERROR_5[j] * k.auxiliary_rates[j, i]
             e3 += ERROR_3[j] * k.auxiliary_rates[j, i]
-        weight = velocity_time if 4 <= i < 8 else 1.0
-        if i == 2 or i == 6:
-            weight *= p.bodies.crank_length
+        weight = auxiliary_weight(p, i, velocity_time)
         fifth += (weight * e5) ** 2
         third += (weight * e3) ** 2
     return fifth, third

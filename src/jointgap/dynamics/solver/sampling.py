@@ -13,8 +13,8 @@ from jointgap.dynamics.model.bodies import rod_accelerations
 from jointgap.dynamics.model.effect_laws import crank_losses
 from jointgap.dynamics.model.equations import accelerations, pose
 from jointgap.dynamics.model.joint_forces import NOTHING, reaction
-from jointgap.dynamics.model.relative_motion import relative_motion
-from jointgap.dynamics.solver.runge_kutta import damping_factors, instant
+from jointgap.dynamics.model.relative_motion import clearances
+from jointgap.dynamics.solver.runge_kutta import crank_at, damping_factors
 from jointgap.joints import JOINT, JOINTS, RevoluteJoint
 from jointgap.tables.columns import Column
 
@@ -145,16 +145,21 @@ def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, be
         begins = (begins_at[n, 0], begins_at[n, 1], begins_at[n, 2])
         y = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
         x = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
-        here = instant(p, times[n], y, x, modes, approaches, begins)
-        motion, crank = relative_motion(here), here.crank
-        at = directions_at[n]
-        row.r2, row.r2_dot, row.r2_ddot, row.gamma2, row.gamma2_dot, row.gamma2_ddot = polar_rates(motion[0], at[0])
-        row.r3, row.r3_dot, row.r3_ddot, row.gamma3, row.gamma3_dot, row.gamma3_ddot = polar_rates(motion[1], at[1])
-        row.r1, row.r1_dot, row.r1_ddot, row.gamma1, row.gamma1_dot, row.gamma1_ddot = polar_rates(motion[2], at[2])
+        angle, crank = crank_at(p, times[n], x)
+        damping = damping_factors(p, approaches, begins, times[n])
+        a, pin, piston, pivot, _, force, _ = accelerations(p, times[n], angle, crank, y, x, modes, damping)
+        motion, at = clearances(y, x), directions_at[n]
+        row.r2, row.r2_dot, row.r2_ddot, row.gamma2, row.gamma2_dot, row.gamma2_ddot = polar_rates(
+            (*motion[0], a[0], a[1]), at[0]
+        )
+        row.r3, row.r3_dot, row.r3_ddot, row.gamma3, row.gamma3_dot, row.gamma3_ddot = polar_rates(
+            (*motion[1], a[2], a[3]), at[1]
+        )
+        row.r1, row.r1_dot, row.r1_ddot, row.gamma1, row.gamma1_dot, row.gamma1_ddot = polar_rates(
+            (*motion[2], a[4], a[5]), at[2]
+        )
 
         place = pose(b, crank, y, x)
-        damping = damping_factors(p, approaches, begins, times[n])
-        a, pin, piston, pivot, _, force, _ = accelerations(p, times[n], here.crank_angle, crank, y, x, modes, damping)
         pin, piston = _never_pulling(p.crank_pin, pin), _never_pulling(p.piston_pin, piston)
         pivot, alpha = _never_pulling(p.crank_pivot, pivot), a[6]
         # The crank as a free body: m a + alpha z x h - w^2 h = force,  I alpha + h x a = moment about its pivot end.
@@ -166,7 +171,7 @@ def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, be
             pivot = reaction(fx, fy, 0.0)
         torque = b.crank_inertia * alpha + hx * (a[5] - b.gravity_y) - hy * (a[4] - b.gravity_x) - pivot[4] - pin[5]
         torque += b.crank_length * (crank.cosine * pin[3] - crank.sine * pin[2])
-        torque -= crank_losses(p, place.slider, place.slider_speed, crank.speed, here.crank_angle, times[n])
+        torque -= crank_losses(p, place.slider, place.slider_speed, crank.speed, angle, times[n])
         row.crank_pin_normal_force, row.crank_pin_friction_force = pin[0], pin[1]
         row.crank_pin_force_x, row.crank_pin_force_y = pin[2], pin[3]
         row.piston_pin_normal_force, row.piston_pin_friction_force = piston[0], piston[1]
@@ -180,7 +185,7 @@ def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, be
         rod = rod_accelerations(b, c, s, speed, x[3], x[7], pin[2] + piston[2], pin[3] + piston[3], moment)
         row.time, row.crank_angle, row.crank_speed, row.crank_acceleration = (
             times[n],
-            here.crank_angle,
+            angle,
             crank.speed,
             alpha,
         )

@@ -12,9 +12,9 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
-from jointgap.dynamics.solver.tableau import COUNT
+from jointgap.dynamics.solver.tableau import COUNT, INTERPOLANT, KEPT
 
-_JOINTS = 3
+_JOINTS, _TERMS = 3, 4 + len(INTERPOLANT)
 _LANES = 4  # numbers that one operation takes: with eight, processors that can do so slow down all else
 _VECTORS = STATES // _LANES
 
@@ -22,13 +22,18 @@ STAGES_KEPT = np.dtype(
     (
         np.record,
         [
-            ("rates", "f8", (COUNT, STATES)),
-            ("auxiliary_rates", "f8", (COUNT, AUXILIARY_STATES)),
+            ("rates", "f8", (KEPT, STATES)),
+            ("auxiliary_rates", "f8", (KEPT, AUXILIARY_STATES)),
             ("normals", "f8", (_JOINTS, COUNT)),
+            ("terms", "f8", (_TERMS, STATES)),
+            ("auxiliary_terms", "f8", (_TERMS, AUXILIARY_STATES)),
+            ("state", "f8", (STATES,)),
+            ("auxiliary_state", "f8", (AUXILIARY_STATES,)),
         ],
     )
 )
-"""Rates of the states and of the auxiliary states over s, by stage; normal forces [N], by joint and stage."""
+"""Rates of the states and of the auxiliary states over s, by stage; normal forces [N], by joint and stage; coefficients
+of the interpolant and what it gives."""
 
 
 def room_for_stages() -> np.record:
@@ -42,14 +47,15 @@ def _weighted_rows(typing_context, rows, weights, row, first, last):
     numbers, place = types.UniTuple(types.float64, STATES), types.intp
 
     def generate(context, builder, signature, arguments):
-        start, factors = (
-            context.make_array(kind)(context, builder, value=value).data
+        rows, weights = (
+            context.make_array(kind)(context, builder, value=value)
             for kind, value in zip(signature.args[:2], arguments[:2], strict=True)
         )
         row, first, last = arguments[2:]
         vector, index = ir.VectorType(ir.DoubleType(), _LANES), ir.IntType(64)
-        start = builder.bitcast(start, vector.as_pointer())
-        factors = builder.gep(factors, [builder.mul(row, index(COUNT))])
+        start = builder.bitcast(rows.data, vector.as_pointer())
+        width = cgutils.unpack_tuple(builder, weights.shape)[1]
+        factors = builder.gep(weights.data, [builder.mul(row, width)])
         totals = [cgutils.alloca_once_value(builder, ir.Constant(vector, [0.0] * _LANES)) for _ in range(_VECTORS)]
         lanes = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), [0] * _LANES)
 
@@ -81,8 +87,8 @@ weighted_rows = _weighted_rows_in_python if numba.config.DISABLE_JIT else _weigh
 
 Parameters
 ----------
-rows : (12, 8) array
-weights : (n, 12) array
+rows : (m, 8) array
+weights : (n, m) array
 row : int
     Which row of the weights.
 first, last : int

@@ -5,6 +5,7 @@ II.10. Stage s is taken at `NODES[s]` with the weights `STAGES[s, :s]`; row COUN
 """
 
 import numpy as np
+from scipy.integrate import DOP853
 
 COUNT = 12
 
@@ -146,3 +147,10 @@ ERROR_3 = np.array(
     ]
 )
 """Weights of the stages in the difference to the 3rd-order solution."""
+
+KEPT = 16
+"""Stages kept of a step: its own, the rates at its end, and three more from which the interpolant follows."""
+
+MORE_STAGES, MORE_NODES, INTERPOLANT = (np.array(each) for each in (DOP853.A_EXTRA, DOP853.C_EXTRA, DOP853.D))
+"""Weights (3, 16) and nodes (3,) of the three further stages; weights (4, 16) of all stages in the interpolant's upper
+terms. Columns 1 to 4 are zero."""
