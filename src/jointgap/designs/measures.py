@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointgap.config import Mechanism
+from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.parallel_runs import Outcome, rod_and_slider
-from jointgap.dynamics.simulation import IntegrationResult
+from jointgap.dynamics.simulation import IntegrationResult, crank_angles
 from jointgap.dynamics.solver.contact_episodes import EVENT
 from jointgap.ensembles.study_points import high_order_rms
 from jointgap.joints import JOINTS
@@ -19,13 +19,19 @@ _ROUNDING = 1e-9  # [rad] of crank angles
 _COLUMN = {name: number for number, name in enumerate(EVENT)}
 
 
+def angles_to_measure(options: Simulate) -> np.ndarray:
+    """Crank angles [rad] of the samples that `measures` reads: the first revolution, and the last two."""
+    angles, per_turn = crank_angles(options), options.samples_per_revolution
+    return np.concatenate((angles[:per_turn], angles[max(per_turn, len(angles) - 2 * per_turn - 1) :]))
+
+
 def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     """The numbers `jointgap.tables.sweep_tables.MEASURES` of a run that did not fail [SI]; NaN where undefined.
 
     Parameters
     ----------
     outcome : Outcome
-        Its samples are uniform in crank angle, whole revolutions of them.
+        Sampled at `angles_to_measure`.
     window : (float, float)
         Crank angles of the first revolution over which the error of the transmission angle is measured [rad].
     """
@@ -51,19 +57,18 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
 def _transmission(outcome: Outcome, rod_angle: np.ndarray, window: tuple[float, float]) -> dict[str, float]:
     """Errors of the transmission angle [rad], and its smallest value."""
     mechanism, angle, per_turn = outcome.run.mechanism, outcome.crank_angle, outcome.run.options.samples_per_revolution
-    geometry = mechanism.crank.length, mechanism.rod.length
-    ideal = transmission_angle(*geometry, angle[-per_turn - 1 :], 0.0, mechanism.slider.offset)
     actual = math.pi / 2 + rod_angle
-    found = _sizes("", (ideal - actual)[:-1])
+    turn = angle[-per_turn - 1 : -1]  # the revolution's end is its beginning again
+    ideal = transmission_angle(mechanism.crank.length, mechanism.rod.length, turn, 0.0, mechanism.slider.offset)
+    found = _sizes("", ideal - actual[:-1])
     found["least_transmission_angle"] = float(np.min(np.minimum(actual, math.pi - actual)))
-    first = slice(0, per_turn)  # the revolution's end is its beginning again
+    first = slice(0, per_turn)
     rod, _ = rod_and_slider(
         outcome.parameters, angle[first], outcome.result.states[first], outcome.result.auxiliary_states[first]
     )
     place = angle[first] % (2 * math.pi)
     inside = (place >= window[0] - _ROUNDING) & (place <= window[1] + _ROUNDING)
-    ideal = transmission_angle(*geometry, angle[first][inside], 0.0, mechanism.slider.offset)
-    return found | _sizes("_in_window", ideal - math.pi / 2 - rod[inside])
+    return found | _sizes("_in_window", (ideal - math.pi / 2 - rod)[inside])
 
 
 def _sizes(suffix: str, error: np.ndarray) -> dict[str, float]:
@@ -107,7 +112,8 @@ def _repeat_distance(result: IntegrationResult, mechanism: Mechanism, per_turn: 
     last, before = slice(-per_turn - 1, None), slice(-2 * per_turn - 1, -per_turn)
     squares = 0.0
     for states, columns in ((result.states, 4), (result.auxiliary_states, 2)):
-        squares = squares + np.sum((states[last, :columns] - states[before, :columns]) ** 2, axis=1)
+        change = states[last, :columns] - states[before, :columns]
+        squares = squares + np.einsum("ij,ij->i", change, change)
     smallest = min(mechanism.clearance(joint) for joint in mechanism.loose)
     return math.sqrt(squares.max()) / smallest
 
