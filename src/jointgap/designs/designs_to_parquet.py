@@ -14,7 +14,7 @@ from pyarrow.parquet import FileMetaData
 from jointgap import tables
 from jointgap.config.varied_values import with_values
 from jointgap.designs.design_of_experiments import SOURCE, Designs
-from jointgap.designs.measures import measures
+from jointgap.designs.measures import angles_to_measure, measures
 from jointgap.dynamics.parallel_runs import Run, simulate_runs
 from jointgap.errors import InputError
 from jointgap.parts import parts
@@ -85,7 +85,8 @@ def _possible_runs(designs: Designs, values: list[dict], errors: dict[int, Input
         except InputError as error:
             errors[place] = error
             continue
-        yield Run(scenario.mechanism, scenario.simulate, values={"place": place})
+        angles = angles_to_measure(scenario.simulate)
+        yield Run(scenario.mechanism, scenario.simulate, crank_angle=angles, values={"place": place})
 
 
 def write_designs(
