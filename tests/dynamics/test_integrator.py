@@ -8,7 +8,17 @@ from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, LINEAR, ds_for, elapsed_time, instant, step
 from jointgap.dynamics.solver.step_stages import room_for_stages
-from jointgap.dynamics.solver.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
+from jointgap.dynamics.solver.tableau import (
+    COUNT,
+    ERROR_3,
+    ERROR_5,
+    INTERPOLANT,
+    KEPT,
+    MORE_NODES,
+    MORE_STAGES,
+    NODES,
+    STAGES,
+)
 from tests.dynamics.cases import SPEED, integrated, mechanism
 
 
@@ -42,6 +52,23 @@ def test_the_tableau_fulfils_the_conditions_of_its_order():
         for power in range(exact_to):
             assert estimator @ nodes**power == pytest.approx(0, abs=1e-14)
         assert abs(estimator @ nodes**exact_to) > 1e-4
+
+
+@pytest.mark.parametrize("share", (0.0, 0.3, 0.5, 0.9, 1.0))
+def test_the_interpolant_fulfils_the_conditions_of_the_seventh_order(share):
+    rest, identity = 1.0 - share, np.eye(KEPT)
+    weights, first, end = np.append(STAGES[COUNT], np.zeros(KEPT - COUNT)), identity[0], identity[COUNT]
+    terms = [weights, first - weights, 2 * weights - first - end, *INTERPOLANT]
+    value = np.zeros(KEPT)
+    for number, term in reversed(list(enumerate(terms))):
+        value = (term + value) * (share if number % 2 == 0 else rest)
+    nodes = np.concatenate((NODES, MORE_NODES))
+    for power in range(7):
+        assert value @ nodes**power == pytest.approx(share ** (power + 1) / (power + 1), abs=1e-13)
+    inner = np.vstack((np.pad(STAGES, ((0, 0), (0, KEPT - COUNT))), MORE_STAGES))
+    for power in range(6):
+        exact = share ** (power + 2) / ((power + 1) * (power + 2))
+        assert value @ (inner @ nodes**power) == pytest.approx(exact, abs=1e-13)
 
 
 @pytest.fixture(scope="module")
