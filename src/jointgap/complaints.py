@@ -55,7 +55,7 @@ def _within(key: str, item: dict, deeper: int) -> tuple | None:
 
 def _complaint(item: dict, model: type[BaseModel]) -> str:
     location = item["loc"]
-    key = ".".join(str(step) for step in location if step != "[key]")  # pydantic's mark: the key itself is wrong
+    key = ".".join(_written(location, model))
     if item["type"] == "extra_forbidden":
         hint = did_you_mean(location[-1], _model_at(model, location[:-1]).model_fields)
         return f"unknown key '{key}'; {hint}"
@@ -67,6 +67,19 @@ def _complaint(item: dict, model: type[BaseModel]) -> str:
     message, value = _message(item, model), item["input"]
     shown = "" if isinstance(value, dict | BaseModel) else f" = {_shortened(repr(value))}"
     return f"{key}{shown}: {message[0].lower() + message[1:]}" if key else message
+
+
+def _written(location: tuple, model: type[BaseModel]) -> list[str]:
+    """The steps of a `location` as a file has them: pydantic marks a key that is wrong itself, and puts the kind of a
+    distribution between the parameter and its keys.
+    """
+    steps, was_kind = [], False
+    for place, step in enumerate(location):
+        section = _model_at(model, location[: place + 1])
+        was_kind = not was_kind and "distribution" in section.model_fields and step in _kind(section)
+        if step != "[key]" and not was_kind:
+            steps.append(str(step))
+    return steps
 
 
 def _message(item: dict, model: type[BaseModel]) -> str:

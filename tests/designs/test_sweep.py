@@ -1,13 +1,16 @@
 """A sweep draws the designs that its parameters ask for, and measures each as a simulation alone does."""
 
+import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 
 from jointgap import tables
+from jointgap.cli import cli
 from jointgap.config import Scenario
 from jointgap.designs import designs_to_parquet
 from jointgap.designs.design_of_experiments import designs_of
@@ -290,6 +293,7 @@ def test_a_design_that_is_missing_or_there_twice_is_told(tmp_path):
         ({"mechanism.slider.mas": {"from": 1, "to": 2}}, "mechanism.slider has no 'mas'; did you mean 'mass'"),
         ({"friction": {"from": 2, "to": 3}}, "must be less than or equal to 0.6"),
         ({"friction": {"distribution": "normal", "mean": 0.1, "deviation": 0}}, "deviation = 0.0: must be above zero"),
+        ({"friction": {"distribution": "normal", "mean": 0.1, "deviation": 1e-300}}, "friction: is so narrow that all"),
         ({"friction": {"distribution": "log_uniform", "from": 0, "to": 1}}, "a log_uniform range begins above zero"),
         ({"mechanism.joints.crank_pin.journal": {"from": 0, "to": 1}}, "is no number with a unit"),
         ({"clearance": [1e-4], "mechanism.joints.crank_pin.bearing_radius": [8e-3]}, "set the same number"),
@@ -301,6 +305,27 @@ def test_a_sweep_that_cannot_be_is_refused_before_anything_is_simulated(paramete
     with pytest.raises(InputError) as caught:
         designs_of(scenario(parameters))
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ({"number": 0}, "sweep.number = 0: must be greater than or equal to 1"),
+        ({"number": 1_000_000_000}, "sweep.number = 1000000000: is more than 10000000"),
+        ({"parameters": {"friction": {"from": 0.1}}}, "key 'sweep.parameters.friction.to' is missing"),
+        ({"parameters": {"friction": [0, "x"]}}, "sweep.parameters.friction = 'x': "),
+        ({"parameters": {"friction": {"from": 0.2, "to": 0.1}}}, "sweep.parameters.friction: from = 0.2 and to = 0.1"),
+    ],
+)
+def test_the_command_names_the_file_of_what_is_wrong_before_anything_is_simulated(section, message, tmp_path):
+    file = tmp_path / "mine.json"
+    file.write_text(json.dumps({"mechanism": "erkaya2009", "sweep": {"parameters": {"friction": [0, 0.1]}} | section}))
+    options = ["--options", str(file), "--folder", str(tmp_path / "out")]
+    with pytest.raises(InputError) as caught:
+        CliRunner().invoke(cli, ["sweep", *options], catch_exceptions=False)
+    (line,) = caught.value.args
+    assert line.startswith(f"{file}: {message}")
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_table_says_unit_and_meaning_of_each_parameter_and_measure(measured, tmp_path):

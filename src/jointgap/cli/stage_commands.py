@@ -1,6 +1,8 @@
 """A subcommand for each stage of a scenario, made from its record."""
 
 import inspect
+import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -129,11 +131,26 @@ def _results_command(stage: Stage) -> None:
     )
 
 
+def _with_file(line: str, options: str, sections: Iterable[str]) -> str:
+    """The `line` of an error, which begins with the file of the options where it is about a key of their `sections`."""
+    about_key = re.match(r"[a-z_]+", line)
+    if about_key is None or about_key[0] not in sections or line[about_key.end() :][:1] not in (".", ":"):
+        return line
+    return f"{'--options' if options.lstrip().startswith('{') else options}: {line}"
+
+
 def _scenario_command(stage: Stage) -> None:
     def command(options: str, **given: Any) -> str | None:
         from jointgap.config import parse_options
+        from jointgap.errors import InputError
 
-        return stage.function(parse_options(options), **given)
+        scenario = parse_options(options)
+        try:
+            return stage.function(scenario, **given)
+        except InputError as error:
+            raise InputError(
+                *(_with_file(line, options, type(scenario).model_fields) for line in error.args)
+            ) from error
 
     add_command(stage.name, stage.help, command, [options_option, *_OPTIONS[stage.name]], OF_SCENARIO)
 

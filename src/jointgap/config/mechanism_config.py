@@ -138,8 +138,10 @@ class Mechanism(Section):
         InputError
             The changed data are impossible; the message names the effects.
         """
-        data = self.model_dump()
         folded = [effect for effect in self.effects if effect.changes_data(self)]
+        if not folded:
+            return self
+        data = self.model_dump()
         data["effects"] = [effect.model_dump() for effect in self.effects if effect not in folded]
         for effect in folded:
             effect.apply(data)
@@ -147,8 +149,7 @@ class Mechanism(Section):
             return Mechanism.model_validate(data)
         except ValidationError as error:
             names = ", ".join(effect.name for effect in folded)
-            problems = "; ".join(complaints(error, Mechanism))
-            raise InputError(f"with the effects {names}: {problems}" if names else problems) from error
+            raise InputError(f"with the effects {names}: {'; '.join(complaints(error, Mechanism))}") from error
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
         """The mechanism with other `crank_length` and `rod_length` [m]; mass centres keep their share, all else

@@ -133,7 +133,8 @@ def _holder(data: Any, path: tuple[str, ...], key: str, source: str) -> tuple[An
                 if path[:depth] == ("mechanism", "effects")
                 else ""
             )
-            raise InputError(f"{source}.{key}: {place} has no '{step}'; {did_you_mean(step, entries)}{folded}")
+            hint = did_you_mean(step, entries) if entries else "nothing is listed there"
+            raise InputError(f"{source}.{key}: {place} has no '{step}'; {hint}{folded}")
         if depth == len(path) - 1:
             if isinstance(data, list | tuple):
                 raise InputError(

@@ -146,6 +146,8 @@ def designs_of(scenario: Scenario) -> Designs:
         )
     base = Scenario(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     axes = tuple(_axis(base, key, spec, sweep.design == "grid") for key, spec in sweep.parameters.items())
+    for axis in axes:
+        _check_width(axis)
     _check_overlaps(axes)
     number = math.prod(len(axis.values) for axis in axes) if sweep.design == "grid" else sweep.number
     designs = Designs(base, axes, sweep.design, number, sweep.seed, sweep.window)
@@ -222,6 +224,15 @@ _SAME = {
     },
 }
 """By word, the paths of what it sets, or of what decides what it sets."""
+
+
+def _check_width(axis: Axis) -> None:
+    """A distribution is not so narrow that its values are one number."""
+    low, high = axis.at(np.array([0.25, 0.75])) if axis.law is not None else (0.0, 1.0)
+    if low == high:
+        raise InputError(
+            f"{SOURCE}.{axis.key}: is so narrow that all its values are {low:.14g}, in 14 digits; make it wider"
+        )
 
 
 def _check_overlaps(axes: tuple[Axis, ...]) -> None:
