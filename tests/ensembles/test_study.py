@@ -108,13 +108,13 @@ def test_samples_resolve_the_ringing_of_the_contact():
 
 
 def test_the_map_is_the_same_from_parts_and_a_missing_part_is_told(scenario, found):
-    parts = [simulate_points(scenario, number, workers=1) for number in (1, 0)]
+    parts = [simulate_points(scenario, first, count, workers=1) for first, count in ((3, 5), (0, 3))]
     whole = join_points(parts, scenario.study)
     np.testing.assert_array_equal(whole["peak_force"], join_points([found], scenario.study)["peak_force"])
-    with pytest.raises(InputError, match="4 of the 8 wanted ones are missing"):
+    with pytest.raises(InputError, match="3 of the 8 wanted ones are missing"):
         join_points(parts[:1], scenario.study)
-    with pytest.raises(InputError, match="numbered 0 to 1"):
-        simulate_points(scenario, 2)
+    with pytest.raises(InputError, match="points 6 to 8 are asked for, but there are 8, from 0 on"):
+        simulate_points(scenario, 6, 3)
 
 
 def test_a_point_whose_starts_all_fail_is_empty_and_says_why(scenario, monkeypatch):
@@ -191,7 +191,7 @@ def test_the_command_writes_the_map_its_figures_and_its_words(tmp_path):
     common = ["--options", text, "--workers", "1"]
     parts = [str(tmp_path / f"{number}.parquet") for number in range(2)]
     for number, part in enumerate(parts):
-        arguments = ["study-points", *common, "--speed", str(number), "--points", part]
+        arguments = ["study-points", *common, "--first", str(number), "--number", "1", "--points", part]
         assert CliRunner().invoke(cli, arguments, catch_exceptions=False).exit_code == 0
     given = [word for part in parts for word in ("--points", part)]
     done = CliRunner().invoke(

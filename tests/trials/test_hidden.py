@@ -26,6 +26,7 @@ from jointgap.trials.trial_plan import (
     TrialPlan,
     TrialSet,
     batches_of,
+    plan_batch,
     plan_trials,
 )
 from jointgap.trials.virtual_rig import draw_rig, with_drawn_contact, with_drawn_damping, with_drawn_starts
@@ -87,6 +88,8 @@ def test_a_set_holds_what_it_says_and_its_names_tell_nothing():
     assert len(loose) >= 0.5 * (len(found) - 4)
     assert sum(plan.base == "chaotic" for plan in found) >= 5
     assert batches_of(SET) == range(15)
+    with pytest.raises(InputError, match="no batch 15 in this set; they are numbered 0 to 14"):
+        plan_batch(SET, 15)
     assert batches_of(SET, 2) == range(2)
 
 

@@ -13,6 +13,7 @@ from jointgap.paper.looseness_variants import looseness_variants
 from jointgap.config import Constraints, check_whole, resolve
 from jointgap.errors import InputError
 from jointgap.joints import JOINT_NUMBERS
+from jointgap.parts import parts
 from jointgap.figures.catalogue import FIGURES
 from jointgap.stages.scenario_results import parts_of
 from jointgap.stages.scenario_stages import IMPACTS_PAGE, SCENARIO_STAGES
@@ -147,9 +148,13 @@ def made_of_scenario(name):
 
 def made_of_study(name):
     """Every file that rules make of a scenario's study."""
-    numbers = range(len(SCENARIOS[name].study.speed))
     paths = [str(path) for path in (*rules.study_points.output, *rules.study.output)]
-    return [file for path in paths for file in expand(path, scenario=name, number=numbers)]
+    return [file for path in paths for file in expand(path, scenario=name, part=parts_of_study(name))]
+
+
+def parts_of_study(name):
+    """First point and number of points of each part, by the part's name."""
+    return parts(SCENARIOS[name].study.points, SCENARIOS[name].study.points_per_job)
 
 
 def drawn(name, ending):

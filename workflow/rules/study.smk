@@ -10,11 +10,11 @@ rule studied:
 
 rule study_points:
     output:
-        points="results/{scenario}/study/points_{number}.parquet",
+        points="results/{scenario}/study/points/{part}.parquet",
     log:
-        "results/{scenario}/logs/study_points_{number}.log",
+        "results/{scenario}/logs/study_{part}.log",
     wildcard_constraints:
-        number=r"\d+",
+        part=r"part_\d+",
     conda:
         "../envs/jointgap.yaml"
     threads: 1
@@ -24,19 +24,18 @@ rule study_points:
     params:
         options=lambda wildcards: options_file(wildcards.scenario, "study"),
         code=SCENARIO_STAGES["study-points"].digest,
+        part=lambda wildcards: parts_of_study(wildcards.scenario)[wildcards.part],
     message:
-        "{wildcards.scenario}: study, speed {wildcards.number}"
+        "{wildcards.scenario}: study, {wildcards.part}"
     shell:
-        "jointgap study-points --options {params.options:q} --speed {wildcards.number}"
+        "jointgap study-points --options {params.options:q} --first {params.part[0]} --number {params.part[1]}"
         " --points {output.points:q} --workers {threads} > {log:q} 2>&1"
 
 
 rule study:
     input:
         lambda wildcards: expand(
-            rules.study_points.output.points,
-            number=range(len(SCENARIOS[wildcards.scenario].study.speed)),
-            allow_missing=True,
+            rules.study_points.output.points, part=parts_of_study(wildcards.scenario), allow_missing=True
         ),
     output:
         points="results/{scenario}/study/points.parquet",

@@ -3,8 +3,6 @@
 import json
 from functools import cache
 
-from jointgap.parts import parts
-
 
 @cache
 def swept_scenarios():

@@ -56,10 +56,9 @@ _OPTIONS = {
         need("--published", "JSON file to write: what was published where."),
     ),
     "study-points": (
-        click.option(
-            "--speed", "number", type=click.IntRange(min=0), required=True, help="Which of the speeds, from 0 on."
-        ),
-        need("--points", "Parquet file to write: the points of this speed."),
+        click.option("--first", type=click.IntRange(min=0), required=True, help="First point, from 0 on."),
+        click.option("--number", type=click.IntRange(min=1), required=True, help="How many points."),
+        need("--points", "Parquet file to write: these points."),
         workers_option,
     ),
     "study": (

@@ -474,6 +474,14 @@ class Study(Section):
     tolerance: quantity("", gt=0, le=TOLERANCE_SHARE) = Field(
         1e-6, description="local error of positions that an integration step may make, as a share of the clearance"
     )
+    points_per_job: count(MOST_COMBINATIONS, "there are no more points") = Field(
+        20, description="points that one job of the workflow simulates, each from all its starts"
+    )
+
+    @property
+    def points(self) -> int:
+        """How many points the map has."""
+        return len(self.speed) * len(self.friction) * len(self.clearance)
 
     @model_validator(mode="after")
     def _combinations_can_be_held(self):

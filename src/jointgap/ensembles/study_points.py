@@ -25,15 +25,18 @@ _PER_PERIOD = 12  # samples in a period of the contact's ringing
 _FEWEST, _MOST = 720, 20_000  # samples per revolution: for the spectrum, and that memory holds
 
 
-def simulate_points(scenario: Scenario, only_speed: int | None = None, workers: int | None = None) -> pd.DataFrame:
-    """Simulate the points of the map.
+def simulate_points(
+    scenario: Scenario, first: int = 0, count: int | None = None, workers: int | None = None
+) -> pd.DataFrame:
+    """Simulate the points of the map, or some of them.
 
     Parameters
     ----------
     scenario : Scenario
         Its section `study` says which clearances, speeds and frictions; all else is the mechanism's.
-    only_speed : int, optional
-        Simulate this one of the speeds alone, counted from 0.
+    first, count : int
+        First point, counted from 0, and how many; all by default. The clearance changes from point to point, the
+        friction after that, and the speed last.
     workers : int, optional
         See `jointgap.dynamics.parallel_runs.simulate_runs`.
 
@@ -45,7 +48,8 @@ def simulate_points(scenario: Scenario, only_speed: int | None = None, workers: 
     Raises
     ------
     InputError
-        No joint is loose, the drive does not keep a constant speed, or a value is impossible for the mechanism.
+        No joint is loose, the drive does not keep a constant speed, a value is impossible for the mechanism, or there
+        is no such point.
     """
     study = scenario.study
     if scenario.simulate.drive.kind != "constant":
@@ -56,8 +60,13 @@ def simulate_points(scenario: Scenario, only_speed: int | None = None, workers: 
         raise InputError(
             "study: varies a constant speed; use simulate.drive.kind constant and no effect speed_fluctuation"
         )
-    speeds = study.speed if only_speed is None else (_speed(study, only_speed),)
-    values = list(itertools.product(speeds, study.friction, study.clearance))
+    points = list(itertools.product(study.speed, study.friction, study.clearance))
+    count = len(points) - first if count is None else count
+    if first + count > len(points):
+        raise InputError(
+            f"study: points {first} to {first + count - 1} are asked for, but there are {len(points)}, from 0 on"
+        )
+    values = points[first : first + count]
     outcomes = simulate_runs(_runs(scenario, values), workers)
     rows = [
         _row(value, list(itertools.islice(outcomes, study.members)), study)
@@ -67,12 +76,12 @@ def simulate_points(scenario: Scenario, only_speed: int | None = None, workers: 
 
 
 def join_points(parts: Iterable[pd.DataFrame], study: Study) -> pd.DataFrame:
-    """The map from frames of single speeds.
+    """The map from its parts.
 
     Parameters
     ----------
     parts : iterable of DataFrame
-        Tables `jointgap.tables.STUDY`.
+        Tables `jointgap.tables.STUDY`, each of some points.
     study : Study
         Says which points there have to be.
 
@@ -92,12 +101,6 @@ def join_points(parts: Iterable[pd.DataFrame], study: Study) -> pd.DataFrame:
             "are missing; simulate the parts again with these options"
         )
     return points.sort_values(keys, ignore_index=True)
-
-
-def _speed(study: Study, number: int) -> float:
-    if not 0 <= number < len(study.speed):
-        raise InputError(f"study: there is no speed number {number}; they are numbered 0 to {len(study.speed) - 1}")
-    return study.speed[number]
 
 
 def _runs(scenario: Scenario, values: list[tuple[float, float, float]]) -> Iterator[Run]:

@@ -342,14 +342,14 @@ def track(results: "ScenarioResults", name: str, store: Path, published: Path) -
 
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "study"))
-def study_points(scenario: "Scenario", number: int, points: Path, workers: int | None) -> None:
-    """Simulate one speed of the study, for `jointgap study --points`.
+def study_points(scenario: "Scenario", first: int, number: int, points: Path, workers: int | None) -> None:
+    """Simulate some points of the study, for `jointgap study --points`.
 
     Parameters
     ----------
     scenario : Scenario
-    number : int
-        Which speed of the study, counted from 0.
+    first, number : int
+        First point, counted from 0, and how many.
     points : Path
         File to write: table `jointgap.tables.STUDY`.
     workers : int, optional
@@ -358,7 +358,7 @@ def study_points(scenario: "Scenario", number: int, points: Path, workers: int |
     from jointgap.ensembles.study_points import simulate_points
 
     tables.check_writable(points)
-    tables.write(STUDY, simulate_points(scenario, number, workers), points)
+    tables.write(STUDY, simulate_points(scenario, first, number, workers), points)
 
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "study"))

@@ -13,6 +13,7 @@ from jointgap.config import read_yaml, validate
 from jointgap.config.names import Word
 from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import JOINTS, PINS
+from jointgap.parts import parts
 from jointgap.section import Section
 from jointgap.trials.injected_effects import LISTED, OFF_LIST
 from jointgap.trials.wiring import DAMAGES
@@ -157,8 +158,13 @@ def plan_trials(chosen: TrialSet) -> list[TrialPlan]:
 
 
 def plan_batch(chosen: TrialSet, batch: int) -> list[TrialPlan]:
-    """The trials of one `batch`, counted from 0, of the set `chosen`."""
-    return plan_trials(chosen)[batch * chosen.batch : (batch + 1) * chosen.batch]
+    """The trials of one `batch`, counted from 0, of the set `chosen`; InputError where it has no such batch."""
+    plans = plan_trials(chosen)
+    batches = list(parts(len(plans), chosen.batch).values())
+    if batch >= len(batches):
+        raise InputError(f"there is no batch {batch} in this set; they are numbered 0 to {len(batches) - 1}")
+    first, count = batches[batch]
+    return plans[first : first + count]
 
 
 def batches_of(chosen: TrialSet, first: int | None = None) -> range:
@@ -175,7 +181,7 @@ def batches_of(chosen: TrialSet, first: int | None = None) -> range:
     InputError
         Not a whole number from 1 to how many there are.
     """
-    count = -(-len(plan_trials(chosen)) // chosen.batch)
+    count = len(parts(len(plan_trials(chosen)), chosen.batch))
     if first is None:
         return range(count)
     if isinstance(first, bool) or not isinstance(first, int) or not 1 <= first <= count:
