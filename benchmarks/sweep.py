@@ -1,0 +1,155 @@
+"""A sweep of the paper's mechanism, four revolutions and both pins loose, to Parquet: time, memory, growth and reading.
+
+``python -m benchmarks.sweep --designs 100000`` measures the size that the reaches are of; by default it is a hundredth.
+The ratio is of the processor time of the whole to that of the simulations alone, each timed in its thread in the same
+run, so that it holds on a busy machine too; with ``--workflow`` Snakemake's jobs, with all that they load, are held
+against the same simulations. Memory and time are those of processes of their own.
+"""
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import yaml
+
+from benchmarks.ensemble import exponent, peak_memory
+from benchmarks.project import ROOT, copy_project, environment, run
+
+DESIGNS, CORES = 1000, 2
+OF_REACH, REACH_S = 100_000, 600.0
+RATIO, MEMORY, READ_S = 1.15, 1.1, 1.0
+POWER = 1.03
+FEW = 1000
+"""Designs beside which memory is held, and the fewest that growth is measured with."""
+
+READERS = {
+    "pandas": "frame = pandas.read_parquet({folder!r}); frame[(frame.friction > 0.1) & frame.reason.isna()]",
+    "polars": "polars.read_parquet({folder!r}).filter((polars.col('friction') > 0.1) & polars.col('reason').is_null())",
+    "duckdb": "duckdb.sql(\"select * from read_parquet('{folder}/*.parquet') where friction > 0.1 and reason is null\")"
+    ".arrow()",
+}
+"""How other programs read all columns of the designs with much friction that did not fail."""
+
+
+def config(designs: int) -> dict:
+    """The configuration that `make sweep` has by default, with so many designs, in jobs as they are by default."""
+    found = yaml.safe_load((ROOT / "config/sweep.yaml").read_text(encoding="utf-8"))
+    found["scenarios"]["sweep"]["sweep"] |= {"number": designs}
+    del found["scenarios"]["sweep"]["sweep"]["designs_per_job"]
+    return found
+
+
+def swept(designs: int, cores: int, folder: str) -> dict[str, float]:
+    """Wall and processor seconds of a sweep, those of its simulations alone, and peak memory [MiB]."""
+    from jointgap.config import resolve
+    from jointgap.dynamics import parallel_runs
+    from jointgap.stages.scenario_stages import sweep
+
+    alone: dict[int, float] = {}
+    simulated = parallel_runs.integrate_to_angles
+
+    def timed(*given):
+        began = time.thread_time()
+        try:
+            return simulated(*given)
+        finally:
+            thread = threading.get_ident()
+            alone[thread] = alone.get(thread, 0.0) + time.thread_time() - began
+
+    parallel_runs.integrate_to_angles = timed
+    scenario = resolve(config(designs), (ROOT,), whole=False)["sweep"]
+    with tempfile.TemporaryDirectory() as other:  # loads the compiled code
+        few = scenario.sweep.model_copy(update={"number": 4})
+        sweep(scenario.model_copy(update={"sweep": few}), Path(other), cores)
+    alone.clear()
+    wall, processor = time.perf_counter(), time.process_time()
+    sweep(scenario, Path(folder), cores)
+    return {
+        "wall": time.perf_counter() - wall,
+        "processor": time.process_time() - processor,
+        "alone": sum(alone.values()),
+        "mebibytes": peak_memory(),
+    }
+
+
+def read_and_filtered(reader: str, folder: str) -> dict[str, float]:
+    """Seconds in which a program reads and filters the dataset, once it is loaded."""
+    program = __import__(reader)
+    code = compile(READERS[reader].format(folder=folder), reader, "exec")
+    began = time.perf_counter()
+    exec(code, {reader: program})
+    return {"seconds": time.perf_counter() - began}
+
+
+def apart(function: str, *given: object) -> dict[str, float]:
+    """Result of one of the functions above in a new process."""
+    code = f"import json; from benchmarks.sweep import {function}; print(json.dumps({function}(*{given!r})))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment(), stdout=subprocess.PIPE, text=True, check=True
+    )
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def of_workflow(designs: int, cores: int) -> dict[str, float]:
+    """Wall and processor seconds of the same sweep as jobs of the workflow."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = copy_project(Path(folder) / "project")
+        (place / "sweep.json").write_text(json.dumps(config(designs)))
+        profile = ("--workflow-profile", "workflow/profiles/local", "--cores", str(cores))
+        before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        done = run(place, "snakemake", "swept", "--configfile", "sweep.json", *profile)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        if done.returncode:
+            raise RuntimeError(done.stderr[-2000:])
+        spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        return {"wall": time.perf_counter() - began, "processor": spent}
+
+
+def measure(designs: int = DESIGNS, cores: int = CORES, workflow: bool = False) -> list[dict]:
+    """Rows of what, reach, measured, unit and peers."""
+
+    def row(what, reach, measured, unit, **peers):
+        return {"what": f"sweep: {what}", "reach": reach, "measured": measured, "unit": unit, "peers": peers}
+
+    with tempfile.TemporaryDirectory() as folder:
+        numbers = sorted({min(FEW, designs // 10), round((min(FEW, designs // 10) * designs) ** 0.5), designs})
+        found = {number: apart("swept", number, cores, f"{folder}/{number}") for number in numbers}
+        most = found[designs]
+        few = found.get(FEW) or apart("swept", FEW, cores, f"{folder}/few")
+        dataset = f"{folder}/{designs}/designs"
+        read = {reader: apart("read_and_filtered", reader, dataset)["seconds"] for reader in READERS}
+    reach = REACH_S * designs / OF_REACH
+    simulations = {"its simulations alone, processor": most["alone"], "all, processor": most["processor"]}
+    rows = [
+        row(f"{designs} designs on {cores} cores", reach, most["wall"], "s", **simulations),
+        row("processor time over that of its simulations", RATIO, most["processor"] / most["alone"], "1"),
+        row("time x cores over its simulations", RATIO, cores * most["wall"] / most["alone"], "1"),
+        row(f"peak memory, {designs} designs over {FEW}", MEMORY, most["mebibytes"] / few["mebibytes"], "1",
+            **{f"MiB of {designs}": most["mebibytes"]}),
+        row(f"growth of processor time, {numbers[0]} to {designs} designs: power", POWER,
+            exponent(numbers, [found[number]["processor"] for number in numbers]), "1"),
+        row(f"rows of {designs} designs read and filtered, slowest program", READ_S, max(read.values()), "s", **read),
+    ]  # fmt: skip
+    if workflow:
+        jobs = of_workflow(designs, cores)
+        spent = {"processor s": jobs["processor"]}
+        rows.append(row(f"{designs} designs by make sweep on {cores} cores", reach, jobs["wall"], "s", **spent))
+        rows.append(
+            row("make sweep, processor time over the simulations", RATIO, jobs["processor"] / most["alone"], "1")
+        )
+    return rows
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.sweep", description=__doc__)
+    parser.add_argument("--designs", type=int, default=DESIGNS)
+    parser.add_argument("--cores", type=int, default=CORES)
+    parser.add_argument("--workflow", action="store_true", help="measure the jobs of the workflow too")
+    for line in measure(**vars(parser.parse_args())):
+        print(json.dumps(line))
