@@ -22,11 +22,12 @@ COMMANDS = {
     "measure": ["jointgap", "measure", "small/small.json", "--folder", "disk/results"],
     "analyse": ["jointgap", "analyse", "small/small.json", "--folder", "disk/results"],
     "store": ["python", "-c", MAKE_STORE, "disk/results"],
+    "sweep": ["jointgap", "sweep", "--options", "sweep.json", "--folder", "disk/results", "--workers", "1"],
     "schema": ["jointgap", "schema", "--write", "disk/results/schema.json"],
 }
 """What is run, by the name of its row."""
 
-_COUNTS = {"simulate": 6, "measure": 4, "store": 6, "schema": 2, "analyse": 2}
+_COUNTS = {"simulate": 6, "measure": 4, "store": 6, "schema": 2, "analyse": 2, "sweep": 4}
 
 
 def can_mount() -> bool:

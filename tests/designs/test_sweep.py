@@ -1,7 +1,9 @@
 """A sweep draws the designs that its parameters ask for, and measures each as a simulation alone does."""
 
+import errno
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -227,6 +229,26 @@ def test_a_killed_sweep_goes_on_with_the_parts_that_are_missing(simulated, tmp_p
     sweep(made, tmp_path, 1)
     assert simulated == [2, 3]
     assert dataset(tmp_path) == whole
+
+
+def test_a_full_disk_takes_a_part_and_leaves_the_others(simulated, tmp_path, monkeypatch):
+    made = scenario(RANGE, number=4, designs_per_job=2)
+    sweep(made, tmp_path / "with room", 1)
+    replace = os.replace
+
+    def full(source, target):
+        if Path(target).name == "part_000001.parquet":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        replace(source, target)
+
+    with monkeypatch.context() as disk, pytest.raises(InputError, match=r"part_000001\.parquet: .*No space left"):
+        disk.setattr(os, "replace", full)
+        sweep(made, tmp_path / "full", 1)
+    assert list(dataset(tmp_path / "full")) == ["part_000000.parquet"]
+    simulated.clear()
+    sweep(made, tmp_path / "full", 1)
+    assert simulated == [2, 3]
+    assert dataset(tmp_path / "full") == dataset(tmp_path / "with room")
 
 
 def test_designs_that_other_code_measured_are_measured_again(simulated, tmp_path):
