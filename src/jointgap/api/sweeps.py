@@ -13,7 +13,7 @@ from jointgap.api.result import Result, Row
 from jointgap.api.simulated_motion import checked_mechanism, simulate_options
 from jointgap.config import Mechanism, Scenario, Simulate, validate
 from jointgap.config.sweep_config import Sweep
-from jointgap.designs.design_of_experiments import Designs, designs_of
+from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.designs_to_parquet import table_of
 from jointgap.designs.sweep_page import failures
 from jointgap.errors import InputError, did_you_mean
@@ -33,7 +33,7 @@ class SweptDesigns(Result):
     """
 
     folder: Path
-    _drawn: Designs
+    _drawn: Any  # jointgap.designs.design_of_experiments.Designs, which the documentation has no page of
 
     _HEADLINE = "Designs of a sweep: medians of what was measured"
 
