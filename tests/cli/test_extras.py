@@ -13,7 +13,7 @@ class Missing:
         if name.partition(".")[0] in BLOCKED:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
-BLOCKED = "torch pymoo mlflow requests snakemake plotly exudyn pysindy sympy sklearn IPython".split()
+BLOCKED = "torch pymoo openturns mlflow requests snakemake plotly exudyn pysindy sympy sklearn IPython".split()
 sys.meta_path.insert(0, Missing())
 
 import jointgap
@@ -38,5 +38,6 @@ def test_without_the_extras_all_can_be_imported_but_training_and_optimising_whic
     said = {module.rpartition(".")[2]: message for module, message in said.items()}
     install = "pip install 'jointgap[learn]' (in a clone: scripts/set-up)"
     torch, pymoo = f"training networks needs torch: {install}", f"optimising link lengths needs pymoo: {install}"
-    assert (said["train"], said["search"]) == (torch, pymoo)
-    assert set(said.values()) == {torch, pymoo}  # of the other extras nothing is imported before it is needed
+    openturns = f"what decides a sweep needs openturns: {install}"
+    assert (said["train"], said["search"], said["sensitivity_inputs"]) == (torch, pymoo, openturns)
+    assert set(said.values()) == {torch, pymoo, openturns}  # the others are imported when needed

@@ -82,6 +82,10 @@ _OPTIONS = {
         need("--folder", "Folder to write designs/, summary.md and summary.html to.", FOLDER),
         workers_option,
     ),
+    "sensitivity": (
+        need("--designs", "Folder of the designs that `jointgap sweep` wrote.", FOLDER),
+        need("--folder", "Folder to write summary.md, summary.html, tables and figures/ to.", FOLDER),
+    ),
 }
 """Options of a stage besides the scenario's and its results, by the names of its function's arguments."""
 

@@ -18,6 +18,7 @@ from pydantic import (
 
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.names import Word
+from jointgap.config.sensitivity_config import Sensitivity
 from jointgap.config.sweep_config import Sweep
 from jointgap.counts import Iterations, Members, MembersToCompare, Seed, count
 from jointgap.errors import InputError
@@ -508,6 +509,7 @@ class Scenario(Section):
     ensemble: Runs = Runs()
     study: Study = Study()
     sweep: Sweep = Sweep()
+    sensitivity: Sensitivity | None = None
 
     @model_validator(mode="after")
     def _the_mechanism_can_be_simulated_so(self):
@@ -608,5 +610,6 @@ SECTIONS = {
     "ensemble": ("mechanism", "simulate", "ensemble"),
     "study": ("mechanism", "simulate", "study"),
     "sweep": ("mechanism", "simulate", "sweep"),
+    "sensitivity": ("mechanism", "simulate", "sweep", "sensitivity"),
     "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),
 }

@@ -471,3 +471,37 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     text = to_markdown(summary)
     tables.write_text(folder / "summary.md", text)
     return text
+
+
+@SCENARIO_STAGES.stage(files=("summary.md", "summary.html"), sections=(*_MOTION, "sweep", "sensitivity"))
+def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
+    """Tell which parameter of a sweep decides which measure: Sobol indices from a surrogate of each.
+
+    Reads the designs that `jointgap sweep` simulated. Each measure gets a surrogate, which is judged by designs that it
+    was not trained on; where it predicts them badly there are no indices, and the page says so. The sections `sweep`
+    and `sensitivity` of the scenario say what was drawn, and of which measures indices are wanted (all by default).
+
+    Writes summary.html and summary.md, three tables and figures.
+
+    \b
+    Example:
+      jointgap sweep --options mine.yaml --folder results/mine/sweep
+      jointgap sensitivity --options mine.yaml --designs results/mine/sweep/designs --folder results/mine/sensitivity
+
+    Parameters
+    ----------
+    scenario : Scenario
+    designs : Path
+        Folder of the sweep's designs.
+    folder : Path
+        To write into.
+    """
+    from jointgap.config.sensitivity_config import Sensitivity
+    from jointgap.designs.design_of_experiments import designs_of
+    from jointgap.designs.designs_to_parquet import check_dataset
+    from jointgap.designs.sensitivity_indices import what_decides
+    from jointgap.designs.sensitivity_results import write_results
+
+    drawn = designs_of(scenario)
+    check_dataset(drawn, designs)
+    return write_results(what_decides(drawn, designs, scenario.sensitivity or Sensitivity()), folder)

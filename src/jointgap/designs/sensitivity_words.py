@@ -1,0 +1,41 @@
+"""Measures and parameters of a sweep in words, with the units in which people read them."""
+
+from jointgap.designs.design_of_experiments import Axis
+from jointgap.figures.sheet import Quantity
+from jointgap.report.plain_words import in_words, reading_unit, unit_in_words
+from jointgap.tables.sweep_tables import MEASURES
+
+_COLUMNS = {column.name: column for column in MEASURES}
+_SHORTER = {
+    "repeat_distance": "distance from repeating, over the smallest clearance",
+    "noise_share": "noise share of the slider's acceleration",
+}
+_WORDS = {"speed": "crank speed"}
+_LEFT_OUT = ("mechanism", "simulate", "joints", "contact")
+"""Parts of a path that say nothing that its other parts do not."""
+
+
+def measure_in_words(name: str) -> str:
+    """``RMS of the normal force in the crank pin``."""
+    words = _SHORTER.get(name) or _COLUMNS[name].description.partition(";")[0]
+    return words.replace(" (ideal less simulated)", "")
+
+
+def measure_quantity(name: str) -> tuple[Quantity, float]:
+    """What an axis of a measure shows, and how many of its units one SI unit is."""
+    return _quantity(measure_in_words(name), _COLUMNS[name].unit)
+
+
+def parameter_in_words(key: str) -> str:
+    """``crank pin journal`` of ``mechanism.joints.crank_pin.journal``."""
+    return _WORDS.get(key) or in_words(" ".join(part for part in key.split(".") if part not in _LEFT_OUT))
+
+
+def parameter_quantity(axis: Axis) -> tuple[Quantity, float]:
+    """What an axis of a parameter shows, and how many of its units one SI unit is."""
+    return _quantity(parameter_in_words(axis.key), axis.unit if axis.column.kind == "float" else "")
+
+
+def _quantity(words: str, unit: str) -> tuple[Quantity, float]:
+    shown, factor = reading_unit(unit)
+    return Quantity(words, unit_in_words(shown)), factor

@@ -1,0 +1,232 @@
+"""Indices of what decides: right where they are known, absent where the surrogate is poor."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap import tables
+from jointgap.config import Scenario
+from jointgap.designs.design_of_experiments import Designs, designs_of
+from jointgap.designs.designs_to_parquet import DIGEST, table_of
+from jointgap.designs.sensitivity_indices import Decided, decided, what_decides
+from jointgap.errors import InputError
+from jointgap.stages.scenario_stages import sensitivity
+from jointgap.tables.sweep_tables import MEASURES
+from tests.dynamics.cases import mechanism, options
+
+MADE = mechanism(friction=0.1)
+COARSE = options(revolutions=2, samples_per_revolution=360, tolerance=1e-8)
+EVEN = {
+    "clearance": {"distribution": "log_uniform", "from": "0.1 mm", "to": "1 mm"},
+    "friction": {"from": 0, "to": 0.2},
+    "speed": {"from": "300 rpm", "to": "900 rpm"},
+}
+"""Three parameters of which a function knows the quantiles."""
+
+
+def designs(parameters: dict, **more) -> Designs:
+    return designs_of(Scenario(mechanism=MADE, simulate=COARSE, sweep={"parameters": parameters, **more}))
+
+
+def swept(drawn: Designs, measure, reason=None) -> pd.DataFrame:
+    """What a sweep would hold whose measure `stroke` is a function of the parameters' columns."""
+    frame = pd.DataFrame(drawn.values(0, drawn.number))
+    failed = np.zeros(len(frame), dtype=bool) if reason is None else reason(frame)
+    values = np.where(failed, np.nan, measure(frame))
+    return frame.assign(stroke=values, reason=np.where(failed, "it broke", None))
+
+
+def decide(drawn: Designs, measure, reason=None, seed=0) -> Decided:
+    return decided(drawn, swept(drawn, measure, reason), ["stroke"], seed)
+
+
+def quantiles(frame: pd.DataFrame) -> np.ndarray:
+    """(n, 3) in [0, 1) of the parameters `EVEN`."""
+    return np.column_stack(
+        [np.log10(frame["clearance"] / 1e-4), frame["friction"] / 0.2, frame["speed"] * 30 / math.pi / 600 - 0.5]
+    )
+
+
+def ishigami(frame: pd.DataFrame) -> np.ndarray:
+    a, b, c = (math.pi * (2 * quantiles(frame) - 1)).T
+    return np.sin(a) + 7 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a)
+
+
+ISHIGAMI = {"clearance": (0.3139, 0.5576), "friction": (0.4424, 0.4424), "speed": (0.0, 0.2437)}
+"""First-order and total indices (Ishigami and Homma 1990)."""
+
+
+def additive(frame: pd.DataFrame) -> np.ndarray:
+    return quantiles(frame) @ [3.0, 2.0, 1.0]
+
+
+def check(found: Decided, known: dict, within: float) -> None:
+    indices = found.indices.set_index("parameter")
+    assert list(indices.index) == list(known)
+    for parameter, pair in known.items():
+        row = indices.loc[parameter]
+        for index, value in zip(("first_order", "total"), pair, strict=True):
+            assert row[index] == pytest.approx(value, abs=within)
+            assert row[f"{index}_low"] - 1e-6 <= value <= row[f"{index}_high"] + 1e-6
+
+
+def test_the_indices_of_ishigami_s_function_come_out_within_their_intervals():
+    found = decide(designs(EVEN, number=512), ishigami)
+    check(found, ISHIGAMI, within=0.02)
+    assert found.surrogates.loc[0, "q2"] > 0.98
+
+
+def test_a_g_function_comes_out_within_its_intervals():
+    def g(frame):
+        return np.prod((np.abs(4 * quantiles(frame) - 2) + [0.0, 1.0, 9.0]) / (1.0 + np.array([0.0, 1.0, 9.0])), axis=1)
+
+    parts = 1 / 3 / (1 + np.array([0.0, 1.0, 9.0])) ** 2
+    whole = np.prod(1 + parts) - 1
+    totals = parts * np.prod(1 + parts) / (1 + parts) / whole
+    known = dict(zip(EVEN, zip(parts / whole, totals, strict=True), strict=True))
+    check(decide(designs(EVEN, number=512), g), known, within=0.05)
+
+
+def test_a_sum_has_the_shares_of_its_variances_whatever_the_distributions():
+    parameters = {
+        "clearance": {"distribution": "triangular", "from": "0.1 mm", "peak": "0.2 mm", "to": "0.7 mm"},
+        "crank_length": {"distribution": "normal", "mean": "150 mm", "deviation": "0.1 mm"},
+        "rod_length": {"distribution": "normal", "mean": "564 mm", "deviation": "0.1 mm", "from": "563.9 mm"},
+        "speed": {"distribution": "log_uniform", "from": "300 rpm", "to": "900 rpm"},
+        "mechanism.slider.mass": [1.0, 2.0, 6.0],
+        "mechanism.joints.crank_pin.journal": ["crank", "rod"],
+        "friction": [0.1],
+    }
+    drawn = designs(parameters, number=512)
+    deviations = [axis.law.std() if axis.law else np.std(axis.values) for axis in drawn.axes[:5]]
+    weights = np.arange(1.0, 6.0) / deviations
+
+    def weighed(frame):
+        return frame.iloc[:, :5].to_numpy(dtype=float) @ weights + 6 * (frame.iloc[:, 5] == "rod") / 0.5
+
+    shares = np.arange(1.0, 7.0) ** 2 / 91
+    check(decide(drawn, weighed), dict(zip(parameters, zip(shares, shares, strict=True), strict=False)), within=0.01)
+
+
+def test_a_grid_is_read_as_its_lists():
+    grid = {"friction": [0, 0.1, 0.2], "speed": {"from": "300 rpm", "to": "900 rpm", "number": 30}}
+    found = decide(
+        designs(grid, design="grid"), lambda frame: 10 * frame["friction"] + frame["speed"] * 30 / math.pi / 300
+    )
+    variances = np.var([0.0, 1.0, 2.0]), np.var(np.linspace(1, 3, 30))
+    shares = [variance / sum(variances) for variance in variances]
+    check(found, {key: (share, share) for key, share in zip(grid, shares, strict=True)}, within=0.01)
+
+
+def test_a_rough_measure_has_no_index():
+    noise = np.random.default_rng(1)
+    found = decide(designs(EVEN, number=128), lambda frame: additive(frame) + 3 * noise.normal(size=len(frame)))
+    assert found.indices.empty
+    assert "of the variance of held-out designs, less than 80%" in found.surrogates.loc[0, "reason"]
+
+
+def fine_waves(frame: pd.DataFrame, variance: float) -> np.ndarray:
+    """Of the speed alone, too fine for any surrogate."""
+    return math.sqrt(2 * variance) * np.sin(2 * math.pi * 997 * quantiles(frame)[:, 2])
+
+
+def held_in_intervals(seed: int) -> list[bool]:
+    """Which intervals hold the indices of a sum with fine waves of a tenth of the variance."""
+    found = decide(designs(EVEN, number=256, seed=seed), lambda f: additive(f) + fine_waves(f, 14 / 12 / 9), seed=seed)
+    known = 0.9 * np.array([9, 4, 1]) / 14 + [0, 0, 0.1]
+    return [
+        bool(row[f"{index}_low"] <= value <= row[f"{index}_high"])
+        for row, value in zip(found.indices.to_dict("records"), known, strict=True)
+        for index in ("first_order", "total")
+    ]
+
+
+def test_an_interval_holds_an_index_that_the_surrogate_knows_in_part():
+    assert all(held_in_intervals(0))
+
+
+@pytest.mark.slow
+def test_intervals_hold_indices_as_often_as_they_say():
+    held = np.array([held_in_intervals(seed) for seed in range(40)])
+    # 90 % of 40 less two standard deviations of that number
+    assert (held.sum(axis=0) >= 32).all()
+
+
+def test_failed_designs_are_left_out_and_counted():
+    def corner(frame):
+        return (quantiles(frame) > [0.7, 0.7, 0.3]).all(axis=1)
+
+    found = decide(designs(EVEN, number=512), additive, corner)
+    assert 20 < found.failed < 51
+    assert found.surrogates.loc[0, "failed"] == found.failed
+    check(found, {key: (w / 14, w / 14) for key, w in zip(EVEN, (9, 4, 1), strict=True)}, within=0.01)
+
+
+def test_too_many_failed_designs_or_too_few_designs_or_a_constant_have_no_index():
+    def half(frame):
+        return quantiles(frame)[:, 0] > 0.5
+
+    few = decide(designs(EVEN, number=64), additive, half).surrogates.loc[0, "reason"]
+    assert few == "50% of the designs lack it (32 failed), more than 10%"
+    assert decide(designs(EVEN, number=32), additive).surrogates.loc[0, "reason"] == "32 designs have it, fewer than 50"
+    same = decide(designs(EVEN, number=64), lambda frame: np.full(len(frame), 0.3))
+    assert same.surrogates.loc[0, "reason"] == "it is the same for all designs"
+
+
+def test_a_main_effect_is_the_mean_where_the_parameter_has_that_value():
+    effects = decide(designs(EVEN, number=256), ishigami).effects
+    friction = effects[effects["parameter"] == "friction"]
+    expected = 7 * np.sin(math.pi * (2 * friction["value"] / 0.2 - 1)) ** 2
+    np.testing.assert_allclose(friction["effect"], expected, atol=0.3)
+
+
+def dataset(drawn: Designs, folder: Path) -> None:
+    """A sweep's dataset without a simulation: its stroke is `additive`, nothing else was measured."""
+    frame = swept(drawn, additive)
+    blank = {column.name: np.nan for column in MEASURES if column.name != "stroke"}
+    frame = frame.assign(design=np.arange(len(frame)), steps=1, **blank)
+    tables.write(table_of(drawn), frame, folder / "part_000000.parquet", {DIGEST: drawn.digest})
+
+
+def scenario(number: int) -> Scenario:
+    sweep = {"parameters": EVEN, "number": number}
+    return Scenario(mechanism=MADE, simulate=COARSE, sweep=sweep, sensitivity={"measures": ["stroke", "noise_share"]})
+
+
+def test_the_stage_says_on_its_page_what_decides_and_finds_the_same_again(tmp_path):
+    made = scenario(64)
+    drawn, folder = designs_of(made), tmp_path / "sensitivity"
+    dataset(drawn, tmp_path / "designs")
+    text = sensitivity(made, tmp_path / "designs", folder)
+    assert "Clearance decides 1 of 1 measures most; in 1 of them that is sure." in text
+    assert "noise" not in text  # no design has it
+    again = what_decides(drawn, tmp_path / "designs", made.sensitivity)
+    for table, frame in zip(tables.SENSITIVITY_TABLES, (again.surrogates, again.indices, again.effects), strict=True):
+        tables.write(table, frame, written := tmp_path / Path(table.path).name)
+        assert written.read_bytes() == (folder / written.name).read_bytes()
+    assert (folder / "summary.html").exists()
+    assert {path.stem for path in (folder / "figures").iterdir()} == {"indices", "main_effects_stroke", "map_stroke"}
+
+
+def test_without_the_designs_of_this_sweep_there_is_one_clear_error(tmp_path):
+    with pytest.raises(InputError, match="holds no designs; simulate them first"):
+        sensitivity(scenario(64), tmp_path / "designs", tmp_path)
+    dataset(designs_of(scenario(64)), tmp_path / "designs")
+    with pytest.raises(InputError, match="design 64 is missing"):
+        sensitivity(scenario(65), tmp_path / "designs", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["designs"]
+
+
+def test_a_measure_that_a_sweep_does_not_have_is_named_with_what_is_near():
+    with pytest.raises(
+        InputError, match=r"sensitivity\.measures.*'strok' is no measure of a sweep; did you mean 'stroke'"
+    ):
+        Scenario(mechanism=MADE, sensitivity={"measures": ["strok"]})
+
+
+def test_parameters_that_do_not_vary_decide_nothing():
+    with pytest.raises(InputError, match="none varies"):
+        decide(designs({"friction": [0.1]}, number=64), lambda frame: frame["friction"])
