@@ -110,6 +110,9 @@ class Training:
     """
 
     def __init__(self, inputs: Inputs, standard: np.ndarray, seed: int, settings: SensitivitySettings):
+        ot.TBB.Disable()  # one thread: a job has one core, and sums keep their order
+        # No warning where a search for a covariance ends early: the error on validation designs tells what it is worth.
+        ot.Log.Show(ot.Log.ERROR)
         self._inputs, self._standard, self._seed, self._settings = inputs, standard, seed, settings
         order = np.random.default_rng(seed).permutation(len(standard))[: settings.most_designs]
         self._held, self._rest = _cut(order, settings.held_out)
