@@ -125,7 +125,7 @@ def test_a_rough_measure_has_no_index():
     noise = np.random.default_rng(1)
     found = decide(designs(EVEN, number=128), lambda frame: additive(frame) + 3 * noise.normal(size=len(frame)))
     assert found.indices.empty
-    assert "of the variance of held-out designs, less than 80%" in found.surrogates.loc[0, "reason"]
+    assert "of the variance of held-out designs, less than 80 %" in found.surrogates.loc[0, "reason"]
 
 
 def fine_waves(frame: pd.DataFrame, variance: float) -> np.ndarray:
@@ -170,7 +170,7 @@ def test_too_many_failed_designs_or_too_few_designs_or_a_constant_have_no_index(
         return quantiles(frame)[:, 0] > 0.5
 
     few = decide(designs(EVEN, number=64), additive, half).surrogates.loc[0, "reason"]
-    assert few == "50% of the designs lack it (32 failed), more than 10%"
+    assert few == "50 % of the designs lack it (32 failed), more than 10 %"
     assert decide(designs(EVEN, number=32), additive).surrogates.loc[0, "reason"] == "32 designs have it, fewer than 50"
     same = decide(designs(EVEN, number=64), lambda frame: np.full(len(frame), 0.3))
     assert same.surrogates.loc[0, "reason"] == "it is the same for all designs"

@@ -106,8 +106,8 @@ def decided(
             found = trainings[key].surrogate(values[there])
             if found.q2 < settings.least_q2:
                 reason = (
-                    f"the surrogate explains {max(found.q2, 0.0):.0%} of the variance of held-out designs, less than "
-                    f"{settings.least_q2:.0%}"
+                    f"the surrogate explains {100 * max(found.q2, 0.0):.0f} % of the variance of held-out designs, "
+                    f"less than {100 * settings.least_q2:.0f} %"
                 )
         surrogates.append(_surrogate_row(name, values[there], found, settings) | counts | {"reason": reason})
         if found and not reason:
@@ -130,7 +130,8 @@ def _unfit(values: np.ndarray, number: int, counts: dict[str, int], settings: Se
         return "it is the same for all designs"
     if missing > settings.most_missing * number:
         whose = " and ".join(f"{count} {what}" for what, count in counts.items() if count)
-        return f"{missing / number:.0%} of the designs lack it ({whose}), more than {settings.most_missing:.0%}"
+        most = f"more than {100 * settings.most_missing:.0f} %"
+        return f"{100 * missing / number:.0f} % of the designs lack it ({whose}), {most}"
     if len(values) < settings.least_designs:
         return f"{len(values)} designs have it, fewer than {settings.least_designs}"
     return None

@@ -68,9 +68,8 @@ def _headline(found: Decided) -> str:
 
 def _designs(found: Decided) -> str:
     varied = joined(parameter_in_words(one.axis.key) for one in found.inputs.each)
-    failed = f"{found.failed} failed ({found.failed / found.number:.1%}) and are left out" if found.failed else (
-        "none failed"
-    )  # fmt: skip
+    share = 100 * found.failed / found.number
+    failed = f"{found.failed} failed ({share:.1f} %) and are left out" if found.failed else "none failed"
     return f"From {found.number} designs of the sweep, of which {failed}. Varied: {varied}."
 
 
