@@ -18,6 +18,7 @@ from pydantic import (
 
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.names import Word
+from jointgap.config.robust_config import OptimiseRobust
 from jointgap.config.sensitivity_config import Sensitivity
 from jointgap.config.sweep_config import Sweep
 from jointgap.counts import Iterations, Members, MembersToCompare, Seed, count
@@ -510,6 +511,7 @@ class Scenario(Section):
     study: Study = Study()
     sweep: Sweep = Sweep()
     sensitivity: Sensitivity | None = None
+    optimise_robust: OptimiseRobust = OptimiseRobust()
 
     @model_validator(mode="after")
     def _the_mechanism_can_be_simulated_so(self):
@@ -611,5 +613,6 @@ SECTIONS = {
     "study": ("mechanism", "simulate", "study"),
     "sweep": ("mechanism", "simulate", "sweep"),
     "sensitivity": ("mechanism", "simulate", "sweep", "sensitivity"),
+    "optimise-robust": ("mechanism", "simulate", "optimise", "optimise_robust"),
     "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),
 }

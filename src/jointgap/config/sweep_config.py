@@ -82,7 +82,7 @@ class Values(Section):
         return values
 
 
-def _with_distribution(spec: Any) -> Any:
+def with_distribution(spec: Any) -> Any:
     """What is left out: a bare list is a list of values, and a range without a distribution is uniform."""
     if isinstance(spec, list | tuple):
         return {"distribution": "values", "values": spec}
@@ -124,7 +124,7 @@ class Sweep(Section):
     @classmethod
     def _distributions_are_named(cls, data: Any) -> Any:
         if isinstance(data, dict) and isinstance(data.get("parameters"), dict):
-            return data | {"parameters": {key: _with_distribution(spec) for key, spec in data["parameters"].items()}}
+            return data | {"parameters": {key: with_distribution(spec) for key, spec in data["parameters"].items()}}
         return data
 
     @model_validator(mode="after")

@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -145,21 +146,44 @@ def designs_of(scenario: Scenario) -> Designs:
             "{from: 0.1 mm, to: 0.5 mm}"
         )
     base = Scenario(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
-    axes = tuple(_axis(base, key, spec, sweep.design == "grid") for key, spec in sweep.parameters.items())
-    for axis in axes:
-        _check_width(axis)
-    _check_overlaps(axes)
+    axes = axes_of(base, sweep.parameters, SOURCE, sweep.design == "grid")
     number = math.prod(len(axis.values) for axis in axes) if sweep.design == "grid" else sweep.number
     designs = Designs(base, axes, sweep.design, number, sweep.seed, sweep.window)
     _check_possible(designs)
     return designs
 
 
-def _axis(base: Scenario, key: str, spec: Any, grid: bool) -> Axis:
-    source = f"{SOURCE}.{key}"
+def axes_of(base: Scenario, parameters: Mapping[str, Any], source: str, grid: bool = False) -> tuple[Axis, ...]:
+    """The parameters of a section, in SI.
+
+    Parameters
+    ----------
+    base : Scenario
+        Mechanism, its effects applied, and simulation.
+    parameters : mapping of str to Uniform, LogUniform, Normal, Triangular or Values
+        By word or path.
+    source : str
+        The key of the configuration that holds them, for errors.
+    grid : bool
+        Whether ranges are lists of their `number` of values.
+
+    Raises
+    ------
+    InputError
+        As `designs_of`.
+    """
+    axes = tuple(_axis(base, key, spec, grid, source) for key, spec in parameters.items())
+    for axis in axes:
+        _check_width(axis, source)
+    _check_overlaps(axes, source)
+    return axes
+
+
+def _axis(base: Scenario, key: str, spec: Any, grid: bool, section: str) -> Axis:
+    source = f"{section}.{key}"
     if isinstance(spec, Values):
-        return _listed_axis(base, key, spec)
-    unit = unit_of(base, key, SOURCE)
+        return _listed_axis(base, key, spec, section)
+    unit = unit_of(base, key, section)
 
     def si(name: str) -> float | None:
         given = getattr(spec, name)
@@ -194,19 +218,19 @@ def _axis(base: Scenario, key: str, spec: Any, grid: bool) -> Axis:
     return Axis(key, unit, law=stats.loguniform(a=low, b=high))
 
 
-def _listed_axis(base: Scenario, key: str, spec: Values) -> Axis:
+def _listed_axis(base: Scenario, key: str, spec: Values, section: str) -> Axis:
     """A list of quantities in SI, or of words where they set no quantity."""
     try:
-        unit = unit_of(base, key, SOURCE)
+        unit = unit_of(base, key, section)
     except InputError:
-        with_values(base, {key: spec.values[0]}, SOURCE)  # complains where there is no such key at all
+        with_values(base, {key: spec.values[0]}, section)  # complains where there is no such key at all
         return Axis(key, "", spec.values)
     values = []
     for value in spec.values:
         try:
             values.append(to_si(value, unit))
         except ValueError as error:
-            raise InputError(f"{SOURCE}.{key} = {value!r}: {error}") from error
+            raise InputError(f"{section}.{key} = {value!r}: {error}") from error
     return Axis(key, unit, tuple(values))
 
 
@@ -226,21 +250,21 @@ _SAME = {
 """By word, the paths of what it sets, or of what decides what it sets."""
 
 
-def _check_width(axis: Axis) -> None:
+def _check_width(axis: Axis, source: str) -> None:
     """A distribution is not so narrow that its values are one number."""
     low, high = axis.at(np.array([0.25, 0.75])) if axis.law is not None else (0.0, 1.0)
     if low == high:
         raise InputError(
-            f"{SOURCE}.{axis.key}: is so narrow that all its values are {low:.14g}, in 14 digits; make it wider"
+            f"{source}.{axis.key}: is so narrow that all its values are {low:.14g}, in 14 digits; make it wider"
         )
 
 
-def _check_overlaps(axes: tuple[Axis, ...]) -> None:
+def _check_overlaps(axes: tuple[Axis, ...], source: str) -> None:
     """No number is set by a word and by a path at once: one of them would win in silence."""
     keys = {axis.key for axis in axes}
     for word, paths in _SAME.items():
         if word in keys and (twice := keys & set(paths)):
-            raise InputError(f"{SOURCE}: {word} and {min(twice)} set the same number; give one of them")
+            raise InputError(f"{source}: {word} and {min(twice)} set the same number; give one of them")
 
 
 def _check_possible(designs: Designs) -> None:

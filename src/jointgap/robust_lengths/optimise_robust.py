@@ -1,0 +1,162 @@
+"""The stage optimise-robust: a scenario in; candidates, optima and their comparison on fresh draws out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Mechanism, Optimise, Scenario, Simulate
+from jointgap.dynamics.parallel_runs import Run, rod_and_slider, simulate_runs
+from jointgap.errors import InputError
+from jointgap.link_lengths.constraints import geometric
+from jointgap.link_lengths.local import search_from_all
+from jointgap.link_lengths.objective import Objective, frozen_objective
+from jointgap.link_lengths.region import Region
+from jointgap.mechanism import ideal_cycle
+from jointgap.robust_lengths.fresh_comparison import QUANTITIES, Comparison, compare
+from jointgap.robust_lengths.robust_measure import RobustMeasure
+from jointgap.robust_lengths.search_lengths import Asked, best_of, front_of, search
+from jointgap.robust_lengths.simulated_draws import Responses, SimulatedDraws
+from jointgap.robust_lengths.uncertain_draws import LENGTHS, Draw, Uncertain, uncertain_of
+from jointgap.tables import Table, robust_fresh
+from jointgap.tables.columns import Column
+
+COMPARED = ("original", "frozen", "nominal", "robust")
+"""Pairs of lengths that are put side by side, each compared with those before it."""
+
+
+@dataclass(frozen=True)
+class RobustOptimum:
+    """What the stage finds.
+
+    Attributes
+    ----------
+    candidates : DataFrame
+        Table optimise_robust_candidates.
+    comparison : Comparison
+    fresh : DataFrame
+        Table of `fresh_table`.
+    uncertain : Uncertain
+    asked : Asked
+    """
+
+    candidates: pd.DataFrame
+    comparison: Comparison
+    fresh: pd.DataFrame
+    uncertain: Uncertain
+    asked: Asked
+
+    @property
+    def fresh_table(self) -> Table:
+        """The table of the fresh draws."""
+        return robust_fresh(
+            Column(axis.key, axis.column.unit, _described(axis.key), axis.column.kind) for axis in self.uncertain.axes
+        )
+
+
+def _described(key: str) -> str:
+    return f"{key}: what is added to the nominal length" if key in LENGTHS else f"{key}, uncertain"
+
+
+def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOptimum:
+    """Search robust lengths in the first of the scenario's boxes, and compare them on fresh draws.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    workers : int, optional
+        Threads; the result does not depend on it.
+
+    Raises
+    ------
+    InputError
+        From what is uncertain, before anything is simulated; a box that inequality or constraints empty; a mechanism
+        whose joints are all ideal.
+    """
+    options, uncertain = scenario.optimise_robust, uncertain_of(scenario)
+    original = uncertain.base.mechanism
+    asked = _asked(scenario, original)
+    # all draws are made, and those that are impossible refused, before the first is simulated
+    search_draws, fresh_draws = uncertain.for_search(options.draws), uncertain.fresh(options.fresh_draws)
+
+    def simulated(draws: tuple[Draw, ...]) -> SimulatedDraws:
+        return SimulatedDraws(draws, original, scenario.optimise, options.revolution, workers)
+
+    nominal = search(asked, simulated((uncertain.nominal,)), options, with_front=False)
+    robust = search(asked, simulated(search_draws), options)
+    frozen = _frozen_optimum(simulated((uncertain.nominal,)), scenario.simulate, scenario.optimise, asked.region)
+    lengths = np.array([asked.original, frozen, _lengths_of(nominal), _lengths_of(robust)])
+    responses = simulated(fresh_draws)(lengths)
+    comparison = compare(asked, COMPARED, responses, options.resamples, options.seed)
+    found = [nominal.assign(search="nominal", on_front=False), robust.assign(search="robust", on_front=False)]
+    found[1].loc[front_of(robust), "on_front"] = True
+    return RobustOptimum(
+        pd.concat(found, ignore_index=True), comparison, _fresh_frame(fresh_draws, responses), uncertain, asked
+    )
+
+
+def _asked(scenario: Scenario, original: Mechanism) -> Asked:
+    optimise, options, offset = scenario.optimise, scenario.optimise_robust, original.slider.offset
+    if not original.loose:
+        raise InputError(
+            "optimise_robust: all joints are ideal, so the transmission angle has no error; make a joint loose"
+        )
+    name, box = next(iter(optimise.boxes.items()))
+    region = Region.of(box, optimise.ratio_limit).under(geometric(optimise.constraints, offset), name)
+
+    def stroke(lengths: np.ndarray) -> np.ndarray:
+        pairs = np.atleast_2d(lengths)
+        cycles = [ideal_cycle(*map(float, pair), offset) for pair in pairs]
+        strokes = np.array([cycle.outer_dead_centre - cycle.inner_dead_centre for cycle in cycles])
+        return strokes.reshape(np.shape(lengths)[:-1])
+
+    return Asked(
+        region=region,
+        original=(original.crank.length, original.rod.length),
+        stroke=stroke,
+        measure=RobustMeasure.of_options(options),
+        constraints=optimise.constraints,
+        probability=options.probability,
+    )
+
+
+def _lengths_of(candidates: pd.DataFrame) -> tuple[float, float]:
+    """The best lengths of a search, (L2, L3) [m]."""
+    best = candidates.iloc[best_of(candidates)]
+    return float(best["crank_length"]), float(best["rod_length"])
+
+
+def _frozen_optimum(
+    nominal: SimulatedDraws, simulate: Simulate, optimise: Optimise, region: Region
+) -> tuple[float, float]:
+    """The paper's optimum, (L2, L3) [m]: the motion in the joints is that of the original lengths, whatever they are.
+
+    The local search of `jointgap.link_lengths.local` on the simulated motion, without networks between.
+    """
+    objective = _frozen(nominal, simulate)
+    found = min(search_from_all(objective, region, optimise.local_tolerance), key=lambda each: each.value)
+    return float(found.lengths[0]), float(found.lengths[1])
+
+
+def _frozen(nominal: SimulatedDraws, simulate: Simulate) -> Objective:
+    mechanism = nominal.original
+    (outcome,) = simulate_runs([Run(mechanism, simulate)], 1)
+    if outcome.error is not None:
+        raise outcome.error
+    counted = nominal.counted(simulate)
+    angle, result = outcome.crank_angle[counted], outcome.result
+    rod, _ = rod_and_slider(outcome.parameters, angle, result.states[counted], result.auxiliary_states[counted])
+    # equation (10) solved for what the clearances add to the height of the rod
+    crank_length, rod_length = mechanism.crank.length, mechanism.rod.length
+    lift = -rod_length * np.sin(rod) - crank_length * np.sin(angle) + mechanism.slider.offset
+    return frozen_objective(mechanism, angle, lift)
+
+
+def _fresh_frame(draws: tuple[Draw, ...], responses: Responses) -> pd.DataFrame:
+    frames = []
+    values = pd.DataFrame([draw.values for draw in draws])
+    for number, name in enumerate(COMPARED):
+        found = {quantity: getattr(responses, quantity)[number] for quantity in QUANTITIES}
+        more = {"draw": np.arange(len(draws)), "lengths": name, "reason": list(responses.reasons[number])}
+        frames.append(values.assign(**more, **found))
+    return pd.concat(frames, ignore_index=True)

@@ -1,0 +1,43 @@
+"""Formulas that stand in for the simulation, whose best lengths are known."""
+
+import numpy as np
+from scipy import stats
+from scipy.stats import qmc
+
+from jointgap.config import Box, Constraints
+from jointgap.link_lengths.region import Region
+from jointgap.robust_lengths.robust_measure import RobustMeasure
+from jointgap.robust_lengths.search_lengths import Asked
+from jointgap.robust_lengths.simulated_draws import Responses
+
+BOX = Box(crank_length=(0.14, 0.16), rod_length=(0.54, 0.59))
+NOMINAL, STEADY, ROD = 0.147, 0.155, 0.57
+"""Crank lengths at which the mean and the deviation of the error are smallest, and the best rod length [m]."""
+
+
+def asked(measure: RobustMeasure, **more) -> Asked:
+    """Lengths in the box, the original ones in its middle."""
+    given = {"constraints": Constraints(), "probability": 0.95, "region": Region.of(BOX, None)} | more
+    return Asked(original=(0.15, 0.564), stroke=lambda lengths: 2.0 * lengths[..., 0], measure=measure, **given)
+
+
+def standard_draws(count: int = 64, seed: int = 0) -> np.ndarray:
+    """Normal draws of mean 0 and deviation 1, exactly, shape (count,)."""
+    z = stats.norm.ppf(qmc.Sobol(1, rng=seed).random_base2(10)[:count, 0])
+    return (z - z.mean()) / z.std(ddof=1)
+
+
+class Formula:
+    """Error with mean 1 + a^2 and deviation 1 + b^2, a and b distances from two lengths [cm]; keeps what was asked."""
+
+    def __init__(self, z: np.ndarray, force=lambda lengths, z: 0.0 * z):
+        self.z, self.force, self.calls = z, force, []
+
+    def __call__(self, lengths: np.ndarray) -> Responses:
+        self.calls.append(lengths)
+        crank, rod = 100.0 * lengths[:, :1], 100.0 * lengths[:, 1:]
+        beside = (rod - 100.0 * ROD) ** 2
+        error = 1.0 + (crank - 100.0 * NOMINAL) ** 2 + beside + self.z * (0.3 + (crank - 100.0 * STEADY) ** 2)
+        actual = np.repeat(lengths[:, None, :], len(self.z), axis=1)
+        force = self.force(lengths, self.z) * np.ones_like(error)
+        return Responses(lengths, actual, error, force, 2.0 * actual[..., 0], ((None,) * len(self.z),) * len(lengths))
