@@ -39,6 +39,7 @@ def made_of_sweep(name):
     """Every file that rules make of a scenario's sweep."""
     paths = [str(path) for path in (*rules.sweep_designs.output, *rules.sweep.output)]
     paths += map(str, rules.sensitivity.output if SCENARIOS[name].sensitivity is not None else ())
+    paths += made_robust(name)
     return [file for path in paths for file in expand(path, scenario=name, part=parts_of_sweep(name))]
 
 

@@ -78,6 +78,7 @@ _OPTIONS = {
         need("--designs", "Parquet file to write: these designs and what was measured of them."),
         workers_option,
     ),
+    "optimise-robust": (workers_option,),
     "sweep": (
         need("--folder", "Folder to write designs/, summary.md and summary.html to.", FOLDER),
         workers_option,

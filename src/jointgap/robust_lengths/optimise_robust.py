@@ -95,6 +95,13 @@ def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOpt
     )
 
 
+def check_robust(scenario: Scenario) -> None:
+    """Whether the section `optimise_robust` of a `scenario` can be done at all; InputError as `optimise_robust`."""
+    uncertain = uncertain_of(scenario)
+    _asked(scenario, uncertain.base.mechanism)
+    uncertain.for_search(scenario.optimise_robust.draws)
+
+
 def _asked(scenario: Scenario, original: Mechanism) -> Asked:
     optimise, options, offset = scenario.optimise, scenario.optimise_robust, original.slider.offset
     if not original.loose:

@@ -76,13 +76,15 @@ class Asked:
         return tuple(each for each in self.region.constraints if not each.is_fixed)
 
     def missed(self, responses: Responses) -> dict[str, np.ndarray]:
-        """By constraint how far it is missed, shape (m, n), in its unit; below 0 where it is met."""
+        """By constraint how far it is missed, shape (m, n), below 0 where it is met: in mm or deg, a force in % of its
+        limit.
+        """
         found = {}
         for each in self.uncertain_constraints:
             value = each.value(responses.actual)
             found[each.key] = np.maximum(each.low - value, value - each.high) / each.scale - MET
         if (most := self.constraints.largest_pin_force) is not None:
-            found["largest_pin_force"] = responses.force - most
+            found["largest_pin_force"] = 100.0 * (responses.force / most - 1.0)
         return found
 
 

@@ -29,6 +29,11 @@ from jointgap.tables import (
     PATHS,
     POPULATION,
     RESIMULATED,
+    ROBUST_CANDIDATES,
+    ROBUST_CONSTRAINTS,
+    ROBUST_FRESH_PATH,
+    ROBUST_GAINS,
+    ROBUST_LENGTHS,
     STUDY,
     TOLERANCE,
     TRAJECTORY,
@@ -505,3 +510,56 @@ def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
     drawn = designs_of(scenario)
     check_dataset(drawn, designs)
     return write_results(what_decides(drawn, designs, scenario.sensitivity or Sensitivity()), folder)
+
+
+@SCENARIO_STAGES.stage(
+    writes=(ROBUST_LENGTHS, ROBUST_GAINS, ROBUST_CONSTRAINTS, ROBUST_CANDIDATES),
+    files=(ROBUST_FRESH_PATH, "optimise_robust/summary.md", "optimise_robust/summary.html"),
+    sections=(*_MOTION, "optimise", "optimise_robust"),
+)
+def optimise_robust(results: "ScenarioResults", workers: int | None) -> str:
+    """Search link lengths that hold whatever is uncertain, and judge them on fresh draws.
+
+    The scenario's section `optimise_robust` says what is uncertain (clearances, friction, masses, speed, tolerances of
+    the lengths), and what of the error of the transmission angle is minimised: its mean plus standard deviations, or a
+    quantile. Bounds and constraints of the lengths are those of the section `optimise`, its first box.
+
+    \b
+    Example:
+      cat > mine.yaml <<END
+      mechanism: config/mechanisms/erkaya2009.yaml
+      simulate: {revolutions: 4, samples_per_revolution: 1800, tolerance: 1e-9 m}
+      optimise_robust:
+        generations: 4
+        uncertain:
+          clearance: {from: 0.5 mm, to: 1.5 mm}
+          friction: {from: 0, to: 0.2}
+          crank_length: {distribution: normal, mean: 0 mm, deviation: 0.05 mm}
+      END
+      jointgap optimise-robust --options mine.yaml --results results/mine
+
+    Parameters
+    ----------
+    results : ScenarioResults
+    workers : int, optional
+        Threads.
+    """
+    from jointgap.figures import style
+    from jointgap.report.page import to_html, to_markdown
+    from jointgap.robust_lengths.optimise_robust import optimise_robust as optimised
+    from jointgap.robust_lengths.robust_figures import draw_robust
+    from jointgap.robust_lengths.robust_page import headline, page, verdict
+
+    found = optimised(results.scenario, workers)
+    folder = results.path / "optimise_robust"
+    tables.write(found.fresh_table, found.fresh, results.path / ROBUST_FRESH_PATH)
+    results.write(ROBUST_CANDIDATES, found.candidates)
+    results.write(ROBUST_CONSTRAINTS, found.comparison.constraints)
+    results.write(ROBUST_GAINS, found.comparison.gains)
+    results.write(ROBUST_LENGTHS, found.comparison.lengths)
+    for name, drawing in draw_robust(found).items():
+        style.save(drawing, folder / name)
+    shown = page(found, results.scenario, results.path.resolve().name)
+    tables.write_text(folder / "summary.html", to_html(shown, folder))
+    tables.write_text(folder / "summary.md", to_markdown(shown, "."))
+    return "\n".join([headline(found), *verdict(found)])

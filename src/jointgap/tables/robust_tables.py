@@ -96,7 +96,7 @@ ROBUST_CANDIDATES = Table(
         Column("error", "rad", f"{_ERROR}: what is minimised of it", nullable=True),
         Column("force", "N", "largest force in either pin: the same number of it", nullable=True),
         Column("stroke_change", "m", "by how much the stroke without clearance differs from the original one"),
-        Column("missed", "1", "by how much the constraints are missed, each in its unit (mm, deg, N), added; 0 = kept"),
+        Column("missed", "1", "by how much the constraints are missed, in mm, deg, % of the force, added; 0 = kept"),
         Column("failed", "1", "draws whose simulation failed", "int"),
         Column("on_front", "", "whether no other is better in error, force and change of the stroke at once", "bool"),
     ),

@@ -1,0 +1,116 @@
+"""Robust lengths of a scenario: what is refused, what is simulated, and how lengths are compared."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from jointgap.config import Scenario
+from jointgap.dynamics import simulate
+from jointgap.errors import InputError
+from jointgap.robust_lengths.fresh_comparison import compare, share_with_interval
+from jointgap.robust_lengths.optimise_robust import check_robust, optimise_robust
+from jointgap.robust_lengths.robust_measure import RobustMeasure
+from jointgap.robust_lengths.simulated_draws import Responses, SimulatedDraws
+from jointgap.robust_lengths.uncertain_draws import uncertain_of
+from tests.dynamics.cases import mechanism, options
+from tests.robust_lengths.standin import Formula, asked, standard_draws
+
+MADE = mechanism(friction=0.1)
+COARSE = options(revolutions=2, samples_per_revolution=360, tolerance=1e-8)
+TOLERANCE = {"distribution": "normal", "mean": "0 mm", "deviation": "0.05 mm"}
+FRICTION = {"from": 0.05, "to": 0.2}
+SMALL = {"draws": 4, "grid": 3, "population": 4, "generations": 2, "fresh_draws": 16, "resamples": 100}
+
+
+def scenario(uncertain: dict, **more) -> Scenario:
+    optimise = {
+        "boxes": {"near": {"crank_length": ["148 mm", "152 mm"], "rod_length": ["560 mm", "568 mm"]}},
+        "ensemble": {"settled_revolution": 2},
+    }
+    robust = SMALL | {"uncertain": uncertain} | more
+    return Scenario(mechanism=MADE, simulate=COARSE, optimise=optimise, optimise_robust=robust)
+
+
+@pytest.mark.parametrize(
+    "uncertain, more, words",
+    [
+        ({}, {}, "nothing is uncertain"),
+        ({"frictoin": FRICTION}, {}, "did you mean 'friction'"),
+        ({"clearance": {"from": "1 kg", "to": "2 kg"}}, {}, "clearance"),
+        ({"friction": {"from": 0.2, "to": 0.1}}, {}, "the wrong way round"),
+        ({"friction": [0.1]}, {}, "one value is not uncertain"),
+        ({"friction": FRICTION}, {"deviations": -1}, "deviations"),
+        ({"friction": FRICTION}, {"quantile": 1}, "quantile"),
+        ({"friction": FRICTION}, {"quantile": 0}, "quantile"),
+        ({"friction": FRICTION}, {"probability": 1.5}, "probability"),
+        ({"friction": FRICTION}, {"fresh_draws": 0}, "fresh_draws"),
+        ({"mechanism.crank.length": {"from": "149 mm", "to": "151 mm"}}, {}, "give crank_length with the tolerance"),
+        ({"crank_length": {"from": "149 mm", "to": "151 mm"}}, {}, "the length is searched"),
+        ({"friction": {"distribution": "normal", "mean": 0.05, "deviation": 0.1}}, {}, "cut the distribution off"),
+        ({"friction": FRICTION, "mechanism.joints.crank_pin.contact.friction": FRICTION}, {}, "set the same number"),
+        ({"simulate.revolutions": [2, 3]}, {}, "not uncertain"),
+    ],
+)
+def test_what_cannot_be_done_is_one_clear_error_before_anything_is_simulated(uncertain, more, words, monkeypatch):
+    monkeypatch.setattr("jointgap.robust_lengths.simulated_draws.simulate_runs", None)
+    with pytest.raises(InputError) as error:
+        check_robust(scenario(uncertain, **more))
+    assert words in str(error.value)
+    assert "optimise_robust" in str(error.value) or "OptimiseRobust" in str(error.value)
+
+
+def test_the_error_is_the_designed_angle_of_the_original_lengths_less_the_simulated_one():
+    made = scenario({"friction": FRICTION, "crank_length": TOLERANCE, "rod_length": TOLERANCE})
+    draws = uncertain_of(made).for_search(2)
+    answer = SimulatedDraws(draws, MADE, made.optimise, "settled")(np.array([[0.151, 0.566]]))
+    (crank, rod), draw = answer.actual[0, 1], draws[1]
+    assert (crank - 0.151, rod - 0.566) == (pytest.approx(draw.tolerance[0]), pytest.approx(draw.tolerance[1]))
+    alone = simulate(draw.mechanism.with_lengths(crank, rod), draw.simulate).samples.iloc[-361:]
+    designed = math.pi / 2 + np.arcsin(-MADE.crank.length * np.sin(alone["crank_angle"]) / MADE.rod.length)
+    error = (designed - alone["transmission_angle"]).to_numpy()[:-1]
+    assert answer.error[0, 1] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
+    assert answer.stroke[0, 1] == pytest.approx(np.ptp(alone["slider_position"]), rel=1e-9)
+    forces = [np.hypot(alone[f"{pin}_force_x"], alone[f"{pin}_force_y"]).max() for pin in ("crank_pin", "piston_pin")]
+    assert answer.force[0, 1] == pytest.approx(max(forces), rel=1e-9)
+
+
+def test_draws_follow_their_distributions_and_fresh_ones_are_others():
+    uncertain = uncertain_of(scenario({"friction": FRICTION, "rod_length": TOLERANCE}))
+    search, fresh = uncertain.for_search(64), uncertain.fresh(64)
+    frictions = np.sort([draw.mechanism.joint("crank_pin").contact.friction for draw in search])
+    np.testing.assert_allclose(frictions, np.linspace(0.05, 0.2, 64), atol=0.01)
+    assert np.std([draw.tolerance[1] for draw in search]) == pytest.approx(5e-5, rel=0.1)
+    assert not {draw.values["friction"] for draw in search} & {draw.values["friction"] for draw in fresh}
+    assert uncertain.fresh(8) == uncertain.fresh(64)[:8]
+
+
+def test_any_number_of_workers_finds_the_same():
+    made = scenario({"friction": FRICTION, "crank_length": TOLERANCE})
+    once, again = optimise_robust(made, 1), optimise_robust(made, 3)
+    assert once.candidates.equals(again.candidates)
+    assert once.fresh.equals(again.fresh)
+    assert once.comparison.lengths.equals(again.comparison.lengths)
+    assert once.comparison.gains.equals(again.comparison.gains)
+
+
+def test_a_gain_that_is_the_same_in_every_draw_has_no_spread_however_much_the_draws_scatter():
+    z = standard_draws(200)
+    error = 10.0 + z + np.array([[0.0], [-1.0]])
+    answer = Formula(z)(np.array([[0.15, 0.564], [0.151, 0.564]]))
+    answer = Responses(answer.lengths, answer.actual, error, answer.force, answer.stroke, answer.reasons)
+    found = compare(asked(RobustMeasure(deviations=2.0)), ("original", "robust"), answer, 200, 0)
+    gain = found.gains.iloc[0]
+    assert gain["mean_fall"] == pytest.approx(0.1)
+    assert gain["mean_fall_high"] - gain["mean_fall_low"] < 0.01  # unpaired it would be 0.04
+    assert (gain["probability"], gain["probability_high"]) == (1.0, 1.0)
+    assert gain["probability_low"] == pytest.approx(0.025 ** (1 / 200))
+    row = found.lengths.iloc[0]
+    assert row["error_measure"] == pytest.approx(12.0)
+    half = (row["error_mean_high"] - row["error_mean_low"]) / 2.0
+    assert half == pytest.approx(stats.norm.ppf(0.975) / math.sqrt(200), rel=0.25)
+
+
+def test_a_probability_has_its_exact_interval():
+    assert share_with_interval(0, 10) == (0.0, 0.0, pytest.approx(1.0 - 0.025 ** (1 / 10)))
