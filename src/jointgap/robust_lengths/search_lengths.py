@@ -25,7 +25,7 @@ from jointgap.progress import tell
 from jointgap.robust_lengths.robust_measure import RobustMeasure, deviation, held_quantile
 from jointgap.robust_lengths.simulated_draws import Responding, Responses
 
-with needs("searching robust lengths", "learn"):
+with needs("optimising link lengths", "learn"):
     from pymoo.algorithms.moo.nsga2 import NSGA2
     from pymoo.algorithms.soo.nonconvex.de import DE
     from pymoo.core.problem import Problem

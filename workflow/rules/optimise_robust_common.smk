@@ -1,0 +1,14 @@
+# Which scenarios ask for robust lengths, and what is made of them.
+
+
+def made_robust(name):
+    """Every file of a scenario's robust lengths; what is asked has to be possible, before anything runs."""
+    if not SCENARIOS[name].optimise_robust.uncertain:
+        return []
+    from jointgap.robust_lengths.optimise_robust import check_robust  # loads scipy
+
+    try:
+        check_robust(SCENARIOS[name])
+    except InputError as error:
+        raise WorkflowError(f"scenario {name}: {error}") from None
+    return [str(path) for path in rules.optimise_robust.output]
