@@ -67,8 +67,7 @@ def _front(found: RobustOptimum) -> Drawing:
         x, y = factor * allowed[name].to_numpy(), MDEG * allowed["error"].to_numpy()
         inside = (limits[0][0] < x) & (x < limits[0][1]) & (limits[1][0] < y) & (y < limits[1][1])
         panel.marks("tried, constraints kept", x[inside], y[inside], "other", markersize=2.5, alpha=0.6)
-        colours = {"marker": "o", "markersize": 4.0}
-        panel.marks("front of error, force and stroke", factor * front[name], MDEG * front["error"], "after", **colours)
+        panel.marks("front of error, force and stroke", factor * front[name], MDEG * front["error"], "optimised")
         _mark(panel, "robust", [factor * best[name]], [MDEG * best["error"]])
         panel.axes.set_xlim(*limits[0])
         panel.axes.set_ylim(*limits[1])
