@@ -52,8 +52,8 @@ def headline(found: RobustOptimum) -> str:
     if _best(found)["missed"] > 0.0 or _best(found)["failed"]:
         return f"No lengths that were tried keep what is asked; nearest: {lengths}"
     if gain["measure_fall_low"] > 0.0:
-        sure = f"{percent(gain['measure_fall_low'])} to {percent(gain['measure_fall_high'])}"
-        return f"{lengths[0].upper()}{lengths[1:]}: the error falls by {percent(gain['measure_fall'])} ({sure})"
+        change = _changes(gain["measure_fall"], gain["measure_fall_low"], gain["measure_fall_high"])
+        return f"{lengths[0].upper()}{lengths[1:]}: the error ({found.asked.measure.words}) {change}"
     return "No change of the lengths is worth it"
 
 
@@ -75,6 +75,8 @@ def verdict(found: RobustOptimum) -> tuple[str, ...]:
             if gain["measure_fall_high"] > 0.0
             else "So no change is worth it: the best lengths that were found are worse than the original ones."
         )
+    elif gain["mean_fall_low"] <= 0.0:
+        sentences.append("What falls are the large errors; the error that is to be expected does not.")
     sentences.append(_of_nominal(found))
     held = found.comparison.constraints
     for row in held[held["lengths"] == "robust"].to_dict("records"):
@@ -213,7 +215,8 @@ def _constraints(found: RobustOptimum) -> tuple[Block, ...]:
     )
     if fixed:
         words += f" Exact, of the nominal lengths: {'; '.join(fixed)}."
-    words += " The lengths of the frozen motion are searched without the limit of the force."
+    words += " The paper's way keeps ranges with the nominal lengths alone"
+    words += ", and does not know the force." if found.asked.constraints.largest_pin_force is not None else "."
     align = "l" + "r" * len(keys)
     table = TableBlock(("lengths", *(limits[key] for key in keys)), tuple(rows), align, caption="Share that holds")
     return Paragraph(words), table
