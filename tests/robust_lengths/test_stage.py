@@ -1,6 +1,7 @@
 """Robust lengths of a scenario: what is refused, what is simulated, and how lengths are compared."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,9 +10,12 @@ from scipy import stats
 from jointgap.config import Scenario
 from jointgap.dynamics import simulate
 from jointgap.errors import InputError
+from jointgap.report.page import to_markdown
 from jointgap.robust_lengths.fresh_comparison import compare, share_with_interval
 from jointgap.robust_lengths.optimise_robust import check_robust, optimise_robust
+from jointgap.robust_lengths.robust_figures import draw_robust
 from jointgap.robust_lengths.robust_measure import RobustMeasure
+from jointgap.robust_lengths.robust_page import headline, page, verdict
 from jointgap.robust_lengths.simulated_draws import Responses, SimulatedDraws
 from jointgap.robust_lengths.uncertain_draws import uncertain_of
 from tests.dynamics.cases import mechanism, options
@@ -86,9 +90,13 @@ def test_draws_follow_their_distributions_and_fresh_ones_are_others():
     assert uncertain.fresh(8) == uncertain.fresh(64)[:8]
 
 
-def test_any_number_of_workers_finds_the_same():
-    made = scenario({"friction": FRICTION, "crank_length": TOLERANCE})
-    once, again = optimise_robust(made, 1), optimise_robust(made, 3)
+@pytest.fixture(scope="module")
+def once():
+    return optimise_robust(scenario({"friction": FRICTION, "crank_length": TOLERANCE}), 1)
+
+
+def test_any_number_of_workers_finds_the_same(once):
+    again = optimise_robust(scenario({"friction": FRICTION, "crank_length": TOLERANCE}), 3)
     assert once.candidates.equals(again.candidates)
     assert once.fresh.equals(again.fresh)
     assert once.comparison.lengths.equals(again.comparison.lengths)
@@ -114,3 +122,21 @@ def test_a_gain_that_is_the_same_in_every_draw_has_no_spread_however_much_the_dr
 
 def test_a_probability_has_its_exact_interval():
     assert share_with_interval(0, 10) == (0.0, 0.0, pytest.approx(1.0 - 0.025 ** (1 / 10)))
+
+
+@pytest.mark.parametrize(
+    "low, high, said",
+    [(-0.01, 0.02, "cannot be told from nothing"), (-0.02, -0.01, "are worse than the original ones")],
+)
+def test_where_the_gain_may_be_nothing_the_page_says_that_no_change_is_worth_it(once, low, high, said):
+    gains = once.comparison.gains.assign(measure_fall=(low + high) / 2, measure_fall_low=low, measure_fall_high=high)
+    found = replace(once, comparison=replace(once.comparison, gains=gains))
+    assert headline(found) == "No change of the lengths is worth it"
+    assert any(said in sentence for sentence in verdict(found))
+
+
+def test_a_page_shows_every_pair_of_lengths_with_its_numbers(once):
+    text = to_markdown(page(once, scenario({"friction": FRICTION, "crank_length": TOLERANCE}), "mine"))
+    for words in ("original lengths", "frozen motion", "best at nominal values", "robust optimum", "16 fresh draws"):
+        assert words in text
+    assert {"robust_front", "robust_errors", "robust_map"} == set(draw_robust(once))

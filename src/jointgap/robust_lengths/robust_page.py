@@ -179,11 +179,7 @@ def _gains(found: RobustOptimum) -> TableBlock:
     rows = []
     for row in found.comparison.gains.to_dict("records"):
         tone = "good" if row["measure_fall_low"] > 0 else "bad" if row["measure_fall_high"] < 0 else ""
-        falls = [
-            f"{100 * row[f'{key}_fall']:.1f} ({100 * row[f'{key}_fall_low']:.1f} to "
-            f"{100 * row[f'{key}_fall_high']:.1f})".translate(_MINUS)
-            for key in ("mean", "measure")
-        ]
+        falls = [" ".join(_percents(row, f"{key}_fall")) for key in ("mean", "measure")]
         words = _WORDS[row["lengths"]], _WORDS[row["beside"]]
         rows.append((*words, _share(row, "probability"), falls[0], Cell(falls[1], tone)))
     heads = (
@@ -193,7 +189,13 @@ def _gains(found: RobustOptimum) -> TableBlock:
         "mean falls by [%]",
         f"{found.asked.measure.words} falls by [%]",
     )
-    return TableBlock(heads, tuple(rows), "llrrr", caption="Draw by draw: how often the error is smaller, and how much")
+    return TableBlock(heads, tuple(rows), "llrrl", caption="Draw by draw: how often the error is smaller, and how much")
+
+
+def _percents(row: dict, name: str) -> tuple[str, str]:
+    """``4.6`` and ``(4.3 to 5.0)`` of a share and its interval."""
+    value, low, high = (f"{round(100 * row[name + suffix], 1) + 0.0:.1f}" for suffix in ("", "_low", "_high"))
+    return value.translate(_MINUS), f"({low} to {high})".translate(_MINUS)
 
 
 def _constraints(found: RobustOptimum) -> tuple[Block, ...]:
@@ -217,8 +219,8 @@ def _constraints(found: RobustOptimum) -> tuple[Block, ...]:
         words += f" Exact, of the nominal lengths: {'; '.join(fixed)}."
     words += " The paper's way keeps ranges with the nominal lengths alone"
     words += ", and does not know the force." if found.asked.constraints.largest_pin_force is not None else "."
-    align = "l" + "r" * len(keys)
-    table = TableBlock(("lengths", *(limits[key] for key in keys)), tuple(rows), align, caption="Share that holds")
+    heads = ("lengths", *(limits[key] for key in keys))
+    table = TableBlock(heads, tuple(rows), caption="In which share of the cases it holds")
     return Paragraph(words), table
 
 
