@@ -76,7 +76,7 @@ def verdict(found: RobustOptimum) -> tuple[str, ...]:
             else "So no change is worth it: the best lengths that were found are worse than the original ones."
         )
     elif gain["mean_fall_low"] <= 0.0:
-        sentences.append("What falls are the large errors; the error that is to be expected does not.")
+        sentences.append("What surely falls are the large errors, not the mean.")
     sentences.append(_of_nominal(found))
     held = found.comparison.constraints
     for row in held[held["lengths"] == "robust"].to_dict("records"):
