@@ -44,7 +44,13 @@ def draw(found: Decided) -> Iterator[tuple[str, Drawing]]:
 
 
 def of_measure(found: Decided, measure: str) -> pd.DataFrame:
-    """Its rows of the table of indices, those of the largest total index first."""
+    """Rows of `measure` in the table of indices, those of the largest total index first.
+
+    Parameters
+    ----------
+    found : Decided
+    measure : str
+    """
     own = found.indices[found.indices["measure"] == measure]
     return own.sort_values("total", ascending=False, kind="stable")
 

@@ -15,6 +15,11 @@ def write_results(found: Decided, folder: Path) -> str:
 
     Figures of an earlier run that are not drawn again, of measures that have no indices any more, are removed.
 
+    Parameters
+    ----------
+    found : Decided
+    folder : Path
+
     Raises
     ------
     InputError

@@ -90,7 +90,7 @@ class Surrogate:
         return np.clip(terms_at @ self.coefficients, *self.ends)
 
     def mean_interval(self, terms_at: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
-        """Quantiles `ends` of the replicates of that mean, (2, n), around the mean itself."""
+        """Quantiles `ends` of the replicates of that mean, (2, n), around the mean itself; `terms_at` as of `mean`."""
         low, high = np.clip(np.quantile(terms_at @ self.replicates, ends, axis=1), *self.ends)
         mean = self.mean(terms_at)
         return np.array([np.minimum(low, mean), np.maximum(high, mean)])
