@@ -84,7 +84,10 @@ def what_decides(
 def decided(
     designs: Designs, frame: pd.DataFrame, measures: Sequence[str], seed: int, settings: SensitivitySettings = SETTINGS
 ) -> Decided:
-    """The same of a `frame` with the parameters, `reason` and `measures` of the designs as columns."""
+    """The same of a `frame` with the parameters, `reason` and `measures` of the designs as columns.
+
+    The `seed` is that of all drawing, `settings` are the limits.
+    """
     each = tuple(Input(axis) for axis in designs.axes if axis.values is None or len(axis.values) > 1)
     if not each:
         raise InputError("sweep.parameters: none varies, each has one value; give a range or a list of several values")
