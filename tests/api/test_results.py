@@ -167,7 +167,7 @@ def test_the_campaign_of_a_folder_is_the_only_one_in_it(tmp_path):
 def test_a_preflight_says_what_shows_and_what_looks_alike():
     plan = jg.preflight("config/campaigns/demonstration.yaml", advice=False)
     assert plan.advice is None
-    assert "slider_coulomb_friction: force_N" in plan.text
+    assert "Coulomb friction of the slider: " in plan.text
     rows = plan.summary()
     assert rows.set_index("quantity").loc["Coulomb friction of the slider", "value"].startswith("shows from 0.1")
     assert np.isfinite(plan.plot().data["x"]).any()

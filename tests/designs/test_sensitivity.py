@@ -121,6 +121,20 @@ def test_a_grid_is_read_as_its_lists():
     check(found, {key: (share, share) for key, share in zip(grid, shares, strict=True)}, within=0.01)
 
 
+@pytest.mark.parametrize("lists", [{"friction": 8, "clearance": 8}, {"friction": 4, "clearance": 4, "restitution": 4}])
+def test_a_grid_of_lists_alone_has_the_indices_of_its_sum(lists):
+    grid = {key: np.linspace(1e-3, 8e-3, number).tolist() for key, number in lists.items()}
+    weights = np.arange(1.0, 1.0 + len(grid))
+    found = decide(designs(grid, design="grid"), lambda frame: frame[list(grid)].to_numpy() @ weights)
+    shares = weights**2 / sum(weights**2)
+    check(found, {key: (share, share) for key, share in zip(grid, shares, strict=True)}, within=0.01)
+
+
+def test_a_measure_that_differs_in_one_design_has_a_reason_in_place_of_indices():
+    found = decide(designs(EVEN, number=128), lambda frame: 1.0 * (np.arange(len(frame)) == 100))
+    assert found.indices.empty and found.surrogates.loc[0, "reason"]
+
+
 def test_a_rough_measure_has_no_index():
     noise = np.random.default_rng(1)
     found = decide(designs(EVEN, number=128), lambda frame: additive(frame) + 3 * noise.normal(size=len(frame)))

@@ -316,6 +316,8 @@ def test_a_design_that_is_missing_or_there_twice_is_told(tmp_path):
         ({"friction": {"from": 2, "to": 3}}, "must be less than or equal to 0.6"),
         ({"friction": {"distribution": "normal", "mean": 0.1, "deviation": 0}}, "deviation = 0.0: must be above zero"),
         ({"friction": {"distribution": "normal", "mean": 0.1, "deviation": 1e-300}}, "friction: is so narrow that all"),
+        ({"friction": {"distribution": "normal", "mean": 0, "deviation": 0.01, "from": 0.1}}, "which never come"),
+        ({"crank_length": ["150 mm", "0.15 m", "151 mm"]}, "gives one value in two ways"),
         ({"friction": {"distribution": "log_uniform", "from": 0, "to": 1}}, "a log_uniform range begins above zero"),
         ({"mechanism.joints.crank_pin.journal": {"from": 0, "to": 1}}, "is no number with a unit"),
         ({"clearance": [1e-4], "mechanism.joints.crank_pin.bearing_radius": [8e-3]}, "set the same number"),

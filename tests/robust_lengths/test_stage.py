@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jointgap.config import Scenario
+from jointgap.config import Constraints, Scenario
 from jointgap.dynamics import simulate
 from jointgap.errors import InputError
 from jointgap.report.page import to_markdown
 from jointgap.robust_lengths.fresh_comparison import compare, share_with_interval
-from jointgap.robust_lengths.optimise_robust import check_robust, optimise_robust
+from jointgap.robust_lengths.optimise_robust import _frozen, check_robust, optimise_robust
 from jointgap.robust_lengths.robust_figures import draw_robust
 from jointgap.robust_lengths.robust_measure import RobustMeasure
 from jointgap.robust_lengths.robust_page import headline, page, verdict
@@ -28,10 +28,11 @@ FRICTION = {"from": 0.05, "to": 0.2}
 SMALL = {"draws": 4, "grid": 3, "population": 4, "generations": 2, "fresh_draws": 16, "resamples": 100}
 
 
-def scenario(uncertain: dict, **more) -> Scenario:
+def scenario(uncertain: dict, constraints: dict | None = None, **more) -> Scenario:
     optimise = {
         "boxes": {"near": {"crank_length": ["148 mm", "152 mm"], "rod_length": ["560 mm", "568 mm"]}},
         "ensemble": {"settled_revolution": 2},
+        "constraints": constraints or {},
     }
     robust = SMALL | {"uncertain": uncertain} | more
     return Scenario(mechanism=MADE, simulate=COARSE, optimise=optimise, optimise_robust=robust)
@@ -55,6 +56,8 @@ def scenario(uncertain: dict, **more) -> Scenario:
         ({"friction": {"distribution": "normal", "mean": 0.05, "deviation": 0.1}}, {}, "cut the distribution off"),
         ({"friction": FRICTION, "mechanism.joints.crank_pin.contact.friction": FRICTION}, {}, "set the same number"),
         ({"simulate.revolutions": [2, 3]}, {}, "not uncertain"),
+        ({"simulate.tolerance": ["1e-8 m", "1e-9 m"]}, {}, "not uncertain"),
+        ({"mechanism.slider.mass": ["1 kg", "1000 g"]}, {}, "one value in two ways"),
     ],
 )
 def test_what_cannot_be_done_is_one_clear_error_before_anything_is_simulated(uncertain, more, words, monkeypatch):
@@ -78,6 +81,21 @@ def test_the_error_is_the_designed_angle_of_the_original_lengths_less_the_simula
     assert answer.stroke[0, 1] == pytest.approx(np.ptp(alone["slider_position"]), rel=1e-9)
     forces = [np.hypot(alone[f"{pin}_force_x"], alone[f"{pin}_force_y"]).max() for pin in ("crank_pin", "piston_pin")]
     assert answer.force[0, 1] == pytest.approx(max(forces), rel=1e-9)
+
+
+def test_an_uncertain_offset_is_refused_beside_a_constraint_that_is_worked_out_with_the_nominal_one():
+    offset = {"mechanism.slider.offset": {"from": "0 mm", "to": "60 mm"}}
+    with pytest.raises(InputError, match=r"offset: optimise\.constraints\.stroke"):
+        check_robust(scenario(offset, {"stroke": ["299 mm", "301 mm"]}))
+
+
+@pytest.mark.parametrize("revolution", ["settled", "first"])
+def test_the_frozen_motion_at_the_original_lengths_has_the_error_that_is_simulated(revolution):
+    made = scenario({"friction": FRICTION}, revolution=revolution)
+    nominal = SimulatedDraws((uncertain_of(made).nominal,), MADE, made.optimise, revolution)
+    answer = nominal(np.array([[MADE.crank.length, MADE.rod.length]]))
+    frozen = _frozen(nominal, COARSE).measures((MADE.crank.length, MADE.rod.length)).rms
+    assert frozen == pytest.approx(answer.error[0, 0], rel=1e-6)
 
 
 def test_draws_follow_their_distributions_and_fresh_ones_are_others():
@@ -120,6 +138,16 @@ def test_a_gain_that_is_the_same_in_every_draw_has_no_spread_however_much_the_dr
     assert half == pytest.approx(stats.norm.ppf(0.975) / math.sqrt(200), rel=0.25)
 
 
+def test_a_draw_that_failed_keeps_no_constraint():
+    answer = Formula(standard_draws(100), lambda lengths, z: 1.0 + 0.0 * z)(np.array([[0.15, 0.564], [0.151, 0.564]]))
+    error, force = answer.error.copy(), answer.force.copy()
+    error[1, :40] = force[1, :40] = np.nan
+    made = asked(RobustMeasure(), constraints=Constraints(largest_pin_force=2.0))
+    found = compare(made, ("original", "robust"), replace(answer, error=error, force=force), 50, 0)
+    assert found.constraints.set_index("lengths")["probability"].to_dict() == {"original": 1.0, "robust": 0.6}
+    assert found.lengths["draws"].eq(60).all()
+
+
 def test_a_probability_has_its_exact_interval():
     assert share_with_interval(0, 10) == (0.0, 0.0, pytest.approx(1.0 - 0.025 ** (1 / 10)))
 
@@ -140,3 +168,11 @@ def test_a_page_shows_every_pair_of_lengths_with_its_numbers(once):
     for words in ("original lengths", "frozen motion", "best at nominal values", "robust optimum", "16 fresh draws"):
         assert words in text
     assert {"robust_front", "robust_errors", "robust_map"} == set(draw_robust(once))
+
+
+def test_lengths_with_a_fixed_stroke_lie_on_a_line_and_have_no_map():
+    made = scenario({"friction": FRICTION}, {"stroke": "300 mm"})
+    found = optimise_robust(made, 1)
+    drawn = draw_robust(found)
+    assert "robust_errors" in drawn and "robust_map" not in drawn
+    assert "over both lengths" not in to_markdown(page(found, made, "mine"))

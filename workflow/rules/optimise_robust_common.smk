@@ -5,10 +5,14 @@ def made_robust(name):
     """Every file of a scenario's robust lengths; what is asked has to be possible, before anything runs."""
     if not SCENARIOS[name].optimise_robust.uncertain:
         return []
+    from jointgap.config import Scenario
+    from jointgap.config.load import validate
     from jointgap.robust_lengths.optimise_robust import check_robust  # loads scipy
 
     try:
-        check_robust(SCENARIOS[name])
+        # As its job reads them: sections that are left to their defaults have to go with the others too.
+        sections = SCENARIOS[name].model_dump(include=set(SCENARIO_STAGES["optimise-robust"].sections), by_alias=True)
+        check_robust(validate(Scenario, sections, "its configuration"))
     except InputError as error:
-        raise WorkflowError(f"scenario {name}: {error}") from None
-    return [str(path) for path in rules.optimise_robust.output]
+        refuse(f"scenario {name}: {error}")
+    return expand([str(path) for path in rules.optimise_robust.output], scenario=name)

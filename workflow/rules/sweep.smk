@@ -1,9 +1,10 @@
-# Not part of `make run`: `make sweep` simulates and measures the designs of every scenario whose section sweep names parameters.
+# Not part of `make run`: `make sweep` simulates and measures the designs of every scenario whose section sweep names parameters,
+# and makes what other sections ask of many designs.
 
 
 rule swept:
     input:
-        lambda wildcards: whole(path for name in swept_scenarios() for path in made_of_sweep(name)),
+        lambda wildcards: whole(made_of_sweeps()),
     message:
         "all designs of the sweeps are measured"
 

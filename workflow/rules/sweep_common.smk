@@ -6,12 +6,10 @@ from functools import cache
 
 @cache
 def swept_scenarios():
-    """Scenarios with parameters to sweep; there has to be one, and each sweep has to be possible, before anything runs."""
+    """Scenarios with parameters to sweep; each sweep has to be possible, before anything runs."""
     from jointgap.designs.designs_to_parquet import check_folder  # loads scipy
 
     names = [name for name, scenario in SCENARIOS.items() if scenario.sweep.parameters]
-    if not names:
-        refuse("sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml")
     for name in names:
         try:
             folder = Path("results", name, "sweep/designs")
@@ -35,11 +33,19 @@ def parts_of_sweep(name):
     return parts(designs_of_sweep(name).number, SCENARIOS[name].sweep.designs_per_job)
 
 
+def made_of_sweeps():
+    """Every file that the scenarios ask of many designs; one at least has to ask for some."""
+    made = [path for name in swept_scenarios() for path in made_of_sweep(name)]
+    made += [path for name in SCENARIOS for path in made_robust(name)]
+    if not made:
+        refuse("sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml")
+    return made
+
+
 def made_of_sweep(name):
     """Every file that rules make of a scenario's sweep."""
     paths = [str(path) for path in (*rules.sweep_designs.output, *rules.sweep.output)]
     paths += map(str, rules.sensitivity.output if SCENARIOS[name].sensitivity is not None else ())
-    paths += made_robust(name)
     return [file for path in paths for file in expand(path, scenario=name, part=parts_of_sweep(name))]
 
 

@@ -24,6 +24,9 @@ from jointgap.tables.columns import Column
 SOURCE = "sweep.parameters"
 """What errors call the place where a parameter stands."""
 
+_FARTHEST_TAIL = 5.0
+"""Standard deviations: one value in three million of a normal distribution lies farther out, so none is meant."""
+
 _TRIED = 64
 """Designs of which one at least has to be possible."""
 
@@ -202,6 +205,11 @@ def _axis(base: Scenario, key: str, spec: Any, grid: bool, section: str) -> Axis
             raise InputError(f"{source}.deviation = {spec.deviation!r}: must be above zero, or nothing varies")
         ends = [-math.inf if low is None else (low - mean) / deviation, math.inf if high is None else
                 (high - mean) / deviation]  # fmt: skip
+        if ends[0] > _FARTHEST_TAIL or ends[1] < -_FARTHEST_TAIL:
+            raise InputError(
+                f"{source}: from and to leave values more than {_FARTHEST_TAIL:g} deviations from the mean, which "
+                "never come; give another mean, or a uniform range"
+            )
         return Axis(key, unit, law=stats.truncnorm(a=ends[0], b=ends[1], loc=mean, scale=deviation))
     if isinstance(spec, Triangular):
         peak = si("peak")
@@ -231,6 +239,8 @@ def _listed_axis(base: Scenario, key: str, spec: Values, section: str) -> Axis:
             values.append(to_si(value, unit))
         except ValueError as error:
             raise InputError(f"{section}.{key} = {value!r}: {error}") from error
+    if len(set(values)) < len(values):
+        raise InputError(f"{section}.{key}: {list(spec.values)} gives one value in two ways; give each once")
     return Axis(key, unit, tuple(values))
 
 

@@ -8,7 +8,7 @@ its probability.
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -146,7 +146,12 @@ class Inputs:
 
     def terms(self, degree: int) -> np.ndarray:
         """Degree in each input of the terms up to a `degree`, (terms, inputs); the first is the constant."""
-        number = self._enumeration.getBasisSizeFromTotalDegree(degree)
+        highest = [one.highest_degree for one in self.each]
+        if None in highest:
+            number = self._enumeration.getBasisSizeFromTotalDegree(degree)
+        else:  # of lists alone there are as many terms as combinations of their values, and OpenTURNS counts beyond
+            of_degree = reduce(np.convolve, (np.ones(one + 1) for one in highest))
+            number = int(of_degree[: degree + 1].sum())
         return np.array([list(self._enumeration(place)) for place in range(number)], dtype=int)
 
     def standard(self, columns: dict[str, np.ndarray]) -> np.ndarray:

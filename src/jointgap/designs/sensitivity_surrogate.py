@@ -9,6 +9,7 @@ Sources: Blatman and Sudret, J. Comput. Phys. 230 (2011) 2345 (sparse expansion)
 Processes for Machine Learning (2006); Wu, Ann. Stat. 14 (1986) 1261 (the bootstrap, for residuals of unequal size).
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -126,11 +127,14 @@ class Training:
         scaled, held = (values - middle) / spread, (held - middle) / spread
 
         def error(way: _Way) -> float:
-            tried = way(scaled, self._fitted)
+            tried = _tried(way, scaled, self._fitted)
+            if tried is None:
+                return math.inf
             predicted = self._terms_at(tried, self._validation) @ (tried.matrix @ scaled[tried.designs])
             return np.mean((scaled[self._validation] - predicted) ** 2)
 
-        chosen = min(self._ways(), key=error)(scaled, self._rest)
+        trained = (_tried(way, scaled, self._rest) for way in sorted(self._ways(), key=error))
+        chosen = next(each for each in trained if each is not None)
         coefficients = chosen.matrix @ scaled[chosen.designs]
         chance, number = np.random.default_rng([self._seed, 1]), self._settings.replicates
         residuals = self._residuals_left_out(chosen, scaled[chosen.designs], coefficients)
@@ -222,6 +226,14 @@ class Training:
 
 _Way = Callable[[np.ndarray, np.ndarray], Smoother]
 """Trains one kind of surrogate, of scaled values and the places of the designs to take."""
+
+
+def _tried(way: _Way, scaled: np.ndarray, places: np.ndarray) -> Smoother | None:
+    """What a way makes of these designs; None where OpenTURNS cannot, as of values that are all the same but a few."""
+    try:
+        return way(scaled, places)
+    except (RuntimeError, TypeError):  # what its wrapper raises, whatever went wrong
+        return None
 
 
 def _cut(places: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:

@@ -36,9 +36,10 @@ class Comparison:
     gains : DataFrame
         A row for each two of them: how often, and by how much, the error of one is the smaller.
     constraints : DataFrame
-        A row for each pair of lengths and constraint: how often it holds.
+        A row for each pair of lengths and constraint: how often it holds in all draws; one whose simulation failed
+        counts as missed, as in the search.
     counted : ndarray of bool, shape (n,)
-        Draws that were simulated with all lengths; the others count for none of them.
+        Draws that were simulated with all lengths; the others count for no statistic and no gain.
     """
 
     lengths: pd.DataFrame
@@ -93,7 +94,7 @@ def compare(asked: Asked, names: tuple[str, ...], responses: Responses, resample
     return Comparison(
         lengths,
         pd.DataFrame(_gains(asked.measure, names, values["error"], resamples, seed)),
-        pd.DataFrame(_held(asked, names, responses, counted), columns=_HELD),
+        pd.DataFrame(_held(asked, names, responses), columns=_HELD),
         counted,
     )
 
@@ -165,10 +166,8 @@ def _gains(
 _HELD = ("lengths", "constraint", "asked", "probability", "probability_low", "probability_high", "draws")
 
 
-def _held(
-    asked: Asked, names: tuple[str, ...], responses: Responses, counted: np.ndarray
-) -> Iterator[tuple[str | float | int, ...]]:
+def _held(asked: Asked, names: tuple[str, ...], responses: Responses) -> Iterator[tuple[str | float | int, ...]]:
     for key, missed in asked.missed(responses).items():
-        for name, row in zip(names, missed[:, counted], strict=True):
+        for name, row in zip(names, missed, strict=True):
             held = share_with_interval(np.count_nonzero(row <= 0.0), len(row))
             yield (name, key, asked.probability, *held, len(row))

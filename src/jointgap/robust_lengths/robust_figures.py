@@ -8,7 +8,6 @@ from scipy.interpolate import RBFInterpolator
 from jointgap.figures import style
 from jointgap.figures.sheet import Panel, Quantity, Sheet
 from jointgap.figures.style import Drawing
-from jointgap.link_lengths.region import Region
 from jointgap.robust_lengths.optimise_robust import RobustOptimum
 
 TITLES = {
@@ -35,17 +34,29 @@ _VIEW = 0.06  # of the front's width that is shown beyond its ends
 
 
 def draw_robust(found: RobustOptimum) -> dict[str, Drawing]:
-    """All figures by name; without the front where no lengths that were tried keep the constraints.
+    """All figures by name; without the front where no lengths that were tried keep the constraints, and without the map
+    where these leave a line of lengths, or single ones (`has_map`).
 
     Parameters
     ----------
     found : RobustOptimum
     """
     with style.matplotlib_style():
-        drawn = {"robust_errors": _errors(found), "robust_map": _map(found)}
+        drawn = {"robust_errors": _errors(found)}
+        if has_map(found):
+            drawn["robust_map"] = _map(found)
         if found.candidates["on_front"].any():
             drawn["robust_front"] = _front(found)
         return drawn
+
+
+def has_map(found: RobustOptimum) -> bool:
+    """Whether the candidates lie all over the region, so that a surface goes through them: a fixed stroke leaves a line
+    of lengths, two fixed values a point.
+    """
+    scaled, _ = _scaled_and_squares(found)
+    x, y = scaled.T
+    return np.linalg.matrix_rank(np.stack([np.ones_like(x), x, y, x * x, x * y, y * y]), tol=1e-6) == 6
 
 
 def _front(found: RobustOptimum) -> Drawing:
@@ -110,9 +121,8 @@ def _errors(found: RobustOptimum) -> Drawing:
 
 def _map(found: RobustOptimum) -> Drawing:
     """What is minimised over both lengths, between the candidates by a surface through them."""
-    robust = found.candidates[found.candidates["search"] == "robust"].dropna(subset="error")
-    region = found.asked.region
-    x, y, value = _surface(robust, region)
+    robust = _of_the_search(found)
+    x, y, value = _surface(found)
     sheet = Sheet(5.2, 1, 1)
     panel = sheet.panel((0, 0), f"error, {found.asked.measure.words}", _CRANK, _ROD)
     quantity = Quantity("error", "mdeg")
@@ -131,14 +141,25 @@ def _map(found: RobustOptimum) -> Drawing:
     return sheet.drawing()
 
 
-def _surface(robust: pd.DataFrame, region: Region) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _of_the_search(found: RobustOptimum) -> pd.DataFrame:
+    return found.candidates[found.candidates["search"] == "robust"].dropna(subset="error")
+
+
+def _scaled_and_squares(found: RobustOptimum) -> tuple[np.ndarray, np.ndarray]:
+    """Candidates (n, 2) as shares of the box, each once, and the square of the measure there (n,) [mdeg^2]."""
+    robust, region = _of_the_search(found), found.asked.region
+    scaled = (robust[["crank_length", "rod_length"]].to_numpy() - region.lower) / region.size
+    scaled, places = np.unique(np.round(scaled, 6), axis=0, return_index=True)
+    return scaled, (MDEG * robust["error"].to_numpy()[places]) ** 2
+
+
+def _surface(found: RobustOptimum) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Crank and rod lengths [mm] and the measure [mdeg] over them; NaN beyond the ratio limit.
 
     The square of the measure is interpolated: about the valley's floor it is nearly a parabola.
     """
-    scaled = (robust[["crank_length", "rod_length"]].to_numpy() - region.lower) / region.size
-    scaled, places = np.unique(np.round(scaled, 6), axis=0, return_index=True)
-    squares = (MDEG * robust["error"].to_numpy()[places]) ** 2
+    region = found.asked.region
+    scaled, squares = _scaled_and_squares(found)
     surface = RBFInterpolator(scaled, squares, kernel="cubic", degree=2, smoothing=1e-6)
     line = np.linspace(0.0, 1.0, _MAP_POINTS)
     at = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)

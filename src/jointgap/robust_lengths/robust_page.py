@@ -4,10 +4,11 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.designs.sensitivity_words import parameter_in_words
 from jointgap.report.page import Block, Cell, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
 from jointgap.report.plain_words import joined, percent, reading_unit, unit_in_words
 from jointgap.robust_lengths.optimise_robust import COMPARED, RobustOptimum
-from jointgap.robust_lengths.robust_figures import LOOKS, MDEG, TITLES
+from jointgap.robust_lengths.robust_figures import LOOKS, MDEG, TITLES, has_map
 from jointgap.robust_lengths.search_lengths import best_of
 from jointgap.robust_lengths.uncertain_draws import LENGTHS, law_in_words
 
@@ -39,7 +40,8 @@ def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
     blocks += [Heading("Is it a gain at all?"), _gains(found), _figure("robust_errors")]
     if len(found.comparison.constraints):
         blocks += [Heading("Constraints"), *_constraints(found)]
-    blocks += [Heading("What is traded"), *_front(found), _figure("robust_map")]
+    blocks += [Heading("What is traded"), *_front(found)]
+    blocks += [_figure("robust_map")] if has_map(found) else []
     blocks += [Heading("What is uncertain"), _uncertain(found), Heading("How it was found")]
     blocks += [Paragraph(_how(found, scenario)), Paragraph(_files())]
     return Page(headline(found), tuple(blocks), subject=f"{name}: robust lengths", footer=written_today())
@@ -140,13 +142,18 @@ def _what_is_compared(found: RobustOptimum, scenario: Scenario) -> str:
         if options.revolution == "settled"
         else "the window of the first revolution"
     )
-    failed = max(_row(found, name)["failed"] for name in COMPARED)
+    failed = int(np.count_nonzero(~found.comparison.counted))
     return (
         f"On {row['draws']} fresh draws of what is uncertain, which took no part in the search and are the same for "
         f"all lengths. The error is the RMS over {where} of the transmission angle of the original lengths without "
         "clearance, less that of the simulated motion (equation 12). In brackets: 95 % intervals, of statistics by "
         "bootstrap over the draws, of probabilities exact."
-        + (f" Draws left out because a simulation failed: up to {failed} for one pair of lengths." if failed else "")
+        + (
+            f" Further draws, {failed} of {failed + row['draws']}, are left out of the statistics, for a simulation "
+            "failed with one of the lengths or more; of the constraints they count as missed."
+            if failed
+            else ""
+        )
     )
 
 
@@ -171,7 +178,8 @@ def _side_by_side(found: RobustOptimum) -> tuple[Block, ...]:
 
 def _with_interval(row: dict, name: str, factor: float) -> str:
     value, low, high = (factor * row[name + suffix] for suffix in ("", "_low", "_high"))
-    digits = max(0, 2 - int(np.floor(np.log10(max(abs(high - low), 1e-12)))) - 1)
+    least = max(abs(high - low), 1e-4 * abs(value), 1e-6)  # where all draws agree there is no width to go by
+    digits = max(0, 1 - int(np.floor(np.log10(least))))
     return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
 
@@ -258,7 +266,7 @@ def _uncertain(found: RobustOptimum) -> TableBlock:
     rows = []
     for axis in found.uncertain.axes:
         unit, factor = reading_unit(axis.unit or "1")
-        what = f"{axis.key.replace('_', ' ')}, tolerance" if axis.key in LENGTHS else axis.key
+        what = parameter_in_words(axis.key) + (", tolerance" if axis.key in LENGTHS else "")
         rows.append((what, "" if unit == "1" else unit_in_words(unit), law_in_words(axis, factor)))
     return TableBlock(("what", "unit", "distribution"), tuple(rows), "lll")
 

@@ -180,7 +180,8 @@ def search(asked: Asked, respond: Responding, options: OptimiseRobust, with_fron
     objectives_of = {ONE: ("error",)} | ({FRONT: OBJECTIVES} if with_front else {})
     for number, (step, objectives) in enumerate(objectives_of.items()):
         problem = _Lengths(asked, respond, objectives)
-        begin = _beginning(pd.concat(found, ignore_index=True), asked, objectives, options)
+        spread = np.random.default_rng([options.seed, number])  # not where the step before began
+        begin = _beginning(pd.concat(found, ignore_index=True), asked, objectives, options.population, spread)
         given = {"pop_size": options.population, "sampling": begin, "repair": _OntoRegion()}
         running = DE(variant="DE/best/1/bin", CR=1.0, **given) if step == ONE else NSGA2(crossover=PCX(), **given)
         running.setup(problem, seed=options.seed, termination=MaximumGenerationTermination(options.generations))
@@ -226,10 +227,10 @@ def front_of(candidates: pd.DataFrame) -> np.ndarray:
 
 
 def _beginning(
-    candidates: pd.DataFrame, asked: Asked, objectives: tuple[str, ...], options: OptimiseRobust
+    candidates: pd.DataFrame, asked: Asked, objectives: tuple[str, ...], population: int, random: np.random.Generator
 ) -> np.ndarray:
     """Where a step begins: half of it the best of what was tried, half spread over the region, shape (n, 2) [m]."""
-    kept = options.population // 2
+    kept = population // 2
     if len(objectives) > 1 and len(front := front_of(candidates)):
         # the front of all that was tried, its ends and evenly along the error
         ordered = front[np.argsort(candidates["error"].to_numpy()[front], kind="stable")]
@@ -238,6 +239,6 @@ def _beginning(
         order = np.lexsort((candidates["error"].fillna(np.inf), candidates["missed"], candidates["failed"]))
         places = order[:kept]
     best = candidates.loc[places, ["crank_length", "rod_length"]].to_numpy()
-    region, missing = asked.region, options.population - len(best)
-    spread = qmc.LatinHypercube(2, rng=options.seed).random(missing)
+    region, missing = asked.region, population - len(best)
+    spread = qmc.LatinHypercube(2, rng=random).random(missing)
     return np.vstack([best, region.nearest(region.unscaled(spread))])

@@ -11,6 +11,7 @@ from jointgap.config import Mechanism, Scenario, Simulate
 from jointgap.config.varied_values import with_values
 from jointgap.designs.design_of_experiments import Axis, axes_of
 from jointgap.errors import InputError
+from jointgap.link_lengths.constraints import geometric
 
 SOURCE = "optimise_robust.uncertain"
 """What errors call the place where something uncertain stands."""
@@ -21,7 +22,8 @@ LENGTHS = ("crank_length", "rod_length")
 _ABSOLUTE = {
     f"mechanism.{link}.{key}": f"{link}_length" for link in ("crank", "rod") for key in ("length", "mass_centre")
 }
-_OF_THE_COMPUTATION = {"simulate.revolutions", "simulate.samples_per_revolution"}
+_OF_THE_COMPUTATION = {"simulate.revolutions", "simulate.samples_per_revolution", "simulate.tolerance"}
+_OFFSET = "mechanism.slider.offset"
 _LARGEST_TOLERANCE = 0.1
 """Share of a length beyond which what is added to it is no tolerance but, in all likelihood, the length itself."""
 
@@ -123,6 +125,11 @@ def uncertain_of(scenario: Scenario) -> Uncertain:
             )
     for key in _OF_THE_COMPUTATION & options.uncertain.keys():
         raise InputError(f"{SOURCE}.{key}: is how the motion is computed, and not uncertain; leave it out")
+    if _OFFSET in options.uncertain and (of_lengths := geometric(scenario.optimise.constraints, 0.0)):
+        raise InputError(
+            f"{SOURCE}.{_OFFSET}: optimise.constraints.{of_lengths[0].key} is worked out with the nominal offset; "
+            "leave out one of them"
+        )
     base = Scenario(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     axes = axes_of(base, options.uncertain, SOURCE)
     for axis in axes:
@@ -161,5 +168,5 @@ def law_in_words(axis: Axis, factor: float = 1.0) -> str:
     return f"{_LAWS[axis.law.dist.name]}: median {middle}, 95 % of it {low} to {high}"
 
 
-_LAWS = {"uniform": "uniform", "loguniform": "log-uniform", "reciprocal": "log-uniform", "truncnorm": "normal",
+_LAWS = {"uniform": "uniform", "loguniform": "log-uniform", "truncnorm": "normal",
          "triang": "triangular"}  # fmt: skip
