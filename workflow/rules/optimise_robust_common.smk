@@ -11,9 +11,8 @@ def made_robust(name):
 
     try:
         # As its job reads them: sections that are left to their defaults have to go with the others too.
-        sections = SCENARIOS[name].model_dump(
-            include=set(SCENARIO_STAGES["optimise-robust"].sections), by_alias=True
-        )
+        read = set(SCENARIO_STAGES["optimise-robust"].sections)
+        sections = SCENARIOS[name].model_dump(include=read, by_alias=True)
         check_robust(validate(Scenario, sections, "its configuration"))
     except InputError as error:
         refuse(f"scenario {name}: {error}")
