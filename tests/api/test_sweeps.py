@@ -54,7 +54,7 @@ def test_a_sweep_shows_itself_in_numbers_and_figures(swept):
     assert rows.loc["stroke", "unit"] == "mm"
     assert "<td style='text-align:left'>stroke</td>" in swept._repr_html_()
     drawn = swept.plot("crank_pin_peak_force").data
-    assert set(drawn["x_quantity"]) == {"clearance", "joints, crank pin, journal"}
+    assert set(drawn["x_quantity"]) == {"clearance", "crank pin journal"}
     assert sorted(drawn.query("series == 'design'")["y"].unique()) == sorted(swept.designs["crank_pin_peak_force"])
 
 

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from jointgap.designs.sensitivity_indices import Decided, conditional_terms
 from jointgap.designs.sensitivity_inputs import Input
 from jointgap.designs.sensitivity_settings import SETTINGS
-from jointgap.designs.sensitivity_words import (
+from jointgap.designs.words_of_designs import (
     measure_in_words,
     measure_quantity,
     parameter_in_words,

@@ -8,7 +8,7 @@ import pandas as pd
 from jointgap.designs.sensitivity_figures import EFFECTS, INDICES, MAP, of_measure
 from jointgap.designs.sensitivity_indices import Decided
 from jointgap.designs.sensitivity_settings import SETTINGS
-from jointgap.designs.sensitivity_words import measure_in_words, parameter_in_words
+from jointgap.designs.words_of_designs import measure_in_words, parameter_in_words
 from jointgap.report.page import Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
 from jointgap.report.plain_words import joined
 

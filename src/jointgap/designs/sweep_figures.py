@@ -4,10 +4,11 @@ import numpy as np
 import pandas as pd
 
 from jointgap.designs.design_of_experiments import Axis
+from jointgap.designs.words_of_designs import parameter_quantity
 from jointgap.figures import style
 from jointgap.figures.sheet import Panel, Quantity, Sheet
 from jointgap.figures.style import Drawing
-from jointgap.report.plain_words import in_words, reading_unit
+from jointgap.report.plain_words import reading_unit
 from jointgap.tables.columns import Column
 
 _COLUMNS = 3
@@ -48,9 +49,7 @@ def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], measu
 
 
 def _panel(sheet: Sheet, place: tuple[int, int], axis: Axis, y: Quantity) -> Panel:
-    words = in_words(axis.key.removeprefix("mechanism.").removeprefix("simulate.").replace(".", ", "))
-    unit = reading_unit(axis.unit)[0] if axis.column.kind == "float" else ""
-    return sheet.panel(place, "", Quantity(words, unit or ("1" if axis.column.kind == "float" else "")), y)
+    return sheet.panel(place, "", parameter_quantity(axis)[0], y)
 
 
 def _draw(panel: Panel, axis: Axis, own: pd.Series, values: np.ndarray) -> None:

@@ -9,8 +9,9 @@ import pyarrow.compute as pc
 
 from jointgap import tables
 from jointgap.designs.design_of_experiments import SOURCE, Axis, Designs
+from jointgap.designs.words_of_designs import measure_in_words, parameter_in_words
 from jointgap.report.page import Page, Paragraph, TableBlock
-from jointgap.report.plain_words import unit_in_words
+from jointgap.report.plain_words import joined, reading_unit, unit_in_words
 from jointgap.tables.columns import Column
 from jointgap.tables.sweep_tables import MEASURES
 
@@ -21,8 +22,6 @@ _KINDS = {
 }
 _NUMBER = re.compile(r"[-+]?[0-9][-+.0-9e]*")
 _QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
-_SHOWN = {"rad": ("deg", 180.0 / np.pi), "m": ("mm", 1e3), "rad/s": ("rpm", 30.0 / np.pi)}
-"""Units in which people read lengths and angles, and how many one SI unit is."""
 
 
 def page(designs: Designs, dataset: Path) -> Page:
@@ -38,7 +37,7 @@ def page(designs: Designs, dataset: Path) -> Page:
     introduction = (
         f"{designs.number} designs {_KINDS[designs.kind]}"
         + ("" if designs.kind == "grid" else f", seed {designs.seed}")
-        + f". Varied: {', '.join(axis.key for axis in designs.axes)}; all else is as in the mechanism. "
+        + f". Varied: {joined(parameter_in_words(axis.key) for axis in designs.axes)}; all else as in the mechanism. "
         f"Designs that failed: {sum(failed.values()) or 'none'}"
         + ("." if not failed else ": " + "; ".join(f"{count} x {why}" for why, count in failed.most_common(5)) + ".")
     )
@@ -78,10 +77,12 @@ def _parameters(axes: tuple[Axis, ...], dataset: Path) -> tuple:
         values = tables.read_columns(dataset, [axis.key])[axis.key]
         if axis.column.kind != "float":
             words = sorted(map(str, pc.unique(values).to_pylist()))
-            rows.append((axis.key, "", ", ".join(words), "", ""))
+            rows.append((parameter_in_words(axis.key), "", ", ".join(words), "", ""))
             continue
-        unit, factor = _SHOWN.get(axis.unit, (unit_in_words(axis.unit or "1"), 1.0))
-        rows.append((axis.key, unit, *_numbers(factor * values.to_numpy(), (0.0, 0.5, 1.0))))
+        unit, factor = reading_unit(axis.unit or "1")
+        rows.append(
+            (parameter_in_words(axis.key), unit_in_words(unit), *_numbers(factor * values.to_numpy(), (0.0, 0.5, 1.0)))
+        )
     return tuple(rows)
 
 
@@ -94,9 +95,9 @@ def _measure(column: Column, dataset: Path) -> tuple | None:
     values = values[np.isfinite(values)]
     if not len(values):
         return None
-    unit, factor = _SHOWN.get(column.unit, (unit_in_words(column.unit), 1.0))
-    return (column.description.partition(";")[0], unit, *_numbers(factor * values, _QUANTILES))
+    unit, factor = reading_unit(column.unit)
+    return (measure_in_words(column.name), unit_in_words(unit), *_numbers(factor * values, _QUANTILES))
 
 
 def _numbers(values: np.ndarray, shares: tuple[float, ...]) -> tuple[str, ...]:
-    return tuple(f"{value:.4g}" for value in np.quantile(values, shares))
+    return tuple(f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}" for value in np.quantile(values, shares))

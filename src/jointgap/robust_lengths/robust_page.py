@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.designs.sensitivity_words import parameter_in_words
+from jointgap.designs.words_of_designs import parameter_in_words
 from jointgap.report.page import Block, Cell, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
 from jointgap.report.plain_words import joined, percent, reading_unit, unit_in_words
 from jointgap.robust_lengths.optimise_robust import COMPARED, RobustOptimum

@@ -8,6 +8,8 @@ from jointgap.tables.sweep_tables import MEASURES
 _COLUMNS = {column.name: column for column in MEASURES}
 _SHORTER = {
     "repeat_distance": "distance from repeating, over the smallest clearance",
+    "outer_dead_centre_angle": "outer dead centre: crank angle",
+    "inner_dead_centre_angle": "inner dead centre: crank angle",
     "noise_share": "noise share of the slider's acceleration",
 }
 _WORDS = {"speed": "crank speed"}
