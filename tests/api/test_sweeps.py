@@ -66,3 +66,18 @@ def test_a_sweep_that_is_asked_for_again_is_read_and_a_wrong_key_is_told(mechani
         jg.sweep(mechanism, OPTIONS, folder=swept.folder, parameters=RANGES, number=0)
     with pytest.raises(jg.InputError, match=r"parameters\.clearence: no such word; did you mean 'clearance'"):
         jg.sweep(mechanism, OPTIONS, folder=swept.folder, parameters={"clearence": [1e-3]})
+
+
+def test_a_sweep_of_which_every_design_failed_says_so_in_place_of_a_figure(mechanism, tmp_path):
+    failed = jg.sweep(
+        mechanism, OPTIONS, folder=tmp_path, parameters={"simulate.tolerance": [1e-30, 2e-30]}, number=2, workers=1
+    )
+    assert failed.remarks
+    with pytest.raises(jg.InputError, match="nothing to draw"):
+        failed.plot()
+
+
+@pytest.mark.parametrize("parameters", [["friction"], None])
+def test_parameters_that_are_no_mapping_are_told(mechanism, tmp_path, parameters):
+    with pytest.raises(jg.InputError, match=r"sweep.*parameters"):
+        jg.sweep(mechanism, OPTIONS, folder=tmp_path, parameters=parameters)

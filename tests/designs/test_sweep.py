@@ -258,6 +258,28 @@ def test_designs_that_other_code_measured_are_measured_again(simulated, tmp_path
     assert simulated == [0, 1, 0, 1]
 
 
+def test_designs_of_two_versions_of_the_code_are_no_dataset(tmp_path):
+    designs = designs_of(scenario(RANGE, number=2))
+    for place, code in enumerate(("old", "new")):
+        write_designs(designs, place, 1, tmp_path / f"part_{place}.parquet", code, 1)
+    with pytest.raises(InputError, match="measured by different versions"):
+        check_dataset(designs, tmp_path)
+
+
+def test_a_sweep_over_another_measured_angle_is_another_sweep(tmp_path):
+    file = tmp_path / "angle.csv"
+
+    def digest(speed):
+        time = np.linspace(0.0, 1.0, 200)
+        pd.DataFrame({"time": time, "crank_angle": speed * time}).to_csv(file, index=False)
+        made = scenario(RANGE, number=2)
+        drive = {"kind": "measured", "file": str(file)}
+        driven = made.simulate.model_dump() | {"drive": drive}
+        return designs_of(made.model_copy(update={"simulate": type(made.simulate)(**driven)})).digest
+
+    assert digest(60.0) == digest(60.0) != digest(30.0)
+
+
 @pytest.mark.parametrize("left", [0, 200, -1])
 def test_a_damaged_part_is_made_again_as_it_was(left, tmp_path):
     made = scenario({"friction": {"from": 0.05, "to": 0.2}}, number=2)

@@ -11,10 +11,11 @@ from click.testing import CliRunner
 from jointgap import tables
 from jointgap.cli import cli
 from jointgap.config import Scenario, Study
+from jointgap.ensembles.orders import high_order_rms, orders
 from jointgap.ensembles.study_catalogue import FIGURES
 from jointgap.ensembles.study_figures import draw_study, ideal_orders
 from jointgap.ensembles.study_page import page
-from jointgap.ensembles.study_points import high_order_rms, join_points, orders, samples_per_revolution, simulate_points
+from jointgap.ensembles.study_points import join_points, samples_per_revolution, simulate_points
 from jointgap.errors import InputError
 from jointgap.report.page import to_markdown
 from jointgap.tables.study_tables import MEASURES, ORDERS

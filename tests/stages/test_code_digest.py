@@ -37,6 +37,12 @@ def test_what_a_stage_is_given_counts_though_it_is_named_in_an_annotation_alone(
     assert {"campaign.state", "slider_crank.model"} <= modules_of("noise")
 
 
+def test_how_designs_are_shown_is_no_code_that_measures_them():
+    shown = {name for name in modules_of("sweep-designs") if name.startswith(("figures", "report", "surrogate"))}
+    shown |= {name for name in modules_of("sweep-designs") if name.endswith(("_page", "_figures", "growth"))}
+    assert shown <= {"report.plain_words"}
+
+
 def test_imports_inside_functions_count():
     assert "identification.problem" in closure("campaign.state")
 

@@ -71,10 +71,13 @@ def kept_options(scenario, text):
 
 
 def of_stage(stage):
-    """For params: what a stage is called, the file of its options, and a digest of its code; a change in these runs it again."""
+    """For params: what a stage is called, the file of its options, and digests of the file of a measured drive and of its code; a
+    change in these runs it again.
+    """
     return {
         "stage": stage,
         "options": lambda wildcards: options_file(wildcards.scenario, stage),
+        "drive": lambda wildcards: getattr(SCENARIOS[wildcards.scenario].simulate.drive, "content", ""),
         "code": SCENARIO_STAGES[stage].digest,
     }
 

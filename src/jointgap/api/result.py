@@ -64,7 +64,9 @@ class Result(ABC):
         InputError
             No such figure.
         """
-        name = name or next(iter(self.figures))
+        name = name or next(iter(self.figures), None)
+        if name is None:
+            raise InputError(f"plot: there is nothing to draw; {type(self).__name__}.remarks says why")
         if name not in self.figures:
             raise InputError(
                 f"plot: no figure '{name}' of this {type(self).__name__}; {did_you_mean(name, self.figures)}"

@@ -137,9 +137,9 @@ def sweep(
 ) -> SweptDesigns:
     """Simulate and measure many designs, and write them to a dataset of Parquet files.
 
-    Memory does not grow with the number of designs. A design that is impossible, or whose simulation fails, is a row
-    with its reason. What the folder holds already is kept: a sweep that was interrupted goes on, and one with a larger
-    `number` of the same Sobol sequence simulates the new designs alone.
+    Memory does not grow with the number of designs, but of a Latin hypercube, which is drawn whole. A design that is
+    impossible, or whose simulation fails, is a row with its reason. What the folder holds already is kept: a sweep that
+    was interrupted goes on, and one with a larger `number` of the same Sobol sequence simulates the new designs alone.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def sweep(
     (64, 3)
     >>> swept.plot("angle_error_rms").save("error.png")
     """
-    given = {"parameters": dict(parameters), "design": design, "number": number, "seed": seed, "window": window}
+    given = {"parameters": parameters, "design": design, "number": number, "seed": seed, "window": window}
     given |= {"designs_per_job": designs_per_job}
     scenario = Scenario(
         mechanism=checked_mechanism(mechanism),

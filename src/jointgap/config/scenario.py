@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -98,6 +100,12 @@ class MeasuredDrive(Section):
     resolution: PositiveAngle | None = Field(
         None, description="step of the encoder, to which the smooth angle keeps; null: not known"
     )
+
+    @property
+    def content(self) -> str:
+        """Digest of what the file holds, which its path does not tell; empty where it is not there."""
+        path = Path(self.file)
+        return sha256(path.read_bytes()).hexdigest()[:12] if path.is_file() else ""
 
     @field_validator("angle_unit")
     @classmethod

@@ -101,7 +101,8 @@ class Designs:
 
     @cached_property
     def digest(self) -> str:
-        """Twelve digits that change with anything in the configuration that a design's row depends on.
+        """Twelve digits that change with anything that a design's row depends on: in the configuration, and in the file
+        of a measured drive.
 
         Of a sequence that can be grown the number of designs is no part of it. Nor is the code: the workflow makes
         parts anew where that has changed.
@@ -109,6 +110,7 @@ class Designs:
         told = {
             "mechanism": self.base.mechanism.model_dump(mode="json"),
             "simulate": self.base.simulate.model_dump(mode="json"),
+            "drive": getattr(self.base.simulate.drive, "content", ""),
             "axes": [[a.key, a.unit, a.values, a.law and [a.law.dist.name, a.law.kwds]] for a in self.axes],
             "design": [self.kind, self.seed, None if self.kind == "sobol" else self.number],
             "window": self.window,

@@ -12,6 +12,7 @@ import pandas as pd
 from pyarrow.parquet import FileMetaData
 
 from jointgap import tables
+from jointgap.config.sweep_config import MOST_DESIGNS
 from jointgap.config.varied_values import with_values
 from jointgap.designs.design_of_experiments import SOURCE, Designs
 from jointgap.designs.measures import angles_to_measure, measures
@@ -59,11 +60,12 @@ def simulate_designs(designs: Designs, first: int, count: int, workers: int | No
     Raises
     ------
     InputError
-        Numbers beyond the last design; a Sobol sequence has none.
+        Numbers beyond the last design; of a Sobol sequence beyond what any sweep has.
     """
-    if designs.kind != "sobol" and first + count > designs.number:
+    there = MOST_DESIGNS if designs.kind == "sobol" else designs.number
+    if first + count > there:
         raise InputError(
-            f"sweep: designs {first} to {first + count - 1} are asked for, but there are {designs.number}, from 0 on"
+            f"sweep: designs {first} to {first + count - 1} are asked for, but there are {there}, from 0 on"
         )
     values = designs.values(first, count)
     errors: dict[int, InputError] = {}
@@ -211,11 +213,18 @@ def check_dataset(designs: Designs, folder: Path) -> None:
     InputError
         A file of another sweep, a design that is missing, there twice, or more than are asked for.
     """
-    spans = {}
+    spans, codes = {}, {}
     for path in sorted(folder.glob("[!.]*.parquet")):
         footer = tables.read_footer(path)
         _check_belongs(designs, path, footer)
         spans[path] = _span(footer)
+        codes[(footer.metadata or {}).get(CODE.encode())] = path
+    if len(codes) > 1:
+        first, second, *_ = sorted(codes.values())
+        raise InputError(
+            f"{first} and {second}: were measured by different versions of jointgap; start the sweep again, which "
+            "measures the older ones anew"
+        )
     if not spans:
         raise InputError(f"{folder}: holds no designs; simulate them first")
     _check_number(designs, spans)

@@ -9,7 +9,7 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.parallel_runs import Outcome, rod_and_slider
 from jointgap.dynamics.simulation import IntegrationResult, crank_angles
 from jointgap.dynamics.solver.contact_episodes import EVENT
-from jointgap.ensembles.study_points import high_order_rms
+from jointgap.ensembles.orders import high_order_rms
 from jointgap.joints import JOINTS
 from jointgap.link_lengths.objective import measure
 from jointgap.mechanism import transmission_angle

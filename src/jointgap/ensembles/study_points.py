@@ -16,10 +16,11 @@ from jointgap.dynamics.simulation import event_frame
 from jointgap.ensembles.cycle_statistics import contacts, time_shares
 from jointgap.ensembles.ensemble import perturbed_starts
 from jointgap.ensembles.growth import USEFUL, sampled_clearances
+from jointgap.ensembles.orders import high_order_rms, orders
 from jointgap.errors import InputError
 from jointgap.mechanism import transmission_angle
 from jointgap.progress import followed
-from jointgap.tables.study_tables import MEASURES, NOISE_ORDER, ORDERS
+from jointgap.tables.study_tables import MEASURES, ORDERS
 
 _PER_PERIOD = 12  # samples in a period of the contact's ringing
 _FEWEST, _MOST = 720, 20_000  # samples per revolution: for the spectrum, and that memory holds
@@ -208,25 +209,3 @@ def measure(outcome: Outcome, study: Study) -> dict[str, float | np.ndarray]:
         "jerk_rms": math.sqrt(np.mean((np.diff(acceleration) / np.diff(times)) ** 2)),
         "orders": spectrum,
     }
-
-
-def orders(values: np.ndarray, revolutions: int) -> np.ndarray:
-    """Amplitudes of a quantity at orders 0 to `ORDERS` of the crank's speed, shape (ORDERS + 1,).
-
-    Parameters
-    ----------
-    values : (n,) array
-        Samples of whole revolutions, uniform, the last one's end left out.
-    revolutions : int
-        How many.
-    """
-    amplitudes = 2.0 * np.abs(np.fft.rfft(values)) / len(values)
-    amplitudes[0] /= 2.0
-    return amplitudes[: ORDERS * revolutions + 1 : revolutions]
-
-
-def high_order_rms(values: np.ndarray, revolutions: int) -> float:
-    """RMS of what a quantity holds above order `NOISE_ORDER`; `values` and `revolutions` as for `orders`."""
-    spectrum = np.fft.rfft(values)
-    spectrum[: NOISE_ORDER * revolutions + 1] = 0.0
-    return math.sqrt(np.mean(np.fft.irfft(spectrum, len(values)) ** 2))

@@ -1,4 +1,7 @@
-"""How far the gap shrinks on data that took no part in fitting or choosing."""
+"""How far the gap shrinks on data that took no part in fitting or in choosing an explanation.
+
+They choose one thing: with which of the values that the fit leaves open they are predicted (`likeliest`).
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -329,7 +332,7 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
 
     if chi2(fit.values) <= size * fit.settings.decision.max_gap_of_noise**2:
         return fit
-    drawn = fit.draws[:: max(len(fit.draws) // fit.settings.confirmation.valley_draws, 1)]
+    drawn = fit.draws[:: -(-len(fit.draws) // fit.settings.confirmation.valley_draws)]
     return replace(fit, values=min((fit.values, *drawn), key=chi2))
 
 

@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -102,9 +103,17 @@ def _used(module: ast.Module, name: str) -> list[ast.stmt]:
         if statement is not None and statement not in used:
             used[statement] = None
             waiting += [node.id for node in ast.walk(statement) if isinstance(node, ast.Name)]
-            # annotations in quotes
-            waiting += [node.value for node in ast.walk(statement) if isinstance(node, ast.Constant)]
+            waiting += _quoted_in_annotations(statement)
     return sorted(used, key=lambda statement: statement.lineno)
+
+
+def _quoted_in_annotations(statement: ast.stmt) -> Iterator[str]:
+    """Names in quoted annotations. Other texts, such as the name of a section of the configuration, mean no code."""
+    for node in ast.walk(statement):
+        for annotation in (getattr(node, "annotation", None), getattr(node, "returns", None)):
+            for inner in ast.walk(annotation) if annotation is not None else ():
+                if isinstance(inner, ast.Constant) and isinstance(inner.value, str):
+                    yield from re.findall(r"[A-Za-z_]\w*", inner.value)
 
 
 def _is_stored(node: ast.AST) -> bool:

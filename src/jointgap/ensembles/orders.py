@@ -1,0 +1,29 @@
+"""What a quantity holds at the orders of the crank's speed."""
+
+import math
+
+import numpy as np
+
+from jointgap.tables.study_tables import NOISE_ORDER, ORDERS
+
+
+def orders(values: np.ndarray, revolutions: int) -> np.ndarray:
+    """Amplitudes of a quantity at orders 0 to `ORDERS` of the crank's speed, shape (ORDERS + 1,).
+
+    Parameters
+    ----------
+    values : (n,) array
+        Samples of whole revolutions, uniform, the last one's end left out.
+    revolutions : int
+        How many.
+    """
+    amplitudes = 2.0 * np.abs(np.fft.rfft(values)) / len(values)
+    amplitudes[0] /= 2.0
+    return amplitudes[: ORDERS * revolutions + 1 : revolutions]
+
+
+def high_order_rms(values: np.ndarray, revolutions: int) -> float:
+    """RMS of what a quantity holds above order `NOISE_ORDER`; `values` and `revolutions` as for `orders`."""
+    spectrum = np.fft.rfft(values)
+    spectrum[: NOISE_ORDER * revolutions + 1] = 0.0
+    return math.sqrt(np.mean(np.fft.irfft(spectrum, len(values)) ** 2))
