@@ -11,7 +11,7 @@ from jointgap import tables
 from jointgap.config import Scenario
 from jointgap.designs.design_of_experiments import Designs, designs_of
 from jointgap.designs.designs_to_parquet import DIGEST, table_of
-from jointgap.designs.sensitivity_indices import Decided, decided, what_decides
+from jointgap.designs.sensitivity_indices import SensitivityResult, decided, what_decides
 from jointgap.errors import InputError
 from jointgap.stages.scenario_stages import sensitivity
 from jointgap.tables.sweep_tables import MEASURES
@@ -39,7 +39,7 @@ def swept(drawn: Designs, measure, reason=None) -> pd.DataFrame:
     return frame.assign(stroke=values, reason=np.where(failed, "it broke", None))
 
 
-def decide(drawn: Designs, measure, reason=None, seed=0) -> Decided:
+def decide(drawn: Designs, measure, reason=None, seed=0) -> SensitivityResult:
     return decided(drawn, swept(drawn, measure, reason), ["stroke"], seed)
 
 
@@ -63,7 +63,7 @@ def additive(frame: pd.DataFrame) -> np.ndarray:
     return quantiles(frame) @ [3.0, 2.0, 1.0]
 
 
-def check(found: Decided, known: dict, within: float) -> None:
+def check(found: SensitivityResult, known: dict, within: float) -> None:
     indices = found.indices.set_index("parameter")
     assert list(indices.index) == list(known)
     for parameter, pair in known.items():

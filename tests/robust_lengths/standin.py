@@ -7,7 +7,7 @@ from scipy.stats import qmc
 from jointgap.config import Box, Constraints
 from jointgap.link_lengths.region import Region
 from jointgap.robust_lengths.robust_measure import RobustMeasure
-from jointgap.robust_lengths.search_lengths import Asked
+from jointgap.robust_lengths.search_lengths import RobustProblem
 from jointgap.robust_lengths.simulated_draws import Responses
 
 BOX = Box(crank_length=(0.14, 0.16), rod_length=(0.54, 0.59))
@@ -15,10 +15,10 @@ NOMINAL, STEADY, ROD = 0.147, 0.155, 0.57
 """Crank lengths at which the mean and the deviation of the error are smallest, and the best rod length [m]."""
 
 
-def asked(measure: RobustMeasure, **more) -> Asked:
+def asked(measure: RobustMeasure, **more) -> RobustProblem:
     """Lengths in the box, the original ones in its middle."""
     given = {"constraints": Constraints(), "probability": 0.95, "region": Region.of(BOX, None)} | more
-    return Asked(original=(0.15, 0.564), stroke=lambda lengths: 2.0 * lengths[..., 0], measure=measure, **given)
+    return RobustProblem(original=(0.15, 0.564), stroke=lambda lengths: 2.0 * lengths[..., 0], measure=measure, **given)
 
 
 def standard_draws(count: int = 64, seed: int = 0) -> np.ndarray:

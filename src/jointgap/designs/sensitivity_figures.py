@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from jointgap.designs.sensitivity_indices import Decided, conditional_terms
+from jointgap.designs.sensitivity_indices import SensitivityResult, conditional_terms
 from jointgap.designs.sensitivity_inputs import Input
 from jointgap.designs.sensitivity_settings import SETTINGS
 from jointgap.designs.words_of_designs import (
@@ -31,7 +31,7 @@ _STEPS = (1, 2, 5, 10)
 _ROUND_STEPS = MaxNLocator(12, steps=_STEPS)
 
 
-def draw(found: Decided) -> Iterator[tuple[str, Drawing]]:
+def draw(found: SensitivityResult) -> Iterator[tuple[str, Drawing]]:
     """All figures with their names, one at a time; none where no measure has indices."""
     if not found.good:
         return
@@ -43,19 +43,19 @@ def draw(found: Decided) -> Iterator[tuple[str, Drawing]]:
                 yield f"{MAP}_{measure}", _map(found, measure)
 
 
-def of_measure(found: Decided, measure: str) -> pd.DataFrame:
+def of_measure(found: SensitivityResult, measure: str) -> pd.DataFrame:
     """Rows of `measure` in the table of indices, those of the largest total index first.
 
     Parameters
     ----------
-    found : Decided
+    found : SensitivityResult
     measure : str
     """
     own = found.indices[found.indices["measure"] == measure]
     return own.sort_values("total", ascending=False, kind="stable")
 
 
-def _indices(found: Decided) -> Drawing:
+def _indices(found: SensitivityResult) -> Drawing:
     """Bars of both indices with their intervals, a panel a measure, a row a parameter."""
     measures = list(found.good)
     keys = [one.axis.key for one in found.inputs.each]
@@ -86,7 +86,7 @@ def _indices(found: Decided) -> Drawing:
     return sheet.drawing()
 
 
-def _main_effects(found: Decided, measure: str) -> Drawing:
+def _main_effects(found: SensitivityResult, measure: str) -> Drawing:
     """Mean of a measure over each parameter that takes part, on one scale."""
     ranked = of_measure(found, measure)
     keys = list(ranked["parameter"][ranked["total"] >= SETTINGS.shown_share])
@@ -120,7 +120,7 @@ def _main_effects(found: Decided, measure: str) -> Drawing:
     return sheet.drawing()
 
 
-def _map(found: Decided, measure: str) -> Drawing:
+def _map(found: SensitivityResult, measure: str) -> Drawing:
     """Mean of a measure over the two parameters of the largest total indices."""
     keys = list(of_measure(found, measure)["parameter"][:2])
     by_key = {one.axis.key: place for place, one in enumerate(found.inputs.each)}

@@ -33,7 +33,7 @@ UNITS = {column.name: column.unit for column in MEASURES}
 
 
 @dataclass(frozen=True)
-class Decided:
+class SensitivityResult:
     """What decides the measures of a sweep.
 
     Attributes
@@ -59,7 +59,7 @@ class Decided:
 
 def what_decides(
     designs: Designs, dataset: Path, options: Sensitivity, settings: SensitivitySettings = SETTINGS
-) -> Decided:
+) -> SensitivityResult:
     """Indices of the measures of a sweep.
 
     Parameters
@@ -83,7 +83,7 @@ def what_decides(
 
 def decided(
     designs: Designs, frame: pd.DataFrame, measures: Sequence[str], seed: int, settings: SensitivitySettings = SETTINGS
-) -> Decided:
+) -> SensitivityResult:
     """The same of a `frame` with the parameters, `reason` and `measures` of the designs as columns.
 
     The `seed` is that of all drawing, `settings` are the limits.
@@ -121,7 +121,7 @@ def decided(
         pd.DataFrame(rows, columns=table.names)
         for table, rows in zip(tables.SENSITIVITY_TABLES, (surrogates, indices, effects), strict=True)
     )
-    return Decided(inputs, len(frame), int((~fine).sum()), *made, good)
+    return SensitivityResult(inputs, len(frame), int((~fine).sum()), *made, good)
 
 
 def _unfit(values: np.ndarray, number: int, counts: dict[str, int], settings: SensitivitySettings) -> str | None:

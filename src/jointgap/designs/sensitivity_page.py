@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 
 from jointgap.designs.sensitivity_figures import EFFECTS, INDICES, MAP, of_measure
-from jointgap.designs.sensitivity_indices import Decided
+from jointgap.designs.sensitivity_indices import SensitivityResult
 from jointgap.designs.sensitivity_settings import SETTINGS
 from jointgap.designs.words_of_designs import measure_in_words, parameter_in_words
 from jointgap.report.page import Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
@@ -20,7 +20,7 @@ _MEANING = (
 )
 
 
-def page(found: Decided) -> Page:
+def page(found: SensitivityResult) -> Page:
     """The page of what decides a sweep's measures."""
     blocks = [
         Paragraph(_headline(found), strong=True),
@@ -39,7 +39,7 @@ def page(found: Decided) -> Page:
     return Page("What decides", tuple(blocks))
 
 
-def _leaders(found: Decided) -> dict[str, pd.DataFrame]:
+def _leaders(found: SensitivityResult) -> dict[str, pd.DataFrame]:
     """By measure that has indices: its rows, those of the largest total index first."""
     return {measure: of_measure(found, measure) for measure in found.good}
 
@@ -49,7 +49,7 @@ def _is_sure(ranked: pd.DataFrame) -> bool:
     return len(ranked) < 2 or ranked["total_low"].iloc[0] > ranked["total_high"].iloc[1]
 
 
-def _headline(found: Decided) -> str:
+def _headline(found: SensitivityResult) -> str:
     number = int(found.surrogates["mean"].notna().sum())
     if not found.good:
         return f"What decides is not known: none of the {number} measures has a surrogate that is good enough."
@@ -66,7 +66,7 @@ def _headline(found: Decided) -> str:
     return text
 
 
-def _designs(found: Decided) -> str:
+def _designs(found: SensitivityResult) -> str:
     varied = joined(parameter_in_words(one.axis.key) for one in found.inputs.each)
     share = 100 * found.failed / found.number
     failed = f"{found.failed} failed ({share:.1f} %) and are left out" if found.failed else "none failed"
@@ -77,7 +77,7 @@ def _interval(row: Any, index: str) -> str:
     return f"{row[index]:.2f} ({row[f'{index}_low']:.2f} to {row[f'{index}_high']:.2f})"
 
 
-def _decisions(found: Decided) -> list:
+def _decisions(found: SensitivityResult) -> list:
     if not found.good:
         return []
     q2 = found.surrogates.set_index("measure")["q2"]
@@ -96,14 +96,14 @@ def _decisions(found: Decided) -> list:
     return [TableBlock(heads, tuple(rows), "lllllll", caption)]
 
 
-def _indices(found: Decided) -> list:
+def _indices(found: SensitivityResult) -> list:
     if not found.good:
         return []
     caption = "Bars: indices; lines: their 90 % intervals."
     return [Heading("Indices of all measures"), Paragraph(_MEANING), FigureBlock(INDICES, "Sobol indices", caption)]
 
 
-def _pictures(found: Decided) -> list:
+def _pictures(found: SensitivityResult) -> list:
     blocks = []
     for measure, ranked in _leaders(found).items():
         words = measure_in_words(measure)
@@ -124,7 +124,7 @@ def _pictures(found: Decided) -> list:
     return blocks
 
 
-def _without(found: Decided) -> list:
+def _without(found: SensitivityResult) -> list:
     # What no design has, such as the impacts of an ideal joint, nobody asks for.
     poor = found.surrogates[found.surrogates["reason"].notna() & found.surrogates["mean"].notna()]
     if poor.empty:
@@ -152,7 +152,7 @@ def _without(found: Decided) -> list:
     ]
 
 
-def _method(found: Decided) -> str:
+def _method(found: SensitivityResult) -> str:
     made = found.surrogates[found.surrogates["kind"].notna()]
     if made.empty:
         return "No surrogate was made."

@@ -4,20 +4,20 @@ from pathlib import Path
 
 from jointgap import tables
 from jointgap.designs.sensitivity_figures import draw
-from jointgap.designs.sensitivity_indices import Decided
+from jointgap.designs.sensitivity_indices import SensitivityResult
 from jointgap.designs.sensitivity_page import page
 from jointgap.figures import style
 from jointgap.report.page import to_html, to_markdown
 
 
-def write_results(found: Decided, folder: Path) -> str:
+def write_results(found: SensitivityResult, folder: Path) -> str:
     """Write tables, figures and page into a `folder`; gives the page as Markdown.
 
     Figures of an earlier run that are not drawn again, of measures that have no indices any more, are removed.
 
     Parameters
     ----------
-    found : Decided
+    found : SensitivityResult
     folder : Path
 
     Raises

@@ -14,7 +14,7 @@ from scipy.stats import binomtest
 
 from jointgap.errors import InputError
 from jointgap.robust_lengths.robust_measure import RobustMeasure, deviation
-from jointgap.robust_lengths.search_lengths import Asked
+from jointgap.robust_lengths.search_lengths import RobustProblem
 from jointgap.robust_lengths.simulated_draws import Responses
 
 CONFIDENCE = 0.95
@@ -48,12 +48,14 @@ class Comparison:
     counted: np.ndarray
 
 
-def compare(asked: Asked, names: tuple[str, ...], responses: Responses, resamples: int, seed: int) -> Comparison:
+def compare(
+    asked: RobustProblem, names: tuple[str, ...], responses: Responses, resamples: int, seed: int
+) -> Comparison:
     """Put lengths side by side.
 
     Parameters
     ----------
-    asked : Asked
+    asked : RobustProblem
     names : tuple of str
         Of the pairs of lengths, in the order of `responses`; each is compared with those before it.
     responses : Responses
@@ -166,7 +168,9 @@ def _gains(
 _HELD = ("lengths", "constraint", "asked", "probability", "probability_low", "probability_high", "draws")
 
 
-def _held(asked: Asked, names: tuple[str, ...], responses: Responses) -> Iterator[tuple[str | float | int, ...]]:
+def _held(
+    asked: RobustProblem, names: tuple[str, ...], responses: Responses
+) -> Iterator[tuple[str | float | int, ...]]:
     for key, missed in asked.missed(responses).items():
         for name, row in zip(names, missed, strict=True):
             held = share_with_interval(np.count_nonzero(row <= 0.0), len(row))

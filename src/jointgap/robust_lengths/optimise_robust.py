@@ -15,7 +15,7 @@ from jointgap.link_lengths.region import Region
 from jointgap.mechanism import ideal_cycle
 from jointgap.robust_lengths.fresh_comparison import QUANTITIES, Comparison, compare
 from jointgap.robust_lengths.robust_measure import RobustMeasure
-from jointgap.robust_lengths.search_lengths import Asked, best_of, front_of, search
+from jointgap.robust_lengths.search_lengths import RobustProblem, best_of, front_of, search
 from jointgap.robust_lengths.simulated_draws import Responses, SimulatedDraws
 from jointgap.robust_lengths.uncertain_draws import LENGTHS, Draw, Uncertain, uncertain_of
 from jointgap.tables import Table, robust_fresh
@@ -37,14 +37,14 @@ class RobustOptimum:
     fresh : DataFrame
         Table of `fresh_table`.
     uncertain : Uncertain
-    asked : Asked
+    asked : RobustProblem
     """
 
     candidates: pd.DataFrame
     comparison: Comparison
     fresh: pd.DataFrame
     uncertain: Uncertain
-    asked: Asked
+    asked: RobustProblem
 
     @property
     def fresh_table(self) -> Table:
@@ -102,7 +102,7 @@ def check_robust(scenario: Scenario) -> None:
     uncertain.for_search(scenario.optimise_robust.draws)
 
 
-def _asked(scenario: Scenario, original: Mechanism) -> Asked:
+def _asked(scenario: Scenario, original: Mechanism) -> RobustProblem:
     optimise, options, offset = scenario.optimise, scenario.optimise_robust, original.slider.offset
     if not original.loose:
         raise InputError(
@@ -117,7 +117,7 @@ def _asked(scenario: Scenario, original: Mechanism) -> Asked:
         strokes = np.array([cycle.outer_dead_centre - cycle.inner_dead_centre for cycle in cycles])
         return strokes.reshape(np.shape(lengths)[:-1])
 
-    return Asked(
+    return RobustProblem(
         region=region,
         original=(original.crank.length, original.rod.length),
         stroke=stroke,

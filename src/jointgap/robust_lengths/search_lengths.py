@@ -42,7 +42,7 @@ GRID, ONE, FRONT = "grid", "one measure", "front"
 
 
 @dataclass(frozen=True)
-class Asked:
+class RobustProblem:
     """What lengths are asked to do.
 
     Attributes
@@ -88,12 +88,12 @@ class Asked:
         return found
 
 
-def assess(asked: Asked, responses: Responses) -> pd.DataFrame:
+def assess(asked: RobustProblem, responses: Responses) -> pd.DataFrame:
     """A row for each pair of lengths: what the search goes by.
 
     Parameters
     ----------
-    asked : Asked
+    asked : RobustProblem
     responses : Responses
 
     Returns
@@ -134,7 +134,7 @@ _FAILED = 1e6
 class _Lengths(Problem):
     """The lengths of a region as pymoo wants them; keeps what it was asked."""
 
-    def __init__(self, asked: Asked, respond: Responding, objectives: tuple[str, ...]):
+    def __init__(self, asked: RobustProblem, respond: Responding, objectives: tuple[str, ...]):
         region = asked.region
         super().__init__(n_var=2, n_obj=len(objectives), n_ieq_constr=2, xl=region.lower, xu=region.upper)
         self.asked, self.respond, self.objectives = asked, respond, objectives
@@ -152,12 +152,12 @@ class _OntoRegion(Repair):
         return problem.asked.region.nearest(x)
 
 
-def search(asked: Asked, respond: Responding, options: OptimiseRobust, with_front: bool = True) -> pd.DataFrame:
+def search(asked: RobustProblem, respond: Responding, options: OptimiseRobust, with_front: bool = True) -> pd.DataFrame:
     """Search the region for the best lengths, and for the front.
 
     Parameters
     ----------
-    asked : Asked
+    asked : RobustProblem
     respond : callable
         What lengths do in the draws; the same draws at each call.
     options : OptimiseRobust
@@ -227,7 +227,11 @@ def front_of(candidates: pd.DataFrame) -> np.ndarray:
 
 
 def _beginning(
-    candidates: pd.DataFrame, asked: Asked, objectives: tuple[str, ...], population: int, random: np.random.Generator
+    candidates: pd.DataFrame,
+    asked: RobustProblem,
+    objectives: tuple[str, ...],
+    population: int,
+    random: np.random.Generator,
 ) -> np.ndarray:
     """Where a step begins: half of it the best of what was tried, half spread over the region, shape (n, 2) [m]."""
     kept = population // 2
