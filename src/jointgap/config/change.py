@@ -12,8 +12,10 @@ from jointgap.section import Section
 
 AnySection = TypeVar("AnySection", bound=Section)
 
-OF_LOOSE_JOINTS = {"clearance": "m", "friction": "1", "restitution": "1"}
-"""Words that stand for a value of every loose joint, with its unit: the radial clearance, and two of the contact."""
+OF_LOOSE_JOINTS = {"clearance": "m", "friction": "1", "restitution": "1", "stiffness": "1"}
+"""Words that stand for a value of every loose joint, with its unit: the radial clearance, and three of the contact (the
+stiffness in N/m^exponent).
+"""
 
 
 def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
@@ -27,10 +29,10 @@ def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
         What to change a copy of.
     changes : mapping
         New values by key, nested as in a file (``{"slider": {"mass": "1.2 kg"}}``) or by the path of a key
-        (``{"slider.mass": "1.2 kg"}``). Of a mechanism further: ``clearance`` (radial), ``friction`` and
-        ``restitution`` set those of every loose joint, ``joints.crank_pin.clearance`` sets the bearing's radius of one,
-        an entry of ``contacts`` changes the joints that refer to it, and an effect goes by its name
-        (``effects.gravity.parameters...``), or by ``name@site`` where it is listed twice.
+        (``{"slider.mass": "1.2 kg"}``). Of a mechanism further: ``clearance`` (radial), ``friction``,
+        ``restitution`` and ``stiffness`` set those of every loose joint, ``joints.crank_pin.clearance`` sets the
+        bearing's radius of one, an entry of ``contacts`` changes the joints that refer to it, and an effect goes by its
+        name (``effects.gravity.parameters...``), or by ``name@site`` where it is listed twice.
 
     Returns
     -------

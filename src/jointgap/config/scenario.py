@@ -450,7 +450,7 @@ class Runs(Section):
     vary: dict[str, _list_of(Any)] = Field(
         {},
         description="lists of values (or from, to, number) by what they set: speed, clearance, friction, restitution, "
-        "or the path of a key such as mechanism.slider.mass",
+        "stiffness, or the path of a key such as mechanism.slider.mass",
     )
     members: Members = Field(10, description="starts of each combination; the first is not perturbed")
     perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed starting positions")

@@ -102,9 +102,9 @@ class Sweep(Section):
 
     parameters: dict[str, Distribution] = Field(
         {},
-        description="what varies, by a word (speed, clearance, friction, restitution: of all loose joints) or by the "
-        "path of a key such as mechanism.crank.length: a list of values, or from and to with a distribution "
-        "(uniform, log_uniform, normal, triangular)",
+        description="what varies, by a word (speed; clearance, friction, restitution, stiffness: of all loose "
+        "joints) or by the path of a key such as mechanism.crank.length: a list of values, or from and to with a "
+        "distribution (uniform, log_uniform, normal, triangular)",
     )
     design: Literal["sobol", "latin_hypercube", "grid"] = Field(
         "sobol",
@@ -117,6 +117,12 @@ class Sweep(Section):
         (0.0, 2 * math.pi),
         description="crank angles of the first revolution over which the error of the transmission angle is measured, "
         "beside the last revolution",
+    )
+    printed_numbers: bool = Field(
+        False,
+        description="of the paper's mechanism alone: measure too what its printed optima come out as; then parameters "
+        "may be window_start, window_end, error_measure and revolution too: how the error is counted, which it does "
+        "not say",
     )
     designs_per_job: DesignsOfJob = Field(5000, description="designs that one job simulates and writes to one file")
 

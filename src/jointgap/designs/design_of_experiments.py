@@ -16,8 +16,10 @@ from scipy.stats import qmc
 from jointgap.config import Scenario
 from jointgap.config.sweep_config import LogUniform, Normal, Triangular, Uniform, Values
 from jointgap.config.varied_values import unit_of, with_values
+from jointgap.designs.paper_optima import COUNTING, Counting, check_counting
 from jointgap.errors import InputError
 from jointgap.joints import JOINTS
+from jointgap.paper.printed import departures
 from jointgap.quantities import to_si
 from jointgap.tables.columns import Column
 
@@ -81,6 +83,8 @@ class Designs:
     number, seed : int
     window : tuple of float
         Of the transmission angle's error [rad].
+    printed_numbers : bool
+        Whether the paper's printed numbers are measured too.
     """
 
     base: Scenario
@@ -89,6 +93,7 @@ class Designs:
     number: int
     seed: int
     window: tuple[float, float]
+    printed_numbers: bool = False
 
     def values(self, first: int, count: int) -> list[dict[str, Any]]:
         """Values by key of the designs from number `first` on, `count` of them."""
@@ -97,7 +102,13 @@ class Designs:
 
     def scenario(self, values: dict[str, Any]) -> Scenario:
         """The scenario of a design; InputError where it is impossible."""
-        return with_values(self.base, values, SOURCE)
+        if self.printed_numbers:
+            self.counting(values)  # complains where it is impossible
+        return with_values(self.base, {key: value for key, value in values.items() if key not in COUNTING}, SOURCE)
+
+    def counting(self, values: Mapping[str, Any]) -> Counting:
+        """How the error of a design is counted for the printed numbers; InputError where that is impossible."""
+        return Counting.of(values, self.window, self.base.simulate, SOURCE)
 
     @cached_property
     def digest(self) -> str:
@@ -114,7 +125,7 @@ class Designs:
             "axes": [[a.key, a.unit, a.values, a.law and [a.law.dist.name, a.law.kwds]] for a in self.axes],
             "design": [self.kind, self.seed, None if self.kind == "sobol" else self.number],
             "window": self.window,
-        }
+        } | ({"printed_numbers": True} if self.printed_numbers else {})
         return hashlib.sha256(json.dumps(told, sort_keys=True, default=float).encode()).hexdigest()[:12]
 
     def _quantiles(self, first: int, count: int) -> np.ndarray:
@@ -142,7 +153,7 @@ def designs_of(scenario: Scenario) -> Designs:
     ------
     InputError
         Nothing is swept, no such parameter, a unit of another dimension, a range the wrong way round or without
-        width, values that are all impossible.
+        width, values that are all impossible; printed numbers of another mechanism than the paper's.
     """
     sweep = scenario.sweep
     if not sweep.parameters:
@@ -151,9 +162,10 @@ def designs_of(scenario: Scenario) -> Designs:
             "{from: 0.1 mm, to: 0.5 mm}"
         )
     base = Scenario(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
+    check_counting(sweep, base.simulate, SOURCE)
     axes = axes_of(base, sweep.parameters, SOURCE, sweep.design == "grid")
     number = math.prod(len(axis.values) for axis in axes) if sweep.design == "grid" else sweep.number
-    designs = Designs(base, axes, sweep.design, number, sweep.seed, sweep.window)
+    designs = Designs(base, axes, sweep.design, number, sweep.seed, sweep.window, sweep.printed_numbers)
     _check_possible(designs)
     return designs
 
@@ -188,7 +200,7 @@ def _axis(base: Scenario, key: str, spec: Any, grid: bool, section: str) -> Axis
     source = f"{section}.{key}"
     if isinstance(spec, Values):
         return _listed_axis(base, key, spec, section)
-    unit = unit_of(base, key, section)
+    unit = COUNTING.get(key) or unit_of(base, key, section)
 
     def si(name: str) -> float | None:
         given = getattr(spec, name)
@@ -230,8 +242,10 @@ def _axis(base: Scenario, key: str, spec: Any, grid: bool, section: str) -> Axis
 
 def _listed_axis(base: Scenario, key: str, spec: Values, section: str) -> Axis:
     """A list of quantities in SI, or of words where they set no quantity."""
+    if COUNTING.get(key) == "":
+        return Axis(key, "", spec.values)
     try:
-        unit = unit_of(base, key, section)
+        unit = COUNTING.get(key) or unit_of(base, key, section)
     except InputError:
         with_values(base, {key: spec.values[0]}, section)  # complains where there is no such key at all
         return Axis(key, "", spec.values)
@@ -256,6 +270,7 @@ _SAME = {
             "clearance": ("bearing_radius", "loose"),
             "friction": ("contact.friction", "loose"),
             "restitution": ("contact.restitution", "loose"),
+            "stiffness": ("contact.stiffness", "loose"),
         }.items()
     },
 }
@@ -284,11 +299,17 @@ def _check_possible(designs: Designs) -> None:
 
     Single impossible designs are rows of the table with their reason.
     """
-    errors = []
+    errors, possible = [], None
     for values in designs.values(0, min(_TRIED, designs.number)):
         try:
-            designs.scenario(values)
-            return
+            possible = designs.scenario(values)
+            break
         except InputError as error:
             errors.append(error)
-    raise errors[0]
+    if possible is None:
+        raise errors[0]
+    if designs.printed_numbers and (others := departures(possible.mechanism, possible.simulate)):
+        raise InputError(
+            f"sweep.printed_numbers: the paper's numbers do not speak of this mechanism ({'; '.join(others)}); leave "
+            "it out, or sweep what the paper does not print alone"
+        )

@@ -13,15 +13,15 @@ from pyarrow.parquet import FileMetaData
 
 from jointgap import tables
 from jointgap.config.sweep_config import MOST_DESIGNS
-from jointgap.config.varied_values import with_values
-from jointgap.designs.design_of_experiments import SOURCE, Designs
+from jointgap.designs.design_of_experiments import Designs
 from jointgap.designs.measures import angles_to_measure, measures
+from jointgap.designs.paper_optima import printed_optima
 from jointgap.dynamics.parallel_runs import Run, simulate_runs
 from jointgap.errors import InputError
 from jointgap.parts import parts
 from jointgap.progress import followed
 from jointgap.tables import Table, sweep_designs
-from jointgap.tables.sweep_tables import MEASURES
+from jointgap.tables.sweep_tables import MEASURES, PRINTED_OPTIMA
 
 DIGEST = "jointgap_sweep"
 """Key of a file's metadata: the digest of the sweep that its designs belong to."""
@@ -37,7 +37,7 @@ what it needs has left the processor's cache.
 
 def table_of(designs: Designs) -> Table:
     """The table of these designs."""
-    return sweep_designs(axis.column for axis in designs.axes)
+    return sweep_designs((axis.column for axis in designs.axes), designs.printed_numbers)
 
 
 def simulate_designs(designs: Designs, first: int, count: int, workers: int | None = None) -> pd.DataFrame:
@@ -70,9 +70,9 @@ def simulate_designs(designs: Designs, first: int, count: int, workers: int | No
     values = designs.values(first, count)
     errors: dict[int, InputError] = {}
     outcomes = simulate_runs(_possible_runs(designs, values, errors), workers)
-    rows = []
+    rows, measured = [], [column.name for column in (*MEASURES, *PRINTED_OPTIMA)]
     for place, own in enumerate(values):
-        row = {"design": first + place} | own | dict.fromkeys((column.name for column in MEASURES), np.nan)
+        row = {"design": first + place} | own | dict.fromkeys(measured, np.nan)
         rows.append(row | {"steps": 0, "reason": None})
     for outcome in followed(outcomes, "simulated designs", count):
         row = rows[outcome.run.values["place"]]
@@ -80,6 +80,8 @@ def simulate_designs(designs: Designs, first: int, count: int, workers: int | No
             row["reason"] = str(outcome.error)
             continue
         row |= measures(outcome, designs.window) | {"steps": outcome.result.steps}
+        if designs.printed_numbers:
+            row |= printed_optima(outcome, designs.counting(row))
     for place, error in errors.items():
         rows[place]["reason"] = str(error)
     return pd.DataFrame(rows, columns=list(table_of(designs).names))
@@ -90,11 +92,11 @@ def _possible_runs(designs: Designs, values: list[dict], errors: dict[int, Input
         runs = []
         for place, own in enumerate(values[begin : begin + _CHECKED_TOGETHER], begin):
             try:
-                scenario = with_values(designs.base, own, SOURCE)
+                scenario = designs.scenario(own)
             except InputError as error:
                 errors[place] = error
                 continue
-            angles = angles_to_measure(scenario.simulate)
+            angles = None if designs.printed_numbers else angles_to_measure(scenario.simulate)
             runs.append(Run(scenario.mechanism, scenario.simulate, crank_angle=angles, values={"place": place}))
         yield from runs
 

@@ -125,6 +125,26 @@ def frozen_objective(mechanism: Mechanism, crank_angle: ArrayLike, lift: ArrayLi
     )
 
 
+def objective_of_motion(mechanism: Mechanism, crank_angle: ArrayLike, rod_angle: ArrayLike) -> Objective:
+    """The objective on a simulated motion: what clearances add to the rod's height is read from the rod's angle.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The original lengths, with which it was simulated.
+    crank_angle, rod_angle : array_like, shape (n,)
+        Evaluation points [rad].
+
+    Raises
+    ------
+    InputError
+        As `frozen_objective`.
+    """
+    # equation (10) solved for the clearances' share
+    height = mechanism.crank.length * np.sin(crank_angle) + mechanism.rod.length * np.sin(rod_angle)
+    return frozen_objective(mechanism, crank_angle, mechanism.slider.offset - height)
+
+
 def evaluation_samples(
     crank_angle: ArrayLike, window: tuple[float, float], samples_per_revolution: int, training_points: int
 ) -> np.ndarray:

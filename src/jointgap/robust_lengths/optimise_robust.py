@@ -10,7 +10,7 @@ from jointgap.dynamics.parallel_runs import Run, rod_and_slider, simulate_runs
 from jointgap.errors import InputError
 from jointgap.link_lengths.constraints import geometric
 from jointgap.link_lengths.local import search_from_all
-from jointgap.link_lengths.objective import Objective, frozen_objective
+from jointgap.link_lengths.objective import Objective, objective_of_motion
 from jointgap.link_lengths.region import Region
 from jointgap.mechanism import ideal_cycle
 from jointgap.robust_lengths.fresh_comparison import QUANTITIES, Comparison, compare
@@ -153,10 +153,7 @@ def _frozen(nominal: SimulatedDraws, simulate: Simulate) -> Objective:
     counted = nominal.counted(simulate)
     angle, result = outcome.crank_angle[counted], outcome.result
     rod, _ = rod_and_slider(outcome.parameters, angle, result.states[counted], result.auxiliary_states[counted])
-    # equation (10) solved for what the clearances add to the height of the rod
-    crank_length, rod_length = mechanism.crank.length, mechanism.rod.length
-    lift = -rod_length * np.sin(rod) - crank_length * np.sin(angle) + mechanism.slider.offset
-    return frozen_objective(mechanism, angle, lift)
+    return objective_of_motion(mechanism, angle, rod)
 
 
 def _fresh_frame(draws: tuple[Draw, ...], responses: Responses) -> pd.DataFrame:

@@ -61,9 +61,36 @@ MEASURES = (
 )
 """What is measured of each design; over the last revolution unless it says otherwise."""
 
+PRINTED_OPTIMA = (
+    *(
+        Column(
+            f"reduction_at_{key}",
+            "1",
+            f"share by which the error falls at the paper's lengths ({words}), the joints' motion kept",
+            nullable=True,
+        )
+        for key, words in {
+            "printed_genetic": "genetic algorithm",
+            "printed_local": "local search, best start",
+            "printed_local_other": "local search, another start",
+        }.items()
+    ),
+    Column(
+        "best_ratio",
+        "1",
+        "crank's over rod's length where the sum of squares is least, the joints' motion kept",
+        nullable=True,
+    ),
+)
+"""What the paper's printed optima come out as; the error counted in the window, by the measure and over the revolution
+of the design.
+"""
 
-def sweep_designs(swept: Iterable[Column]) -> Table:
-    """The table of designs, with a column for each parameter that is swept."""
+
+def sweep_designs(swept: Iterable[Column], printed_numbers: bool = False) -> Table:
+    """The table of designs, with a column for each parameter that is `swept`; with `printed_numbers` those of
+    `PRINTED_OPTIMA` too.
+    """
     return Table(
         "sweep_designs",
         "Designs of a sweep: what they differ in, what was measured of them, and why some failed",
@@ -71,6 +98,7 @@ def sweep_designs(swept: Iterable[Column]) -> Table:
             Column("design", "1", "number of the design, from 0", "int"),
             *swept,
             *MEASURES,
+            *(PRINTED_OPTIMA if printed_numbers else ()),
             Column("steps", "1", "integration steps, rejected ones included; 0 where it failed", "int"),
             Column("reason", "", "why the design failed; null where it did not", "text", nullable=True),
         ),

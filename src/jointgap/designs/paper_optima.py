@@ -1,0 +1,156 @@
+"""What the paper's printed optima come out as on a design's motion, its error counted in one of the ways left open.
+
+The motion in the joints is frozen, as in the paper: other lengths are tried with the clearance vectors of the original
+ones. Which crank angles, which revolution and which measure of the error its reductions speak of the paper does not
+say; so a sweep may vary them as it varies the contact.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from jointgap.config import Simulate
+from jointgap.config.sweep_config import Sweep
+from jointgap.dynamics.parallel_runs import Outcome, rod_and_slider
+from jointgap.errors import InputError, did_you_mean
+from jointgap.link_lengths.objective import MEASURES, Objective, objective_of_motion
+from jointgap.paper.printed import OPTIMA
+
+COUNTING = {"window_start": "rad", "window_end": "rad", "error_measure": "", "revolution": ""}
+"""Parameters that say how the error is counted, with their units; '' for words and whole numbers, which are listed."""
+
+_NEAREST_CRANK = 0.1
+"""Share of its length by which the best crank may lie off the original one: ten times what any clearance asks for."""
+
+_ROUNDING = 1e-9  # [rad]
+
+
+@dataclass(frozen=True)
+class Counting:
+    """How the error of the transmission angle is counted.
+
+    Attributes
+    ----------
+    window : (float, float)
+        First and last crank angle since the revolution's beginning [rad].
+    measure : str
+        One of `jointgap.link_lengths.objective.MEASURES`, of which the reduction is told.
+    revolution : int
+        From 1 on, the transient.
+    """
+
+    window: tuple[float, float]
+    measure: str = "rms"
+    revolution: int = 1
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], window: tuple[float, float], simulate: Simulate, source: str) -> "Counting":
+        """Of a design.
+
+        Parameters
+        ----------
+        values : mapping
+            Parameters of the design, of which those of `COUNTING` are read.
+        window : (float, float)
+            Where they name none [rad].
+        simulate : Simulate
+            How many revolutions there are.
+        source : str
+            The key of the configuration that holds them, for errors.
+
+        Raises
+        ------
+        InputError
+            A window that does not grow or leaves the revolution, no such measure, no such revolution.
+        """
+        start, end = values.get("window_start", window[0]), values.get("window_end", window[1])
+        measure, revolution = values.get("error_measure", "rms"), values.get("revolution", 1)
+        if not 0.0 <= start < end <= 2.0 * math.pi + _ROUNDING:
+            raise InputError(
+                f"{source}, window_start = {start:g}, window_end = {end:g}: the window must grow and lie in a "
+                "revolution, 0 to 360 deg"
+            )
+        if measure not in MEASURES:
+            raise InputError(
+                f"{source}.error_measure = {measure!r}: no such measure; {did_you_mean(str(measure), MEASURES)}"
+            )
+        if revolution not in range(1, simulate.revolutions + 1):
+            raise InputError(
+                f"{source}.revolution = {revolution!r}: must be a whole number from 1 to simulate.revolutions, "
+                f"{simulate.revolutions}"
+            )
+        return cls((float(start), float(end)), measure, int(revolution))
+
+
+def check_counting(sweep: Sweep, simulate: Simulate, source: str) -> None:
+    """Whether the parameters of a `sweep` that say how the error is counted can be drawn; InputError where not.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    simulate : Simulate
+    source : str
+        The key of the configuration that holds them, for errors.
+    """
+    for key in COUNTING.keys() & sweep.parameters.keys():
+        if not sweep.printed_numbers:
+            raise InputError(
+                f"{source}.{key}: says how the paper's printed numbers are counted; set sweep.printed_numbers to true, "
+                "or leave it out"
+            )
+        if COUNTING[key]:
+            continue
+        values = getattr(sweep.parameters[key], "values", None)
+        if values is None:
+            raise InputError(f"{source}.{key}: has no range; list its values, such as {key}: [...]")
+        for value in values:
+            Counting.of({key: value}, sweep.window, simulate, source)
+
+
+def printed_optima(outcome: Outcome, counting: Counting) -> dict[str, float]:
+    """The numbers `jointgap.tables.sweep_tables.PRINTED_OPTIMA` of a run that did not fail; NaN without samples.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Sampled evenly over all revolutions.
+    counting : Counting
+    """
+    per_turn = outcome.run.options.samples_per_revolution
+    turn = slice((counting.revolution - 1) * per_turn, counting.revolution * per_turn)
+    angle, result = outcome.crank_angle[turn], outcome.result
+    turned = angle - angle[0]
+    inside = (turned >= counting.window[0] - _ROUNDING) & (turned <= counting.window[1] + _ROUNDING)
+    names = [f"reduction_at_{printed.key}" for printed in OPTIMA]
+    if not inside.any():
+        return dict.fromkeys((*names, "best_ratio"), math.nan)
+    rod, _ = rod_and_slider(outcome.parameters, angle, result.states[turn], result.auxiliary_states[turn])
+    objective = objective_of_motion(outcome.run.mechanism, angle[inside], rod[inside])
+    lengths = np.array([(printed.crank_length, printed.rod_length) for printed in OPTIMA])
+    found = dict(zip(names, getattr(objective.reductions(lengths), counting.measure), strict=True))
+    return found | {"best_ratio": best_ratio(objective, OPTIMA[0].rod_length)}
+
+
+def best_ratio(objective: Objective, rod_length: float) -> float:
+    """L2/L3 of the least sum of squares, equation (12), on a rod of one length.
+
+    Optima lie in a valley of one ratio. Where along it depends on bounds, which the paper does not print.
+
+    Parameters
+    ----------
+    objective : Objective
+    rod_length : float
+        [m].
+    """
+    crank = objective.original[0]
+    found = minimize_scalar(
+        lambda length: objective.value((length, rod_length)),
+        bounds=((1.0 - _NEAREST_CRANK) * crank, (1.0 + _NEAREST_CRANK) * crank),
+        method="bounded",
+        options={"xatol": 1e-8},  # [m] a ratio to 2e-8
+    )
+    return float(found.x / rod_length)
