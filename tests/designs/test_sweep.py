@@ -117,6 +117,20 @@ def test_lengths_that_are_possible_together_alone_are_swept():
     assert all(designs.scenario(values) for values in designs.values(0, 4))
 
 
+def test_a_crank_almost_as_long_as_its_rod_is_a_design_though_no_search_goes_so_far():
+    long = {"crank_length": 0.99 * MADE.rod.length}
+    assert designs_of(scenario({"crank_length": list(long.values())})).scenario(long)
+
+
+def test_a_design_leaves_the_base_as_it_is_and_keeps_what_it_does_not_change():
+    designs = designs_of(scenario({"clearance": [1e-4], "mechanism.crank.mass": [0.4]}))
+    before = designs.base.model_dump()
+    changed = designs.scenario({"clearance": 1e-4, "mechanism.crank.mass": 0.4})
+    assert designs.base.model_dump() == before
+    assert changed.mechanism.rod is designs.base.mechanism.rod
+    assert (changed.mechanism.crank.mass, changed.mechanism.clearance("piston_pin")) == pytest.approx((0.4, 1e-4))
+
+
 @pytest.fixture(scope="module")
 def measured() -> tuple:
     """Designs, and what was measured of the first four."""

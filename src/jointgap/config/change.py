@@ -1,6 +1,6 @@
 """Sections with other values: what differs is given as in a file, and all of it is checked again."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from jointgap.config.load import validate
@@ -59,7 +59,7 @@ def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
         for word in OF_LOOSE_JOINTS:
             if word in given:
                 value = given.pop(word)
-                for path in loose_paths(data, word, f"{name}: {word}"):
+                for path in loose_paths(section.loose, word, f"{name}: {word}"):
                     _put(given, path, value)
     _lay(data, given, name, "")
     if isinstance(section, Mechanism):
@@ -67,13 +67,13 @@ def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
     return validate(type(section), data, name)
 
 
-def loose_paths(mechanism: Mapping[str, Any], word: str, named: str) -> list[tuple[str, ...]]:
+def loose_paths(joints: Sequence[str], word: str, named: str) -> list[tuple[str, ...]]:
     """Where a value of every loose joint stands in a mechanism.
 
     Parameters
     ----------
-    mechanism : mapping
-        Its content as nested mappings.
+    joints : sequence of str
+        Names of the mechanism's loose joints.
     word : str
         One of `OF_LOOSE_JOINTS`; a clearance stands with the joint, where no other key has it.
     named : str
@@ -84,7 +84,6 @@ def loose_paths(mechanism: Mapping[str, Any], word: str, named: str) -> list[tup
     InputError
         No joint is loose.
     """
-    joints = [name for name, joint in mechanism["joints"].items() if joint != "ideal" and joint["loose"]]
     if not joints:
         raise InputError(f"{named}: the mechanism has no loose joint to change it in; make one loose")
     inside = (word,) if word == "clearance" else ("contact", word)

@@ -506,6 +506,19 @@ class Study(Section):
         return self
 
 
+class DrivenMechanism(Section):
+    """A mechanism and how it is driven and sampled: all that a simulation needs."""
+
+    mechanism: Mechanism
+    simulate: Simulate = Simulate()
+
+    @model_validator(mode="after")
+    def _can_be_simulated(self):
+        check_drive(self.mechanism, self.simulate)
+        check_tolerance(self.mechanism.applied(), self.simulate)
+        return self
+
+
 class Scenario(Section):
     """A mechanism and what is done with it: the input of every stage."""
 

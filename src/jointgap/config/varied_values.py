@@ -4,9 +4,11 @@ from typing import Any
 
 from jointgap.config.change import OF_LOOSE_JOINTS, loose_paths, radius_with
 from jointgap.config.load import validate
-from jointgap.config.scenario import Scenario
+from jointgap.config.scenario import DrivenMechanism
 from jointgap.errors import InputError, did_you_mean
+from jointgap.joints import FROM_FRAME
 from jointgap.quantities import to_si
+from jointgap.section import Section
 
 _LINKS = {"crank_length": "crank", "rod_length": "rod"}
 
@@ -16,13 +18,12 @@ whose mass centres keep their share of the length.
 """
 
 
-def with_values(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:
-    """The scenario with other values.
+def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> DrivenMechanism:
+    """A driven mechanism with other values. What holds none of them has been checked and is taken over as it is.
 
     Parameters
     ----------
-    scenario : Scenario
-        With mechanism and simulate.
+    base : DrivenMechanism
     changes : dict
         Values by word (`VARIED_BY_WORD`) or by path.
     source : str
@@ -33,7 +34,7 @@ def with_values(scenario: Scenario, changes: dict[str, Any], source: str) -> Sce
     InputError
         No such key, or an impossible value; the message names both.
     """
-    data = _dumped(scenario)
+    data = dict(base)
     for key, value in sorted(changes.items(), key=lambda change: _turn(change[0])):
         for path in _paths(data, key, source):
             holder, last = _holder(data, path, key, source)
@@ -42,7 +43,7 @@ def with_values(scenario: Scenario, changes: dict[str, Any], source: str) -> Sce
                 holder["mass_centre"] *= value_in_place / holder[last]
             holder[last] = value_in_place
     words = ", ".join(f"{key} = {value}" for key, value in changes.items())
-    changed = validate(Scenario, data, f"{source}, {words}")
+    changed = validate(DrivenMechanism, data, f"{source}, {words}")
     unread = [key for key in changes if key in ("speed", "simulate.speed")]
     if unread and changed.simulate.drive.kind == "measured":
         raise InputError(f"{source}.{unread[0]}: a measured drive does not read simulate.speed; vary something else")
@@ -54,13 +55,12 @@ def _turn(key: str) -> int:
     return 2 if key == "clearance" else int(key in VARIED_BY_WORD)
 
 
-def unit_of(scenario: Scenario, key: str, source: str) -> str:
+def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
     """SI unit of the number at a `key`, as `jointgap.quantities.to_si` takes it; '' for a pure number.
 
     Parameters
     ----------
-    scenario : Scenario
-        With mechanism and simulate.
+    base : DrivenMechanism
     key : str
         Word (`VARIED_BY_WORD`) or path.
     source : str
@@ -73,10 +73,10 @@ def unit_of(scenario: Scenario, key: str, source: str) -> str:
     """
     if key in VARIED_BY_WORD:
         return VARIED_BY_WORD[key].replace("1", "")
-    data = _dumped(scenario)
+    data = dict(base)
     path = _paths(data, key, source)[0]
     _holder(data, path, key, source)  # complains where there is no such key
-    holder: Any = scenario
+    holder: Any = base
     for step in path[:-1]:
         holder = _effect(holder, step) if isinstance(holder, tuple) else getattr(holder, step)
     described = type(holder).model_json_schema()["properties"][path[-1]]
@@ -90,18 +90,26 @@ def _effect(effects: tuple, name: str) -> Any:
     return next(each for each in effects if name in (each.name, f"{each.name}@{each.place}"))
 
 
-def _dumped(scenario: Scenario) -> dict[str, Any]:
-    return {"mechanism": scenario.mechanism.model_dump(), "simulate": scenario.simulate.model_dump()}
+def _inside(holder: dict | list, key: Any) -> Any:
+    """What `holder` has at `key`, opened: a section as a mapping, effects as a list, either a copy to be changed."""
+    inner = holder[key]
+    if isinstance(inner, Section | dict):
+        holder[key] = inner = dict(inner)
+    elif isinstance(inner, tuple):
+        holder[key] = inner = [dict(effect) for effect in inner]
+    return inner
 
 
 def _paths(data: dict, key: str, source: str) -> list[tuple[str, ...]]:
-    """Where the value of `key` belongs."""
+    """Where the value of `key` belongs in `data`, a driven mechanism opened as far as `_inside` has been."""
     if key == "speed":
         return [("simulate", "speed")]
     if key in _LINKS:
         return [("mechanism", _LINKS[key], "length")]
     if key in VARIED_BY_WORD:
-        inside = loose_paths(data["mechanism"], key, f"{source}.{key}")
+        joints = _inside(_inside(data, "mechanism"), "joints")
+        loose = [name for name in FROM_FRAME if joints[name] != "ideal" and dict(joints[name])["loose"]]
+        inside = loose_paths(loose, key, f"{source}.{key}")
         return [("mechanism", *path[:-1], "bearing_radius" if key == "clearance" else key) for path in inside]
     path = tuple(key.split("."))
     if path[:2] == ("mechanism", "contacts"):
@@ -113,19 +121,13 @@ def _paths(data: dict, key: str, source: str) -> list[tuple[str, ...]]:
     return [path]
 
 
-def _holder(data: Any, path: tuple[str, ...], key: str, source: str) -> tuple[Any, Any]:
+def _holder(data: Any, path: tuple[str, ...], key: str, source: str) -> tuple[dict, str]:
     """The mapping that holds the end of `path`, and the key there.
 
     Effects go by their name, or by name@site if listed twice.
     """
     for depth, step in enumerate(path):
-        entries = data if isinstance(data, dict) else {}
-        if isinstance(data, list | tuple):
-            names = [effect["name"] for effect in data]
-            entries = {
-                name if names.count(name) == 1 else f"{name}@{effect['site']}": effect
-                for name, effect in zip(names, data, strict=True)
-            }
+        entries = _places(data) if isinstance(data, list) else data if isinstance(data, dict) else {}
         if step not in entries:
             place = ".".join(path[:depth]) or "the scenario"
             folded = (
@@ -136,13 +138,21 @@ def _holder(data: Any, path: tuple[str, ...], key: str, source: str) -> tuple[An
             hint = did_you_mean(step, entries) if entries else "nothing is listed there"
             raise InputError(f"{source}.{key}: {place} has no '{step}'; {hint}{folded}")
         if depth == len(path) - 1:
-            if isinstance(data, list | tuple):
+            if isinstance(data, list):
                 raise InputError(
                     f"{source}.{key}: names a whole effect; go on to a number, such as {key}.parameters.<name>"
                 )
-            return entries, step
-        data = entries[step]
+            return data, step
+        data = _inside(data, entries[step] if isinstance(data, list) else step)
     raise AssertionError("a path has at least one step")
+
+
+def _places(effects: list[dict]) -> dict[str, int]:
+    names = [effect["name"] for effect in effects]
+    return {
+        name if names.count(name) == 1 else f"{name}@{effect['site']}": place
+        for place, (name, effect) in enumerate(zip(names, effects, strict=True))
+    }
 
 
 def _value_in_place(holder: dict, key: str, value: Any, source: str) -> Any:
@@ -157,12 +167,12 @@ def _value_in_place(holder: dict, key: str, value: Any, source: str) -> Any:
         raise InputError(f"{source}.{key} = {value!r}: {error}") from error
 
 
-def stored_value(scenario: Scenario, key: str, value: Any, source: str) -> float | int | str | bool | None:
+def stored_value(changed: DrivenMechanism, key: str, value: Any, source: str) -> float | int | str | bool | None:
     """What the table of runs says of a varied value: in SI, as the scenario understood it.
 
     Parameters
     ----------
-    scenario : Scenario
+    changed : DrivenMechanism
         With the value in it.
     key : str
         Word (`VARIED_BY_WORD`) or path.
@@ -171,7 +181,7 @@ def stored_value(scenario: Scenario, key: str, value: Any, source: str) -> float
     source : str
         The key of the configuration that holds it, for errors.
     """
-    data = _dumped(scenario)
+    data = dict(changed)
     holder, last = _holder(data, _paths(data, key, source)[0], key, source)
     stored = holder[last]
     if key == "clearance":

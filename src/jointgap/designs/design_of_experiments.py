@@ -13,7 +13,7 @@ import numpy as np
 from scipy import stats
 from scipy.stats import qmc
 
-from jointgap.config import Scenario
+from jointgap.config import DrivenMechanism, Scenario
 from jointgap.config.sweep_config import LogUniform, Normal, Triangular, Uniform, Values
 from jointgap.config.varied_values import unit_of, with_values
 from jointgap.designs.paper_optima import COUNTING, Counting, check_counting
@@ -75,7 +75,7 @@ class Designs:
 
     Attributes
     ----------
-    base : Scenario
+    base : DrivenMechanism
         Mechanism, its effects applied, and simulation, where nothing is swept.
     axes : tuple of Axis
     kind : str
@@ -87,7 +87,7 @@ class Designs:
         Whether the paper's printed numbers are measured too.
     """
 
-    base: Scenario
+    base: DrivenMechanism
     axes: tuple[Axis, ...]
     kind: str
     number: int
@@ -100,8 +100,8 @@ class Designs:
         columns = [axis.at(part) for axis, part in zip(self.axes, self._quantiles(first, count).T, strict=True)]
         return [dict(zip((axis.key for axis in self.axes), row, strict=True)) for row in zip(*columns, strict=True)]
 
-    def scenario(self, values: dict[str, Any]) -> Scenario:
-        """The scenario of a design; InputError where it is impossible."""
+    def scenario(self, values: dict[str, Any]) -> DrivenMechanism:
+        """Mechanism and simulation of a design; InputError where it is impossible."""
         if self.printed_numbers:
             self.counting(values)  # complains where it is impossible
         return with_values(self.base, {key: value for key, value in values.items() if key not in COUNTING}, SOURCE)
@@ -161,7 +161,7 @@ def designs_of(scenario: Scenario) -> Designs:
             f"{SOURCE}: nothing is swept; give parameters with ranges or lists, such as clearance: "
             "{from: 0.1 mm, to: 0.5 mm}"
         )
-    base = Scenario(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
+    base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     check_counting(sweep, base.simulate, SOURCE)
     axes = axes_of(base, sweep.parameters, SOURCE, sweep.design == "grid")
     number = math.prod(len(axis.values) for axis in axes) if sweep.design == "grid" else sweep.number
@@ -170,12 +170,12 @@ def designs_of(scenario: Scenario) -> Designs:
     return designs
 
 
-def axes_of(base: Scenario, parameters: Mapping[str, Any], source: str, grid: bool = False) -> tuple[Axis, ...]:
+def axes_of(base: DrivenMechanism, parameters: Mapping[str, Any], source: str, grid: bool = False) -> tuple[Axis, ...]:
     """The parameters of a section, in SI.
 
     Parameters
     ----------
-    base : Scenario
+    base : DrivenMechanism
         Mechanism, its effects applied, and simulation.
     parameters : mapping of str to Uniform, LogUniform, Normal, Triangular or Values
         By word or path.
@@ -196,7 +196,7 @@ def axes_of(base: Scenario, parameters: Mapping[str, Any], source: str, grid: bo
     return axes
 
 
-def _axis(base: Scenario, key: str, spec: Any, grid: bool, section: str) -> Axis:
+def _axis(base: DrivenMechanism, key: str, spec: Any, grid: bool, section: str) -> Axis:
     source = f"{section}.{key}"
     if isinstance(spec, Values):
         return _listed_axis(base, key, spec, section)
@@ -240,7 +240,7 @@ def _axis(base: Scenario, key: str, spec: Any, grid: bool, section: str) -> Axis
     return Axis(key, unit, law=stats.loguniform(a=low, b=high))
 
 
-def _listed_axis(base: Scenario, key: str, spec: Values, section: str) -> Axis:
+def _listed_axis(base: DrivenMechanism, key: str, spec: Values, section: str) -> Axis:
     """A list of quantities in SI, or of words where they set no quantity."""
     if COUNTING.get(key) == "":
         return Axis(key, "", spec.values)

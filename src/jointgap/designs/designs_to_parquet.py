@@ -4,7 +4,7 @@ A part's file names its designs' sweep and the code that measured them. What it 
 that is there is kept, and one that is too short, because the sweep has grown since, is made longer.
 """
 
-from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from jointgap.config.sweep_config import MOST_DESIGNS
 from jointgap.designs.design_of_experiments import Designs
 from jointgap.designs.measures import angles_to_measure, measures
 from jointgap.designs.paper_optima import printed_optima
-from jointgap.dynamics.parallel_runs import Run, simulate_runs
+from jointgap.dynamics.parallel_runs import Outcome, Run, side_by_side, simulate_run
 from jointgap.errors import InputError
 from jointgap.parts import parts
 from jointgap.progress import followed
@@ -29,9 +29,9 @@ DIGEST = "jointgap_sweep"
 CODE = "jointgap_code"
 """Key of a file's metadata: the digest of the code that simulated and measured them."""
 
-_CHECKED_TOGETHER = 64
-"""Designs whose values are checked one after the other: between two simulations each check takes twice as long, for
-what it needs has left the processor's cache.
+_TOGETHER = 16
+"""Designs that one thread simulates and measures, one after the other. Their values are checked before: between two
+simulations each check takes twice as long, for what it needs has left the processor's cache.
 """
 
 
@@ -50,7 +50,7 @@ def simulate_designs(designs: Designs, first: int, count: int, workers: int | No
     designs : Designs
     first, count : int
     workers : int, optional
-        See `jointgap.dynamics.parallel_runs.simulate_runs`; the result does not depend on it.
+        See `jointgap.dynamics.parallel_runs.side_by_side`; the result does not depend on it.
 
     Returns
     -------
@@ -68,37 +68,41 @@ def simulate_designs(designs: Designs, first: int, count: int, workers: int | No
             f"sweep: designs {first} to {first + count - 1} are asked for, but there are {there}, from 0 on"
         )
     values = designs.values(first, count)
-    errors: dict[int, InputError] = {}
-    outcomes = simulate_runs(_possible_runs(designs, values, errors), workers)
-    rows, measured = [], [column.name for column in (*MEASURES, *PRINTED_OPTIMA)]
-    for place, own in enumerate(values):
-        row = {"design": first + place} | own | dict.fromkeys(measured, np.nan)
-        rows.append(row | {"steps": 0, "reason": None})
-    for outcome in followed(outcomes, "simulated designs", count):
-        row = rows[outcome.run.values["place"]]
-        if outcome.error is not None:
-            row["reason"] = str(outcome.error)
-            continue
-        row |= measures(outcome, designs.window) | {"steps": outcome.result.steps}
-        if designs.printed_numbers:
-            row |= printed_optima(outcome, designs.counting(row))
-    for place, error in errors.items():
-        rows[place]["reason"] = str(error)
+    together = [values[begin : begin + _TOGETHER] for begin in range(0, count, _TOGETHER)]
+    measured = chain.from_iterable(side_by_side(lambda some: _measured(designs, some), together, workers))
+    found = zip(values, followed(measured, "simulated designs", count), strict=True)
+    rows = [{"design": first + place} | own | row for place, (own, row) in enumerate(found)]
     return pd.DataFrame(rows, columns=list(table_of(designs).names))
 
 
-def _possible_runs(designs: Designs, values: list[dict], errors: dict[int, InputError]) -> Iterator[Run]:
-    for begin in range(0, len(values), _CHECKED_TOGETHER):
-        runs = []
-        for place, own in enumerate(values[begin : begin + _CHECKED_TOGETHER], begin):
-            try:
-                scenario = designs.scenario(own)
-            except InputError as error:
-                errors[place] = error
-                continue
-            angles = None if designs.printed_numbers else angles_to_measure(scenario.simulate)
-            runs.append(Run(scenario.mechanism, scenario.simulate, crank_angle=angles, values={"place": place}))
-        yield from runs
+def _measured(designs: Designs, values: list[dict]) -> list[dict]:
+    """What is measured of the designs that have these `values`."""
+    runs = [_run(designs, own) for own in values]
+    return [
+        _failed(run) if isinstance(run, InputError) else _row(designs, own, simulate_run(run))
+        for own, run in zip(values, runs, strict=True)
+    ]
+
+
+def _run(designs: Designs, values: dict) -> Run | InputError:
+    try:
+        design = designs.scenario(values)
+    except InputError as error:
+        return error
+    angles = None if designs.printed_numbers else angles_to_measure(design.simulate)
+    return Run(design.mechanism, design.simulate, crank_angle=angles)
+
+
+def _row(designs: Designs, values: dict, outcome: Outcome) -> dict:
+    if outcome.error is not None:
+        return _failed(outcome.error)
+    row = measures(outcome, designs.window) | {"steps": outcome.result.steps, "reason": None}
+    return row | printed_optima(outcome, designs.counting(values)) if designs.printed_numbers else row
+
+
+def _failed(error: Exception) -> dict:
+    measured = (column.name for column in (*MEASURES, *PRINTED_OPTIMA))
+    return dict.fromkeys(measured, np.nan) | {"steps": 0, "reason": str(error)}
 
 
 def write_designs(

@@ -3,9 +3,10 @@
 import math
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,9 @@ from jointgap.errors import InputError, SimulationError
 from jointgap.joints import JOINTS
 from jointgap.progress import followed
 
-_AHEAD = 8  # runs per worker that may be finished or under way before the first of them is taken
+Item, Found = TypeVar("Item"), TypeVar("Found")
+
+_AHEAD = 8  # items per worker that may be finished or under way before the first of them is taken
 
 
 @dataclass(frozen=True)
@@ -114,15 +117,38 @@ def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[O
     workers : int, optional
         Threads; as many as there are cores by default.
     """
+    return side_by_side(lambda given: _outcome(*given), _with_numbers(runs), workers)
+
+
+def simulate_run(run: Run) -> Outcome:
+    """Simulate one run; if that cannot be, it comes out with its error."""
+    return _outcome(run, _numbers(run))
+
+
+def side_by_side(
+    function: Callable[[Item], Found], items: Iterable[Item], workers: int | None = None
+) -> Iterator[Found]:
+    """What a `function` makes of each of the `items`, in their order, only a few of which are held at a time.
+
+    Parameters
+    ----------
+    function : callable
+        Of one item; it may be under way for several at once.
+    items : iterable
+        Any length.
+    workers : int, optional
+        Threads; as many as there are cores by default. One is the caller's own: handing over to another costs more
+        than a millisecond's work gains.
+    """
     workers = workers or cores()
-    known: tuple = (None, None, None)
+    if workers == 1:
+        yield from map(function, items)
+        return
     pending: deque = deque()
     with ThreadPoolExecutor(workers) as pool:
         try:
-            for run in runs:
-                if known[0] is not run.mechanism or known[1] is not run.options:
-                    known = (run.mechanism, run.options, _numbers(run))
-                pending.append(pool.submit(_outcome, run, known[2]))
+            for item in items:
+                pending.append(pool.submit(function, item))
                 if len(pending) >= _AHEAD * workers:
                     yield pending.popleft().result()
             while pending:
@@ -135,6 +161,14 @@ def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[O
 def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _with_numbers(runs: Iterable[Run]) -> Iterator[tuple[Run, Parameters | InputError]]:
+    known: tuple = (None, None, None)
+    for run in runs:
+        if known[0] is not run.mechanism or known[1] is not run.options:
+            known = (run.mechanism, run.options, _numbers(run))
+        yield run, known[2]
 
 
 def _numbers(run: Run) -> Parameters | InputError:

@@ -13,7 +13,7 @@ import pandas as pd
 import pyarrow as pa
 
 from jointgap import tables
-from jointgap.config import Mechanism, Scenario, Simulate
+from jointgap.config import DrivenMechanism, Mechanism, Simulate
 from jointgap.config.scenario import Runs
 from jointgap.config.varied_values import VARIED_BY_WORD, stored_value, with_values
 from jointgap.dynamics.parallel_runs import Outcome, Run, crank_speeds, rod_and_slider, simulate_runs
@@ -55,7 +55,7 @@ def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterat
     InputError
         No such key to vary, or an impossible value.
     """
-    base = Scenario(mechanism=mechanism.applied(), simulate=options)
+    base = DrivenMechanism(mechanism=mechanism.applied(), simulate=options)
     combinations = [
         (with_values(base, dict(zip(runs.vary, values, strict=True)), "ensemble.vary"), values)
         for values in itertools.product(*runs.vary.values())

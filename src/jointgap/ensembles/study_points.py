@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap import tables
-from jointgap.config import Mechanism, Scenario, Simulate, Study
+from jointgap.config import DrivenMechanism, Mechanism, Scenario, Simulate, Study
 from jointgap.config.varied_values import with_values
 from jointgap.dynamics.model.compile_parameters import joint_parameters
 from jointgap.dynamics.parallel_runs import Outcome, Run, simulate_runs
@@ -106,7 +106,7 @@ def join_points(parts: Iterable[pd.DataFrame], study: Study) -> pd.DataFrame:
 
 def _runs(scenario: Scenario, values: list[tuple[float, float, float]]) -> Iterator[Run]:
     study = scenario.study
-    base = Scenario(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
+    base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     for speed, friction, clearance in values:
         changes = {"speed": speed, "friction": friction, "clearance": clearance}
         point = with_values(base, changes | {"simulate.tolerance": study.tolerance * clearance}, "study")

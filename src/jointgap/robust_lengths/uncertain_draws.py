@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from jointgap.config import Mechanism, Scenario, Simulate
+from jointgap.config import DrivenMechanism, Mechanism, Scenario, Simulate
 from jointgap.config.varied_values import with_values
 from jointgap.designs.design_of_experiments import Axis, axes_of
 from jointgap.errors import InputError
@@ -57,13 +57,13 @@ class Uncertain:
 
     Attributes
     ----------
-    base : Scenario
+    base : DrivenMechanism
         Mechanism, its effects applied, and simulation, at nominal values.
     axes : tuple of Axis
     seed : int
     """
 
-    base: Scenario
+    base: DrivenMechanism
     axes: tuple[Axis, ...]
     seed: int
 
@@ -130,7 +130,7 @@ def uncertain_of(scenario: Scenario) -> Uncertain:
             f"{SOURCE}.{_OFFSET}: optimise.constraints.{of_lengths[0].key} is worked out with the nominal offset; "
             "leave out one of them"
         )
-    base = Scenario(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
+    base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     axes = axes_of(base, options.uncertain, SOURCE)
     for axis in axes:
         if axis.values is not None and len(axis.values) < 2:

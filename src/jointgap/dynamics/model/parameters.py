@@ -4,6 +4,7 @@ Each group is a structured record, which compiled code receives as one pointer. 
 """
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -244,9 +245,13 @@ class Parameters(NamedTuple):
 
 def record(numbers: NamedTuple) -> np.record:
     """A group of numbers as a record of floats and integers."""
+    return np.array([tuple(numbers)], _kind(type(numbers)))[0]
+
+
+@cache
+def _kind(group: type) -> np.dtype:
     kinds = {float: "f8", int: "i8", bool: "i8"}
-    dtype = np.dtype((np.record, [(name, kinds[kind]) for name, kind in type(numbers).__annotations__.items()]))
-    return np.array([tuple(numbers)], dtype)[0]
+    return np.dtype((np.record, [(name, kinds[kind]) for name, kind in group.__annotations__.items()]))
 
 
 _PROGRAM = np.dtype(
