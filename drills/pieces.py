@@ -64,7 +64,7 @@ from pathlib import Path
 from jointgap.errors import InputError
 from jointgap.track.mlflow_store import default_address, opened
 try:
-    with opened(default_address(Path(sys.argv[1]))):
+    with opened(default_address(Path(sys.argv[1])), Path(sys.argv[1])):
         pass
 except InputError as error:
     sys.exit(f"jointgap: error: {error}")

@@ -23,7 +23,7 @@ def _no_server():
 def new_results(tmp_path_factory) -> Callable[[], Path]:
     """Makes results folders, with a space in their names, that hold an empty store."""
     first = tmp_path_factory.mktemp("empty store")
-    with opened(default_address(first)):
+    with opened(default_address(first), first):
         pass
 
     def make() -> Path:

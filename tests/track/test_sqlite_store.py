@@ -77,7 +77,7 @@ def test_a_store_that_was_cut_short_is_made_anew(cut_short, tmp_path, place):
     make(tmp_path / "mlflow.db", tmp_path)
     assert look(tmp_path / "mlflow.db") is Holds.STORE
     assert [file.name for file in tmp_path.iterdir()] == ["mlflow.db"]
-    with opened(default_address(tmp_path)) as store:
+    with opened(default_address(tmp_path), tmp_path) as store:
         assert store.experiment("simulate") is not None
 
 
@@ -227,9 +227,9 @@ def test_a_name_that_cannot_be_searched_for_is_refused_before_anything_is_writte
 def test_results_may_lie_in_any_folder(new_results, tmp_path, folder):
     results = tmp_path / folder
     shutil.copytree(new_results(), results)
-    with opened(default_address(results)) as store:
+    with opened(default_address(results), results) as store:
         experiment = store.experiment("simulate")
-    with opened(default_address(results)) as store:
+    with opened(default_address(results), results) as store:
         assert store.experiment("simulate") == experiment
     assert (results / "mlflow.db").stat().st_size and [one.name for one in tmp_path.iterdir()] == [folder]
     assert client_of(results).get_experiment(experiment).name == "jointgap-simulate"
@@ -239,7 +239,7 @@ def test_a_store_is_made_in_any_folder_and_whatever_the_working_folder(tmp_path,
     results = tmp_path / 'our rig\'s "new" :results'
     results.mkdir()
     monkeypatch.chdir(results)
-    with opened(default_address(results)) as store:
+    with opened(default_address(results), results) as store:
         assert store.experiment("simulate") is not None
     assert {file.name for file in results.iterdir()} == {"mlflow.db", ".mlflow.db.lock"}
 

@@ -52,7 +52,7 @@ def test_an_experiment_carries_view_and_description_and_a_note_of_ones_own_stays
     assert tags[TAG] == VIEWS["optimise"].state() and tags[NOTE] == VIEWS["optimise"].note
     assert TAG.endswith(KEY)
     results = new_results()
-    with opened(default_address(results)) as store:
+    with opened(default_address(results), results) as store:
         experiment = store.experiment("optimise")
         store.describe(experiment, {"view": "new"}, {NOTE: "ours"})
         store.describe(experiment, {"view": "newer"}, {NOTE: "another"})

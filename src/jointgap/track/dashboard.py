@@ -9,7 +9,7 @@ from pathlib import Path
 
 from jointgap.errors import InputError
 from jointgap.track.experiment_views import KEY
-from jointgap.track.mlflow_store import Store, address_for, artifact_folder
+from jointgap.track.mlflow_store import Store, address_for, artifact_folder, check
 from jointgap.track.sqlite_store import Holds, file_of, look
 
 HOST = "127.0.0.1"
@@ -60,6 +60,7 @@ def dashboard(
     held = Holds.STORE if file is None else look(file)
     if held is not Holds.STORE:
         raise InputError(f"{file}: {held.value}; run `make run` (or `jointgap track`) first, then open the dashboard")
+    check(address)
     base = address.rstrip("/") if remote else f"http://{HOST}:{free_port(port)}"
     say(f"dashboard: {base}")
     links = addresses(address, base)
@@ -140,7 +141,7 @@ def addresses(store_address: str, base: str) -> dict[str, str]:
     base : str
         Where its interface is served, e.g. ``http://127.0.0.1:5000``.
     """
-    store, links = Store(store_address), {}
+    store, links = Store(store_address, Path()), {}
     for stage, (title, mode) in _COMPARED.items():
         if experiment := _published(store, stage):
             query = f"viewStateShareKey={KEY}&compareRunsMode={mode}&{_TRAINING}"

@@ -3,15 +3,12 @@
 By default a SQLite file with a folder of artifacts in the results folder; a server where an address says so.
 """
 
-import errno
-import fcntl
-import hashlib
 import json
 import os
-import re
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,14 +17,18 @@ from jointgap.errors import InputError
 from jointgap.track import sqlite_store
 from jointgap.track.quiet_mlflow import quiet
 from jointgap.track.run_record import Dataset, Record
+from jointgap.track.store_lock import connected, is_postgresql, locked
+from jointgap.track.store_trouble import explained
 
 EXPERIMENT = "jointgap-"
 COMPLETE = "jointgap.complete"
 """Tag set last: a run without it was cut short."""
 
-_DEFAULT = "unset MLFLOW_TRACKING_URI to use the store in the results folder"
-_PACKAGES = {"psycopg2": "psycopg2-binary", "MySQLdb": "mysqlclient"}
-"""Drivers of databases, by what Python imports, where that is not the package's own name."""
+_IMPATIENT = {"MLFLOW_HTTP_REQUEST_TIMEOUT": "5", "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}
+"""What MLflow is to read from the environment while it is asked whether a server is there: seconds, and once."""
+
+_DATABASES = ("postgresql", "mysql", "mssql", "sqlite")
+"""Kinds of addresses, before `+` and the driver, that are no server of MLflow's: where artifacts lie is ours to say."""
 
 _MOST_PER_CALL = {"metrics": 1000, "params": 100}  # what one request may carry
 
@@ -57,11 +58,6 @@ def address_for(results: Path, tracking_uri: str | None = None) -> str:
     return f"{sqlite_store.PREFIX}{file.resolve()}"  # absolute, for the dashboard's server runs in another folder
 
 
-def without_password(address: str) -> str:
-    """The `address` of a store as it may be shown."""
-    return re.sub(r"(?<=://)([^/@]*):[^/]*@", r"\1:***@", address)
-
-
 def artifact_folder(address: str, results: Path) -> Path:
     """Folder of artifacts of the store at `address` without a server: beside the SQLite file, else in `results`."""
     file = sqlite_store.file_of(address)
@@ -69,50 +65,65 @@ def artifact_folder(address: str, results: Path) -> Path:
 
 
 @contextmanager
-def opened(address: str) -> Iterator["Store"]:
+def opened(address: str, results: Path) -> Iterator["Store"]:
     """The store at `address`, made if it is missing, for this process alone until it is done with it.
 
     MLflow's making of a store fails when two processes start it, SQLite takes one writer, and what one process has
-    begun to publish another one would delete as cut short. So the lock lies with the store, whatever the results
-    folder: beside the SQLite file. Of a server it lies on this machine; processes of another user or machine do not
-    wait, and must not publish the same name at the same time.
+    begun to publish another one would delete as cut short. So there is a lock (`jointgap.track.store_lock.locked`). It
+    does not keep everybody out of a server of MLflow: `Store.exclusive` says so.
 
     Parameters
     ----------
     address : str
         As `address_for` gives it.
+    results : Path
+        Folder for the artifacts of a database that has none of its own.
 
     Raises
     ------
     InputError
         The store cannot be made, reached or opened, or the lock's folder cannot be written.
     """
-    file = sqlite_store.file_of(address)
-    if file is None:
-        name = hashlib.sha256(address.encode()).hexdigest()[:16]
-        lock = Path(tempfile.gettempdir(), f"jointgap-{os.getuid()}-{name}.lock")
-    else:
-        lock = file.with_name(f".{file.name}.lock")
-    try:
-        lock.parent.mkdir(parents=True, exist_ok=True)
-        # no link that another user laid there is followed, and nothing is emptied
-        handle = open(os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600))
-    except OSError as error:
-        raise InputError(f"{lock}: cannot be written ({error.strerror}); check permission and space") from error
-    with handle:
-        fcntl.flock(handle, fcntl.LOCK_EX)  # let go when the file closes, also when the process dies
-        if file is not None:
+    with locked(address) as exclusive:
+        if (file := sqlite_store.file_of(address)) is not None:
             sqlite_store.make(file, artifact_folder(address, file.parent))
-        yield Store(address)
+        yield Store(address, results, exclusive)
+
+
+def check(address: str) -> None:
+    """Whether the store at `address` answers, before hours of work; a SQLite file is made when it is first needed.
+
+    Raises
+    ------
+    InputError
+        There is no such server, database, user or password, or the address is of no known kind; after some seconds.
+    """
+    if sqlite_store.file_of(address) is not None:
+        return
+    if is_postgresql(address):
+        with explained(address, reached=False):
+            connected(address).close()
+        return
+    before = {name: os.environ.get(name) for name in _IMPATIENT}
+    os.environ.update(_IMPATIENT)
+    try:
+        Store(address, Path())
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A run that the store holds: its id, its tags, and whether it was finished."""
+    """A run that the store holds: its id, its tags, whether it was finished, and when it began [ms since 1970]."""
 
     run_id: str
     tags: dict[str, str]
     complete: bool
+    begun: int
 
 
 class Store:
@@ -121,7 +132,11 @@ class Store:
     Parameters
     ----------
     address : str
-        ``sqlite:///...`` or ``http://...``.
+        ``sqlite:///...``, ``postgresql://...`` or ``http://...``.
+    results : Path
+        Folder for the artifacts of a database that has none of its own.
+    exclusive : bool
+        Whether nobody else writes meanwhile.
 
     Raises
     ------
@@ -129,11 +144,12 @@ class Store:
         The store cannot be reached or opened.
     """
 
-    def __init__(self, address: str):
-        self.address = address
-        # a server knows where its artifacts lie; with a file we say it, or they land in the working directory
+    def __init__(self, address: str, results: Path, exclusive: bool = False):
+        self.address, self.exclusive = address, exclusive
+        # a server knows where its artifacts lie; of a database we say it, or they land in the working directory
+        database = address.partition("://")[0].partition("+")[0] in _DATABASES
         self._file = sqlite_store.file_of(address)
-        self._artifacts = None if self._file is None else artifact_folder(address, Path())
+        self._artifacts = artifact_folder(address, results) if database else None
         self._reached = False
         with quiet():
             import mlflow.entities as entities
@@ -145,41 +161,8 @@ class Store:
             self._client.search_experiments(max_results=1)
         self._reached = True
 
-    @contextmanager
-    def _explained(self) -> Iterator[None]:
-        """Turn what MLflow and its database raise into one sentence that names the store."""
-        from requests.exceptions import RequestException
-
-        try:
-            yield
-        except InputError:
-            raise
-        except Exception as error:
-            kinds = {kind.__module__.partition(".")[0] for kind in type(error).__mro__}
-            expected = isinstance(error, RequestException | OSError | ModuleNotFoundError)
-            if not (expected or kinds & {"mlflow", "sqlalchemy", "alembic"}):
-                raise
-            raise InputError(f"MLflow store {without_password(self.address)} {self._trouble(error)}") from error
-
-    def _trouble(self, error: Exception) -> str:
-        """What `error` means, and what to do."""
-        said = without_password((str(error).strip() or repr(error)).splitlines()[0])[:300]
-        if isinstance(error, ModuleNotFoundError):
-            package = _PACKAGES.get(error.name, error.name)
-            return f"needs the package {package}, which is not installed; pip install {package}, or {_DEFAULT}"
-        if cause := sqlite_store.sqlite_error(error):
-            return sqlite_store.trouble(cause)
-        for one in (error, error.__cause__):
-            if isinstance(one, OSError) and one.errno in (errno.ENOSPC, errno.EDQUOT):
-                return f"cannot be written ({said}); free some space, then publish again"
-        if self._reached and getattr(error, "error_code", None) in (
-            "INVALID_PARAMETER_VALUE",
-            "RESOURCE_ALREADY_EXISTS",
-        ):
-            return f"does not take what is published ({said}); the store itself is sound"
-        if self._file is not None:
-            return f"cannot be used ({said}); check permission and space"
-        return f"cannot be reached or refuses ({said}); start the server, correct its address, or {_DEFAULT}"
+    def _explained(self) -> AbstractContextManager[None]:
+        return explained(self.address, self._reached)
 
     def experiment(self, stage: str, create: bool = True) -> str | None:
         """Id of the experiment of a `stage`; made (or brought back from deletion) where it is missing, if `create`."""
@@ -216,11 +199,20 @@ class Store:
             present = self._client.get_experiment(experiment_id).tags
             for key, value in {**{key: value for key, value in missing.items() if key not in present}, **tags}.items():
                 if present.get(key) != value:
-                    self._client.set_experiment_tag(experiment_id, key, value)
+                    self._set_experiment_tag(experiment_id, key, value)
+
+    def _set_experiment_tag(self, experiment_id: str, key: str, value: str) -> None:
+        from mlflow.exceptions import MlflowException
+
+        try:
+            self._client.set_experiment_tag(experiment_id, key, value)
+        except MlflowException:  # of two processes that add a tag at once the database refuses one
+            if self._client.get_experiment(experiment_id).tags.get(key) != value:
+                raise
 
     def _still_here(self, experiment) -> None:
         """Refuse a SQLite store that was moved with its folder: MLflow keeps absolute paths of artifacts."""
-        if self._artifacts is None:
+        if self._file is None:
             return
         wanted = self._artifacts.as_uri()
         if not experiment.artifact_location.startswith(wanted):
@@ -254,17 +246,32 @@ class Store:
                 run.info.run_id,
                 dict(run.data.tags),
                 run.info.status == "FINISHED" and run.data.tags.get(COMPLETE) == "true",
+                run.info.start_time,
             )
             for run in matching
         ]
 
-    def write(self, experiment_id: str, name: str, record: Record, tags: dict[str, str]) -> str:
-        """Log a `record` whole, as a run called `name` with `tags` in `experiment_id`, and mark it complete last; the
-        run's id.
+    def write(self, experiment_id: str, name: str, record: Record, tags: dict[str, str], after: int = 0) -> str:
+        """Log a `record` whole and mark it complete last.
+
+        Parameters
+        ----------
+        experiment_id, name : str
+            The experiment, and what the run is called.
+        record : Record
+        tags : dict of str to str
+            Of the run.
+        after : int
+            Time [ms since 1970] after which it is to have begun, whatever the clock of this machine says.
+
+        Returns
+        -------
+        str
+            The run's id.
         """
-        entities = self._entities
+        entities, begun = self._entities, max(time.time_ns() // 10**6, after + 1)
         with self._explained():
-            run_id = self._client.create_run(experiment_id, run_name=name, tags=tags).info.run_id
+            run_id = self._client.create_run(experiment_id, begun, tags, name).info.run_id
             metrics = [entities.Metric(key, value, 0, step) for key, value, step in record.points()]
             params = [entities.Param(key, value) for key, value in record.params.items()]
             for kind, items in (("metrics", metrics), ("params", params)):
@@ -311,14 +318,23 @@ class Store:
         )
 
     def tag(self, run_id: str, key: str, value: str) -> None:
-        """Set the tag `key` of the run `run_id` to `value`."""
-        with self._explained():
-            self._client.set_tag(run_id, key, value)
+        """Set the tag `key` of the run `run_id` to `value`; nothing where another process has deleted the run."""
+        self._of_run(lambda: self._client.set_tag(run_id, key, value))
 
     def delete(self, run_id: str) -> None:
         """Take a run out of sight; `mlflow gc` removes for good what was deleted."""
+        self._of_run(lambda: self._client.delete_run(run_id))
+
+    def _of_run(self, do: Callable[[], object]) -> None:
+        from mlflow.exceptions import MlflowException
+
         with self._explained():
-            self._client.delete_run(run_id)
+            try:
+                do()
+            except MlflowException as error:
+                gone = error.error_code in ("INVALID_PARAMETER_VALUE", "INVALID_STATE", "RESOURCE_DOES_NOT_EXIST")
+                if self.exclusive or not gone:
+                    raise
 
 
 def _quoted(value: str) -> str:

@@ -1,11 +1,14 @@
 """The stage: brings the store in line with one scenario's finished tables.
 
 Each run is known by scenario, stage and output, and by a digest of all it holds. What is there unchanged is kept,
-what changed is written anew and its old run deleted, what was cut short is deleted. Going twice logs nothing twice.
+what changed is written anew and its old run deleted, what was cut short is deleted. Going twice logs nothing twice, and
+neither do two processes at once: where no lock keeps the others out, each looks afterwards what the others wrote, and
+all keep the same run.
 """
 
 import getpass
 import subprocess
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +17,10 @@ from jointgap import __version__
 from jointgap.config import Scenario
 from jointgap.report.page import markdown_text
 from jointgap.track.experiment_views import NOTE, TAG, VIEWS
-from jointgap.track.mlflow_store import Store, StoredRun, address_for, opened, without_password
+from jointgap.track.mlflow_store import Store, StoredRun, address_for, opened
 from jointgap.track.run_record import Record
 from jointgap.track.scenario_runs import records
+from jointgap.track.store_trouble import without_password
 
 SCENARIO, STAGE, OUTPUT, DIGEST = (f"jointgap.{key}" for key in ("scenario", "stage", "output", "digest"))
 PARENT, COLOUR = "mlflow.parentRunId", "mlflow.runColor"
@@ -26,6 +30,11 @@ _COLOURS = (
     *("#08306b", "#7f2704", "#00441b", "#67000d", "#3f007d", "#aec7e8", "#ffbb78", "#98df8a", "#ff9896", "#c5b0d5"),
 )
 """Of scenarios: MLflow's own follow from the runs' numbers, and with ten of them some are alike."""
+
+_LONGEST_PUBLISHING = 3_600_000
+"""Milliseconds after which a run that is not complete was cut short, on a server that others write to: publishing takes
+seconds, minutes over a slow line.
+"""
 
 
 @dataclass(frozen=True)
@@ -100,7 +109,7 @@ def publish_records(
     shared = _Scenario(name, description, commit(), _user())
     address = address_for(results_folder, tracking_uri)
     runs, deleted = {}, 0
-    with opened(address) as store:
+    with opened(address, results_folder) as store:
         for stage in dict.fromkeys(record.stage for record in content):
             mine = [record for record in content if record.stage == stage]
             done, gone = _publish_stage(store, shared, stage, mine)
@@ -115,30 +124,69 @@ def _publish_stage(store: Store, shared: _Scenario, stage: str, content: list[Re
     if stage in VIEWS:
         store.describe(experiment, {TAG: VIEWS[stage].state()}, {NOTE: VIEWS[stage].note})
     present = store.runs(experiment, {SCENARIO: shared.name})
-    keep = {record.output: _same(present, record) for record in content}
-    colour = _colour(store, experiment, present)
-    done, parent = {}, None
+    valid, colour = _valid(present), _colour(store, experiment, present)
+    newest = max((run.begun for run in present), default=0)
+    written, parent = set(), None
     for record in content:  # the stage's own run comes first, the nested ones name it
-        old = keep[record.output]
-        if old is None:
-            run_id = store.write(
-                experiment, _name(shared, record), record, _tags(shared, record, parent) | {COLOUR: colour}
-            )
-        else:
-            run_id = old.run_id
-            if COLOUR not in old.tags:  # an earlier version wrote it
+        run = valid.get(record.output)
+        if run is not None and run.tags.get(DIGEST) == record.digest:
+            run_id = run.run_id
+            if COLOUR not in run.tags:  # an earlier version wrote it
                 store.tag(run_id, COLOUR, colour)
-            if record.nested and old.tags.get(PARENT) != parent:
-                store.tag(run_id, PARENT, parent)
+        else:
+            tags = _tags(shared, record, parent) | {COLOUR: colour}
+            run_id = store.write(experiment, _name(shared, record), record, tags, newest)
+            written.add(run_id)
         if not record.nested:
             parent = run_id
-        key = f"{stage}/{record.output}" if record.nested else stage
-        done[key] = {"run_id": run_id, "digest": record.digest, "state": "written" if old is None else "kept"}
-    kept = {run.run_id for run in keep.values() if run is not None}
-    superseded = [run for run in present if run.run_id not in kept]
-    for run in superseded:
-        store.delete(run.run_id)
-    return done, len(superseded)
+    valid, deleted = _settle(store, experiment, shared, {record.output for record in content})
+    done = {}
+    for record in content:
+        run = valid.get(record.output)
+        if run is not None:  # none where another machine has published something else meanwhile
+            key = f"{stage}/{record.output}" if record.nested else stage
+            state = "written" if run.run_id in written else "kept"
+            done[key] = {"run_id": run.run_id, "digest": run.tags[DIGEST], "state": state}
+    return done, deleted
+
+
+def _settle(store: Store, experiment: str, shared: _Scenario, outputs: set[str]) -> tuple[dict[str, StoredRun], int]:
+    """Leave one run of each output, the nested ones under that of the stage: which, and how many were deleted.
+
+    Where others write meanwhile, all of them come to the same choice, since it depends on the runs alone: it is looked
+    at again until nothing is left to do, and whoever is done last has seen every run.
+    """
+    deleted = 0
+    while True:
+        present = store.runs(experiment, {SCENARIO: shared.name})
+        valid = {output: run for output, run in _valid(present).items() if output in outputs}
+        kept = {run.run_id for run in valid.values()}
+        superseded = [run for run in present if run.run_id not in kept and (run.complete or _given_up(store, run))]
+        parent = valid[""].run_id if "" in valid else None
+        elsewhere = [run for output, run in valid.items() if output and run.tags.get(PARENT) != parent]
+        for run in elsewhere if parent else ():
+            store.tag(run.run_id, PARENT, parent)
+        for run in superseded:
+            store.delete(run.run_id)
+        deleted += len(superseded)
+        if not superseded and not (parent and elsewhere):
+            return valid, deleted
+
+
+def _valid(present: list[StoredRun]) -> dict[str, StoredRun]:
+    """By output the run that counts: of those that hold what the newest complete one holds, the oldest."""
+    valid = {}
+    complete = [run for run in present if run.complete and OUTPUT in run.tags]
+    for run in sorted(complete, key=lambda run: (run.begun, run.run_id)):
+        before = valid.get(run.tags[OUTPUT])
+        if before is None or before.tags.get(DIGEST) != run.tags.get(DIGEST):
+            valid[run.tags[OUTPUT]] = run
+    return valid
+
+
+def _given_up(store: Store, run: StoredRun) -> bool:
+    """Whether nobody goes on with a run that is not complete."""
+    return store.exclusive or time.time_ns() // 10**6 - run.begun > _LONGEST_PUBLISHING
 
 
 def _colour(store: Store, experiment: str, present: list[StoredRun]) -> str:
@@ -148,14 +196,6 @@ def _colour(store: Store, experiment: str, present: list[StoredRun]) -> str:
         return own
     taken = [run.tags.get(COLOUR) for run in store.runs(experiment, {OUTPUT: ""})]
     return next((colour for colour in _COLOURS if colour not in taken), _COLOURS[len(taken) % len(_COLOURS)])
-
-
-def _same(present: list[StoredRun], record: Record) -> StoredRun | None:
-    """The newest complete run that holds exactly what `record` holds."""
-    for run in present:
-        if run.complete and run.tags.get(OUTPUT) == record.output and run.tags.get(DIGEST) == record.digest:
-            return run
-    return None
 
 
 def _name(shared: _Scenario, record: Record) -> str:
