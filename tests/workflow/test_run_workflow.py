@@ -152,10 +152,12 @@ def test_the_path_of_a_campaign_reaches_the_configuration_as_it_is_written(tmp_p
 @pytest.fixture
 def slow_workflow(tmp_path) -> Path:
     """A folder with a workflow of one job that goes on until there is a file `end`, and notes when it begins, ends."""
-    lock = ROOT / "workflow" / "rules" / "run_lock.smk"
+    rules = ROOT / "workflow" / "rules"
     job = "echo begins >> noted; until [ -e end ]; do sleep 0.05; done; echo ends >> noted; touch {output}"
     (tmp_path / "Snakefile").write_text(
-        f"include: {str(lock)!r}\nrule slow:\n    output: 'report.html'\n    shell: {job!r}\n"
+        f"include: {str(rules / 'run_lock.smk')!r}\n"
+        f"include: {str(rules / 'before_any_job.smk')!r}\n"
+        f"rule slow:\n    output: 'report.html'\n    shell: {job!r}\n"
     )
     return tmp_path
 

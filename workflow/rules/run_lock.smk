@@ -30,7 +30,3 @@ def hold_run_lock():
         sys.exit(
             "jointgap: error: another run works in this folder; try again when it has ended, or use `make`, which waits"
         )
-
-
-onstart:
-    hold_run_lock()

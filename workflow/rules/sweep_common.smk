@@ -34,12 +34,11 @@ def parts_of_sweep(name):
 
 
 def made_of_sweeps():
-    """Every file that the scenarios ask of many designs; one at least has to ask for some."""
-    made = [path for name in swept_scenarios() for path in made_of_sweep(name)]
-    made += [path for name in SCENARIOS for path in made_robust(name)]
-    if not made:
+    """Every file that the scenarios ask of many designs, and what says that it is published; one at least has to ask for some."""
+    names = [name for name in SCENARIOS if made_to_track(name)]
+    if not names:
         refuse("sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml")
-    return made
+    return [path for name in names for path in (*made_to_track(name), *tracked_of_sweep(name))]
 
 
 def made_of_sweep(name):

@@ -26,6 +26,13 @@ from jointgap.tables import TRAJECTORY, Table
 _scenario = click.option(
     "--scenario", "scenarios", nargs=2, multiple=True, required=True, help="Name and options of a scenario, repeatable."
 )
+_published = (
+    click.option(
+        "--scenario", "name", required=True, help="Name of the scenario: with stage and output it identifies a run."
+    ),
+    need("--store", "Folder of the store.", FOLDER),
+    need("--published", "JSON file to write: what was published where."),
+)
 _OPTIONS = {
     "surrogate": (
         click.option(
@@ -48,13 +55,8 @@ _OPTIONS = {
             "alone; repeatable.",
         ),
     ),
-    "track": (
-        click.option(
-            "--scenario", "name", required=True, help="Name of the scenario: with stage and output it identifies a run."
-        ),
-        need("--store", "Folder of the store.", FOLDER),
-        need("--published", "JSON file to write: what was published where."),
-    ),
+    "track": _published,
+    "track-sweep": _published,
     "study-points": (
         click.option("--first", type=click.IntRange(min=0), required=True, help="First point, from 0 on."),
         click.option("--number", type=click.IntRange(min=1), required=True, help="How many points."),

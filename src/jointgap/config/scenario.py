@@ -636,4 +636,8 @@ SECTIONS = {
     "sensitivity": ("mechanism", "simulate", "sweep", "sensitivity"),
     "optimise-robust": ("mechanism", "simulate", "optimise", "optimise_robust"),
     "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),
+    "track-sweep": (
+        *("description", "mechanism", "simulate", "sweep", "sensitivity"),
+        *("optimise", "optimise_robust"),
+    ),
 }

@@ -563,3 +563,35 @@ def optimise_robust(results: "ScenarioResults", workers: int | None) -> str:
     tables.write_text(folder / "summary.html", to_html(shown, folder))
     tables.write_text(folder / "summary.md", to_markdown(shown, "."))
     return "\n".join([headline(found), *verdict(found)])
+
+
+@SCENARIO_STAGES.stage(
+    reads=(ROBUST_LENGTHS, ROBUST_GAINS, ROBUST_CONSTRAINTS),
+    sections=("description", *_MOTION, "sweep", "sensitivity", "optimise", "optimise_robust"),
+)
+def track_sweep(results: "ScenarioResults", name: str, store: Path, published: Path) -> None:
+    """Publish a scenario's sweep, what decides and robust lengths to MLflow, all designs as one run; nothing twice.
+
+    Parameters
+    ----------
+    results : ScenarioResults
+    name : str
+        Of the scenario.
+    store : Path
+        Of MLflow.
+    published : Path
+        JSON file to write: what was published.
+    """
+    from jointgap.errors import InputError
+    from jointgap.track.publish import publish_records
+    from jointgap.track.sweep_runs import sweep_record
+
+    scenario = results.scenario
+    if not scenario.sweep.parameters and not scenario.optimise_robust.uncertain:
+        raise InputError(
+            "sweep.parameters, optimise_robust.uncertain: name nothing, so there is nothing to publish; give the "
+            "options that the designs were made with"
+        )
+    content = [sweep_record(scenario, results.path)]
+    summary = publish_records(name, scenario.description, content, None, store)
+    tables.write_text(published, json.dumps(summary, indent=2) + "\n")

@@ -18,6 +18,7 @@ _PORTS = 100  # that are tried, from the one asked for on
 _COMPARED = {
     "optimise": ("optima of all scenarios", "CHART"),
     "surrogate": ("MSE curves of all scenarios", "CHART"),
+    "sweep": ("all sweeps", "TABLE"),
     "campaign": ("verdicts of all campaigns", "TABLE"),
     "blind": ("scores of all blind trials", "TABLE"),
 }

@@ -221,6 +221,24 @@ VIEWS = {
         ),
         closed=("frozen", "resimulated_window", "resimulated_settled", "ideal_cycle", "simulated_cycle"),
     ),
+    "sweep": View(
+        "Sweeps: all designs of a scenario are one run, with its dataset; of each measure mean, standard deviation and "
+        "quantiles over the designs that did not fail. Where the scenario asks for them: Sobol indices (`first_order`, "
+        "`total`) with the held-out quality `q2` of the surrogate that they come from, and robust lengths beside the "
+        "original and the nominal ones on fresh draws. Pages and figures are artifacts.",
+        columns=(
+            *("metrics.designs", "metrics.failed_percent", "params.design", "params.seed"),
+            *("metrics.angle_error_rms_deg/mean", "metrics.angle_error_rms_deg/deviation"),
+            *("metrics.robust/crank_length_mm", "metrics.robust/rod_length_mm"),
+            "metrics.robust beside original/probability_percent",
+        ),
+        sections=(
+            Section(
+                "Error of the transmission angle over the designs",
+                tuple(f"angle_error_rms_deg/{size}" for size in ("mean", "deviation", "quantile_95")),
+            ),
+        ),
+    ),
     "campaign": View(
         "What measured campaigns find missing in the model. Gap: residual in standard deviations of the noise (root "
         "mean square), before and after what was named is added; 1 is noise alone. Under each run stands one for every "

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from jointgap import tables
@@ -26,6 +27,9 @@ COMPLETE = "jointgap.complete"
 
 _IMPATIENT = {"MLFLOW_HTTP_REQUEST_TIMEOUT": "5", "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}
 """What MLflow is to read from the environment while it is asked whether a server is there: seconds, and once."""
+
+_PAUSES = (0.1, 0.3, 1.0)
+"""Seconds before each further attempt at what a server of MLflow has refused because another process added the same."""
 
 _DATABASES = ("postgresql", "mysql", "mssql", "sqlite")
 """Kinds of addresses, before `+` and the driver, that are no server of MLflow's: where artifacts lie is ours to say."""
@@ -199,16 +203,20 @@ class Store:
             present = self._client.get_experiment(experiment_id).tags
             for key, value in {**{key: value for key, value in missing.items() if key not in present}, **tags}.items():
                 if present.get(key) != value:
-                    self._set_experiment_tag(experiment_id, key, value)
+                    self._while_others_write(partial(self._client.set_experiment_tag, experiment_id, key, value))
 
-    def _set_experiment_tag(self, experiment_id: str, key: str, value: str) -> None:
+    def _while_others_write(self, do: Callable[[], object]) -> None:
+        """`do` what may be done twice: of two processes that add the same row at once a server refuses one."""
         from mlflow.exceptions import MlflowException
 
-        try:
-            self._client.set_experiment_tag(experiment_id, key, value)
-        except MlflowException:  # of two processes that add a tag at once the database refuses one
-            if self._client.get_experiment(experiment_id).tags.get(key) != value:
-                raise
+        for pause in (*_PAUSES, None):
+            try:
+                do()
+                return
+            except MlflowException:
+                if pause is None or self.exclusive:
+                    raise
+                time.sleep(pause)
 
     def _still_here(self, experiment) -> None:
         """Refuse a SQLite store that was moved with its folder: MLflow keeps absolute paths of artifacts."""
@@ -279,7 +287,8 @@ class Store:
                 for first in range(0, len(items), size):
                     self._client.log_batch(run_id, **{kind: items[first : first + size]})
             if record.datasets:
-                self._client.log_inputs(run_id, [self._dataset(dataset) for dataset in record.datasets])
+                inputs = [self._dataset(dataset) for dataset in record.datasets]
+                self._while_others_write(partial(self._client.log_inputs, run_id, inputs))
             self._log_files(run_id, record.files)
             self._client.set_tag(run_id, COMPLETE, "true")
             self._client.set_terminated(run_id, "FINISHED")
@@ -298,9 +307,9 @@ class Store:
                 self._client.log_artifacts(run_id, folder)
 
     def _dataset(self, dataset: Dataset):
-        """The table as MLflow's dataset: digest of the file (36 digits are all that fit), whole digest as a tag."""
-        entities, footer = self._entities, tables.read_footer(dataset.path)
-        schema = footer.schema.to_arrow_schema()
+        """The table as MLflow's dataset: its digest (36 digits are all that fit), the whole digest as a tag."""
+        entities, footers = self._entities, [tables.read_footer(path) for path in dataset.files]
+        schema = footers[0].schema.to_arrow_schema()
         columns = [{"name": field.name, "type": str(field.type), "required": not field.nullable} for field in schema]
         return entities.DatasetInput(
             entities.Dataset(
@@ -309,7 +318,7 @@ class Store:
                 source_type="local",
                 source=json.dumps({"uri": str(dataset.path.resolve())}),
                 schema=json.dumps({"mlflow_colspec": columns}),
-                profile=json.dumps({"num_rows": footer.num_rows}),
+                profile=json.dumps({"num_rows": sum(footer.num_rows for footer in footers)}),
             ),
             [
                 entities.InputTag("mlflow.data.context", dataset.context),

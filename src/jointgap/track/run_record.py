@@ -30,7 +30,7 @@ class Dataset:
     name : str
         Name of the table.
     path : Path
-        Its Parquet file.
+        Its Parquet file, or a folder of Parquet files that are one table.
     context : str
         ``'input'`` or ``'result'``.
     """
@@ -39,10 +39,18 @@ class Dataset:
     path: Path
     context: str
 
+    @property
+    def files(self) -> list[Path]:
+        """Its Parquet files, by name."""
+        return sorted(self.path.glob("[!.]*.parquet")) if self.path.is_dir() else [self.path]
+
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the file."""
-        return file_digest(self.path)
+        """SHA-256 of the file; of a folder that of its files' names and digests."""
+        if not self.path.is_dir():
+            return file_digest(self.path)
+        listed = "".join(f"{file_digest(path)}  {path.name}\n" for path in self.files)
+        return hashlib.sha256(listed.encode()).hexdigest()
 
 
 @dataclass(frozen=True)

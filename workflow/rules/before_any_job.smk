@@ -1,0 +1,26 @@
+# Before the first job: nobody else works in the folder, and what is to be published will find its store. Dry runs and the
+# processes of single jobs leave both alone. Snakemake obeys one onstart alone, so there is no other.
+
+import os
+import sys
+from pathlib import Path
+
+
+def check_mlflow_store():
+    """End here where MLFLOW_TRACKING_URI names a store that does not answer, and a job is to publish to it."""
+    if not os.environ.get("MLFLOW_TRACKING_URI"):
+        return
+    if not any("mlflow_store" in job.rule.resources for job in workflow.dag.needrun_jobs()):
+        return
+    from jointgap.errors import InputError
+    from jointgap.track.mlflow_store import address_for, check  # loads mlflow
+
+    try:
+        check(address_for(Path("results")))
+    except InputError as error:
+        sys.exit(f"jointgap: error: {error}")
+
+
+onstart:
+    hold_run_lock()
+    check_mlflow_store()
