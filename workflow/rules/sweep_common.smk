@@ -35,10 +35,12 @@ def parts_of_sweep(name):
 
 def made_of_sweeps():
     """Every file that the scenarios ask of many designs, and what says that it is published; one at least has to ask for some."""
-    names = [name for name in SCENARIOS if made_to_track(name)]
-    if not names:
+    tracked = [name for name in SCENARIOS if made_to_track(name)]
+    made = [path for name in tracked for path in (*made_to_track(name), *tracked_of_sweep(name))]
+    made += [path for name in SCENARIOS for path in made_networks(name)]
+    if not made:
         refuse("sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml")
-    return [path for name in names for path in (*made_to_track(name), *tracked_of_sweep(name))]
+    return made
 
 
 def made_of_sweep(name):

@@ -81,6 +81,7 @@ _OPTIONS = {
         workers_option,
     ),
     "optimise-robust": (workers_option,),
+    "design-networks": (workers_option,),
     "sweep": (
         need("--folder", "Folder to write designs/, summary.md and summary.html to.", FOLDER),
         workers_option,

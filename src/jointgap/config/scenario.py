@@ -20,6 +20,7 @@ from pydantic import (
 
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.names import Word
+from jointgap.config.networks_config import DesignNetworks
 from jointgap.config.robust_config import OptimiseRobust
 from jointgap.config.sensitivity_config import Sensitivity
 from jointgap.config.sweep_config import Sweep
@@ -533,6 +534,7 @@ class Scenario(Section):
     sweep: Sweep = Sweep()
     sensitivity: Sensitivity | None = None
     optimise_robust: OptimiseRobust = OptimiseRobust()
+    design_networks: DesignNetworks = DesignNetworks()
 
     @model_validator(mode="after")
     def _the_mechanism_can_be_simulated_so(self):
@@ -635,6 +637,7 @@ SECTIONS = {
     "sweep": ("mechanism", "simulate", "sweep"),
     "sensitivity": ("mechanism", "simulate", "sweep", "sensitivity"),
     "optimise-robust": ("mechanism", "simulate", "optimise", "optimise_robust"),
+    "design-networks": ("mechanism", "simulate", "optimise", "design_networks"),
     "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),
     "track-sweep": (
         *("description", "mechanism", "simulate", "sweep", "sensitivity"),

@@ -19,11 +19,17 @@ SOURCE = "optimise_robust.uncertain"
 LENGTHS = ("crank_length", "rod_length")
 """Words whose values are added to the lengths that are searched."""
 
-_ABSOLUTE = {
+PATHS_OF_LENGTHS = {
     f"mechanism.{link}.{key}": f"{link}_length" for link in ("crank", "rod") for key in ("length", "mass_centre")
 }
-_OF_THE_COMPUTATION = {"simulate.revolutions", "simulate.samples_per_revolution", "simulate.tolerance"}
-_OFFSET = "mechanism.slider.offset"
+"""By path the word for a length whose mass centre goes with it."""
+
+OF_THE_COMPUTATION = {"simulate.revolutions", "simulate.samples_per_revolution", "simulate.tolerance"}
+"""Paths of how a motion is computed, which is no property of a mechanism."""
+
+OFFSET = "mechanism.slider.offset"
+"""Path of what constraints of the lengths are worked out with."""
+
 _LARGEST_TOLERANCE = 0.1
 """Share of a length beyond which what is added to it is no tolerance but, in all likelihood, the length itself."""
 
@@ -117,17 +123,17 @@ def uncertain_of(scenario: Scenario) -> Uncertain:
             f"{SOURCE}: nothing is uncertain, so there is nothing to be robust against; give parameters with "
             "distributions, such as friction: {from: 0.02, to: 0.15}"
         )
-    for key, word in _ABSOLUTE.items():
+    for key, word in PATHS_OF_LENGTHS.items():
         if key in options.uncertain:
             raise InputError(
                 f"{SOURCE}.{key}: lengths are searched, and mass centres go with them; give {word} with the tolerance "
                 "that is added, such as {distribution: normal, mean: 0 mm, deviation: 0.05 mm}"
             )
-    for key in _OF_THE_COMPUTATION & options.uncertain.keys():
+    for key in OF_THE_COMPUTATION & options.uncertain.keys():
         raise InputError(f"{SOURCE}.{key}: is how the motion is computed, and not uncertain; leave it out")
-    if _OFFSET in options.uncertain and (of_lengths := geometric(scenario.optimise.constraints, 0.0)):
+    if OFFSET in options.uncertain and (of_lengths := geometric(scenario.optimise.constraints, 0.0)):
         raise InputError(
-            f"{SOURCE}.{_OFFSET}: optimise.constraints.{of_lengths[0].key} is worked out with the nominal offset; "
+            f"{SOURCE}.{OFFSET}: optimise.constraints.{of_lengths[0].key} is worked out with the nominal offset; "
             "leave out one of them"
         )
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)

@@ -15,6 +15,10 @@ from jointgap.stages.record import Stages
 from jointgap.tables import (
     CLEARANCE_FIT,
     COMPARISON,
+    DESIGN_NETWORKS_COSTS,
+    DESIGN_NETWORKS_ERRORS,
+    DESIGN_NETWORKS_TRAINING,
+    DESIGN_NETWORKS_WEIGHTS,
     EVENTS,
     FIT,
     FIT_ERRORS,
@@ -563,6 +567,57 @@ def optimise_robust(results: "ScenarioResults", workers: int | None) -> str:
     tables.write_text(folder / "summary.html", to_html(shown, folder))
     tables.write_text(folder / "summary.md", to_markdown(shown, "."))
     return "\n".join([headline(found), *verdict(found)])
+
+
+@SCENARIO_STAGES.stage(
+    writes=(DESIGN_NETWORKS_WEIGHTS, DESIGN_NETWORKS_ERRORS, DESIGN_NETWORKS_COSTS, DESIGN_NETWORKS_TRAINING),
+    files=("design_networks/summary.md", "design_networks/summary.html"),
+    sections=(*_MOTION, "optimise", "design_networks"),
+)
+def design_networks(results: "ScenarioResults", workers: int | None) -> str:
+    """Train a network that knows the design: from crank angle and design to the motion in the loose joints.
+
+    The scenario's section `design_networks` says what a design varies besides the lengths (clearances, friction,
+    speed), which lie in the first of `optimise.boxes`. The network is judged on designs that it was not trained on,
+    beside the paper's frozen motion.
+
+    \b
+    Example:
+      cat > mine.yaml <<END
+      mechanism: config/mechanisms/erkaya2009.yaml
+      simulate: {revolutions: 4, samples_per_revolution: 1800, tolerance: 1e-9 m}
+      design_networks:
+        designs: 128
+        steps: 300
+        parameters:
+          clearance: {from: 0.5 mm, to: 1 mm}
+          friction: {from: 0.02, to: 0.2}
+      END
+      jointgap design-networks --options mine.yaml --results results/mine
+
+    Parameters
+    ----------
+    results : ScenarioResults
+    workers : int, optional
+        Threads.
+    """
+    from jointgap.design_networks.design_networks import design_networks as trained
+    from jointgap.design_networks.networks_figures import NAME, draw_errors
+    from jointgap.design_networks.networks_page import page, verdict
+    from jointgap.figures import style
+    from jointgap.report.page import to_html, to_markdown
+
+    found = trained(results.scenario, workers)
+    folder = results.path / "design_networks"
+    results.write(DESIGN_NETWORKS_TRAINING, found.training)
+    results.write(DESIGN_NETWORKS_COSTS, found.costs)
+    results.write(DESIGN_NETWORKS_ERRORS, found.errors)
+    results.write(DESIGN_NETWORKS_WEIGHTS, found.trained.network.to_frame())
+    style.save(draw_errors(found.errors), folder / NAME)
+    shown = page(found, results.scenario, results.path.resolve().name)
+    tables.write_text(folder / "summary.html", to_html(shown, folder))
+    tables.write_text(folder / "summary.md", to_markdown(shown, "."))
+    return verdict(found)
 
 
 @SCENARIO_STAGES.stage(

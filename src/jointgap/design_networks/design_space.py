@@ -1,0 +1,192 @@
+"""The designs that networks know: lengths of crank and rod in a box, and the parameters that vary besides."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jointgap.config import DrivenMechanism, Mechanism, Scenario, Simulate
+from jointgap.config.sweep_config import Uniform
+from jointgap.config.varied_values import with_values
+from jointgap.designs.design_of_experiments import Axis, Designs, axes_of
+from jointgap.errors import InputError
+from jointgap.link_lengths.constraints import geometric
+from jointgap.link_lengths.region import Region
+from jointgap.robust_lengths.uncertain_draws import LENGTHS, OF_THE_COMPUTATION, OFFSET, PATHS_OF_LENGTHS
+
+SOURCE = "design_networks.parameters"
+"""What errors call the place where a parameter stands."""
+
+_TRIED = 64
+"""Designs of which one at least has to be possible."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """One design.
+
+    Attributes
+    ----------
+    values : dict
+        By key, lengths not among them [SI].
+    lengths : tuple of float
+        (L2, L3) [m].
+    mechanism : Mechanism
+        At these lengths.
+    simulate : Simulate
+    """
+
+    values: dict[str, Any]
+    lengths: tuple[float, float]
+    mechanism: Mechanism
+    simulate: Simulate
+
+    def at(self, lengths: Iterable[float]) -> "Design":
+        """The same with other `lengths` (2,) [m]."""
+        crank, rod = map(float, lengths)
+        return Design(self.values, (crank, rod), self.mechanism.with_lengths(crank, rod), self.simulate)
+
+
+@dataclass(frozen=True)
+class DesignSpace:
+    """What designs vary; make it with `design_space`.
+
+    Attributes
+    ----------
+    base : DrivenMechanism
+        Mechanism, its effects applied, and simulation, where nothing varies.
+    region : Region
+        Of the lengths that are searched. Designs are drawn from its whole box.
+    axes : tuple of Axis
+        Crank and rod length, then the other parameters.
+    settled_revolution : int
+        Whose motion counts, from 1.
+    """
+
+    base: DrivenMechanism
+    region: Region
+    axes: tuple[Axis, ...]
+    settled_revolution: int
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the loose joints."""
+        return self.base.mechanism.loose
+
+    @property
+    def original(self) -> tuple[float, float]:
+        """Lengths that were designed, (L2, L3) [m]."""
+        return self.base.mechanism.crank.length, self.base.mechanism.rod.length
+
+    def drawn(self, number: int, seed: int) -> Iterator[Design]:
+        """Designs that fill the ranges evenly, the beginning of a scrambled Sobol sequence of `seed`; those of the
+        first `number` that are possible.
+        """
+        sequence = Designs(self.base, self.axes, "sobol", number, seed, (0.0, 2.0 * np.pi))
+        return self._possible(sequence.values(0, number))
+
+    def fresh(self, number: int, seed: list[int]) -> Iterator[Design]:
+        """Designs each independent of the others, of the `number` that a generator with `seed` draws those that are
+        possible.
+        """
+        quantiles = np.random.default_rng(seed).random((number, len(self.axes)))
+        columns = [axis.at(part) for axis, part in zip(self.axes, quantiles.T, strict=True)]
+        keys = [axis.key for axis in self.axes]
+        return self._possible(dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True))
+
+    def inputs(self, design: Design, lengths: np.ndarray) -> np.ndarray:
+        """What a network is told of a design at `lengths` (m, 2) [m]: each parameter in [-1, 1], (m, axes)."""
+        told = np.empty((len(lengths), len(self.axes)))
+        columns = [*lengths.T, *(np.full(len(lengths), design.values[axis.key]) for axis in self.axes[2:])]
+        for place, (axis, values) in enumerate(zip(self.axes, columns, strict=True)):
+            told[:, place] = _standard(axis, values)
+        return told
+
+    def _possible(self, drawn: Iterable[dict[str, Any]]) -> Iterator[Design]:
+        for values in drawn:
+            try:
+                yield self._design(values)
+            except InputError:
+                continue
+
+    def _design(self, values: dict[str, Any]) -> Design:
+        others = {key: value for key, value in values.items() if key not in LENGTHS}
+        scenario = with_values(self.base, others, SOURCE)
+        lengths = tuple(values[key] for key in LENGTHS)
+        return Design(others, lengths, scenario.mechanism.with_lengths(*lengths), scenario.simulate)
+
+    def check(self) -> None:
+        """InputError where none of the first designs is possible, that of the first."""
+        sequence = Designs(self.base, self.axes, "sobol", _TRIED, 0, (0.0, 2.0 * np.pi)).values(0, _TRIED)
+        if next(self._possible(sequence), None) is None:
+            self._design(sequence[0])
+
+
+def _standard(axis: Axis, values: np.ndarray) -> np.ndarray:
+    """Values (n,) as shares of what is likely, from -1 to 1: a range by its distribution, a list between its ends."""
+    if axis.values is not None:
+        low, high = min(axis.values), max(axis.values)
+        return 2.0 * (np.asarray(values, dtype=float) - low) / (high - low) - 1.0
+    return 2.0 * axis.law.cdf(values) - 1.0
+
+
+def design_space(scenario: Scenario) -> DesignSpace:
+    """The designs that the section `design_networks` of a `scenario` asks for.
+
+    Raises
+    ------
+    InputError
+        No loose joint, no parameters, a parameter that a network cannot know (a word, a truth, a length, which is
+        varied already), no such parameter, a range the wrong way round, values that are all impossible, a box that
+        constraints empty.
+    """
+    base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
+    parameters = scenario.design_networks.parameters
+    if not base.mechanism.loose:
+        raise InputError(
+            "design_networks: all joints are ideal, so there is no motion in joints to learn; make a joint loose"
+        )
+    if not parameters:
+        raise InputError(
+            f"{SOURCE}: nothing varies besides the lengths; give parameters with ranges, such as clearance: "
+            "{from: 0.2 mm, to: 1 mm}"
+        )
+    for key in (*PATHS_OF_LENGTHS, *LENGTHS):
+        if key in parameters:
+            raise InputError(
+                f"{SOURCE}.{key}: lengths lie in the first of optimise.boxes, which they fill; leave it out"
+            )
+    for key in OF_THE_COMPUTATION & parameters.keys():
+        raise InputError(f"{SOURCE}.{key}: is how the motion is computed, and no property of a design; leave it out")
+    if OFFSET in parameters and (of_lengths := geometric(scenario.optimise.constraints, 0.0)):
+        raise InputError(
+            f"{SOURCE}.{OFFSET}: optimise.constraints.{of_lengths[0].key} is worked out with the nominal offset; "
+            "leave out one of them"
+        )
+    others = axes_of(base, parameters, SOURCE)
+    for axis in others:
+        _check_known(axis)
+    name, box = next(iter(scenario.optimise.boxes.items()))
+    region = Region.of(box, scenario.optimise.ratio_limit).under(
+        geometric(scenario.optimise.constraints, base.mechanism.slider.offset), name
+    )
+    ends = zip(LENGTHS, region.lower, region.upper, strict=True)
+    lengths = axes_of(base, {key: Uniform(**{"from": low, "to": high}) for key, low, high in ends}, SOURCE)
+    space = DesignSpace(base, region, (*lengths, *others), scenario.optimise.ensemble.settled_revolution)
+    space.check()
+    return space
+
+
+def _check_known(axis: Axis) -> None:
+    """Whether a parameter is a number that varies."""
+    if axis.values is None:
+        return
+    for value in axis.values:
+        if isinstance(value, bool) or not isinstance(value, float | int):
+            raise InputError(
+                f"{SOURCE}.{axis.key}: {value!r} is no number, and a network knows numbers alone; leave it out, and "
+                "train networks for each such mechanism"
+            )
+    if len(axis.values) < 2:
+        raise InputError(f"{SOURCE}.{axis.key}: one value does not vary; give several, or a range")
