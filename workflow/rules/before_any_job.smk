@@ -13,7 +13,8 @@ def check_mlflow_store():
     if not any("mlflow_store" in job.rule.resources for job in workflow.dag.needrun_jobs()):
         return
     from jointgap.errors import InputError
-    from jointgap.track.mlflow_store import address_for, check  # loads mlflow
+    from jointgap.track.mlflow_store import address_for
+    from jointgap.track.store_check import check  # loads mlflow
 
     try:
         check(address_for(Path("results")))

@@ -621,7 +621,7 @@ def design_networks(results: "ScenarioResults", workers: int | None) -> str:
 
 
 @SCENARIO_STAGES.stage(
-    reads=(ROBUST_LENGTHS, ROBUST_GAINS, ROBUST_CONSTRAINTS),
+    reads=(ROBUST_LENGTHS, ROBUST_GAINS, ROBUST_CONSTRAINTS, ROBUST_CANDIDATES),
     sections=("description", *_MOTION, "sweep", "sensitivity", "optimise", "optimise_robust"),
 )
 def track_sweep(results: "ScenarioResults", name: str, store: Path, published: Path) -> None:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from jointgap.errors import InputError
 from jointgap.track.experiment_views import KEY
-from jointgap.track.mlflow_store import Store, address_for, artifact_folder, check
+from jointgap.track.mlflow_store import Store, address_for, artifact_folder
 from jointgap.track.sqlite_store import Holds, file_of, look
+from jointgap.track.store_check import check
 
 HOST = "127.0.0.1"
 _PORTS = 100  # that are tried, from the one asked for on

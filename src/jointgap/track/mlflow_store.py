@@ -18,15 +18,12 @@ from jointgap.errors import InputError
 from jointgap.track import sqlite_store
 from jointgap.track.quiet_mlflow import quiet
 from jointgap.track.run_record import Dataset, Record
-from jointgap.track.store_lock import connected, is_postgresql, locked
+from jointgap.track.store_lock import locked
 from jointgap.track.store_trouble import explained
 
 EXPERIMENT = "jointgap-"
 COMPLETE = "jointgap.complete"
 """Tag set last: a run without it was cut short."""
-
-_IMPATIENT = {"MLFLOW_HTTP_REQUEST_TIMEOUT": "5", "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}
-"""What MLflow is to read from the environment while it is asked whether a server is there: seconds, and once."""
 
 _PAUSES = (0.1, 0.3, 1.0)
 """Seconds before each further attempt at what a server of MLflow has refused because another process added the same."""
@@ -92,32 +89,6 @@ def opened(address: str, results: Path) -> Iterator["Store"]:
         if (file := sqlite_store.file_of(address)) is not None:
             sqlite_store.make(file, artifact_folder(address, file.parent))
         yield Store(address, results, exclusive)
-
-
-def check(address: str) -> None:
-    """Whether the store at `address` answers, before hours of work; a SQLite file is made when it is first needed.
-
-    Raises
-    ------
-    InputError
-        There is no such server, database, user or password, or the address is of no known kind; after some seconds.
-    """
-    if sqlite_store.file_of(address) is not None:
-        return
-    if is_postgresql(address):
-        with explained(address, reached=False):
-            connected(address).close()
-        return
-    before = {name: os.environ.get(name) for name in _IMPATIENT}
-    os.environ.update(_IMPATIENT)
-    try:
-        Store(address, Path())
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 @dataclass(frozen=True)

@@ -63,4 +63,6 @@ def _trouble(error: Exception, address: str, reached: bool) -> str:
         return f"does not take what is published ({said}); the store itself is sound"
     if sqlite_store.file_of(address) is not None:
         return f"cannot be used ({said}); check permission and space"
-    return f"cannot be reached or refuses ({said}); start the server, correct its address, or {_DEFAULT}"
+    return (
+        f"cannot be reached or refuses ({said}); start the server, correct its address, user or password, or {_DEFAULT}"
+    )

@@ -19,13 +19,16 @@ from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.designs_to_parquet import check_dataset
 from jointgap.report.plain_words import reading_unit
 from jointgap.tables import (
+    ROBUST_CANDIDATES,
     ROBUST_CONSTRAINTS,
+    ROBUST_FRESH_PATH,
     ROBUST_GAINS,
     ROBUST_LENGTHS,
     SENSITIVITY_INDICES,
     SENSITIVITY_SURROGATES,
     SENSITIVITY_TABLES,
     Table,
+    robust_fresh,
 )
 from jointgap.tables.columns import Column
 from jointgap.tables.sweep_tables import MEASURES
@@ -37,7 +40,9 @@ DESIGNS = Path("sweep/designs")
 """Folder of the dataset in that of a scenario."""
 
 _SENSITIVITY = {table.name: Path(table.path) for table in SENSITIVITY_TABLES}
-_ROBUST = {table.name: Path(table.path) for table in (ROBUST_LENGTHS, ROBUST_GAINS, ROBUST_CONSTRAINTS)}
+_ROBUST = {
+    table.name: Path(table.path) for table in (ROBUST_LENGTHS, ROBUST_GAINS, ROBUST_CONSTRAINTS, ROBUST_CANDIDATES)
+} | {robust_fresh(()).name: Path(ROBUST_FRESH_PATH)}
 _SHOWN = (".md", ".html", ".svg", ".png")
 _QUANTILES = {"smallest": 0.0, "quantile_05": 0.05, "median": 0.5, "quantile_95": 0.95, "largest": 1.0}
 _OF_A_PARAMETER = {"clearance": "clearance_mm", "speed": "speed_rpm"}
