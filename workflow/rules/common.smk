@@ -18,7 +18,7 @@ from jointgap.figures.catalogue import FIGURES
 from jointgap.stages.scenario_results import parts_of
 from jointgap.stages.scenario_stages import IMPACTS_PAGE, SCENARIO_STAGES
 from jointgap.ensembles.study_catalogue import FIGURES as STUDY_FIGURES
-from jointgap.tables import SENSITIVITY_TABLES, outputs, write_text
+from jointgap.tables import INFERRED_DESIGNS_PATH, INFERRED_TABLES, SENSITIVITY_TABLES, outputs, write_text
 
 # Where files of mechanisms are looked for: here, beside the configuration, in the workflow's folder.
 FOLDERS = (

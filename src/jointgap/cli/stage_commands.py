@@ -86,6 +86,10 @@ _OPTIONS = {
         need("--folder", "Folder to write designs/, summary.md and summary.html to.", FOLDER),
         workers_option,
     ),
+    "infer-settings": (
+        need("--designs", "Folder of the designs that `jointgap sweep` wrote.", FOLDER),
+        need("--folder", "Folder to write summary.md, summary.html, tables and figures/ to.", FOLDER),
+    ),
     "sensitivity": (
         need("--designs", "Folder of the designs that `jointgap sweep` wrote.", FOLDER),
         need("--folder", "Folder to write summary.md, summary.html, tables and figures/ to.", FOLDER),

@@ -18,6 +18,7 @@ from pydantic import (
     model_validator,
 )
 
+from jointgap.config.infer_settings_config import InferSettings
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.names import Word
 from jointgap.config.networks_config import DesignNetworks
@@ -533,6 +534,7 @@ class Scenario(Section):
     study: Study = Study()
     sweep: Sweep = Sweep()
     sensitivity: Sensitivity | None = None
+    infer_settings: InferSettings | None = None
     optimise_robust: OptimiseRobust = OptimiseRobust()
     design_networks: DesignNetworks = DesignNetworks()
 
@@ -636,6 +638,7 @@ SECTIONS = {
     "study": ("mechanism", "simulate", "study"),
     "sweep": ("mechanism", "simulate", "sweep"),
     "sensitivity": ("mechanism", "simulate", "sweep", "sensitivity"),
+    "infer-settings": ("mechanism", "simulate", "sweep", "infer_settings"),
     "optimise-robust": ("mechanism", "simulate", "optimise", "optimise_robust"),
     "design-networks": ("mechanism", "simulate", "optimise", "design_networks"),
     "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),

@@ -13,7 +13,7 @@ from jointgap.designs.words_of_designs import measure_in_words, parameter_in_wor
 from jointgap.report.page import Page, Paragraph, TableBlock
 from jointgap.report.plain_words import joined, reading_unit, unit_in_words
 from jointgap.tables.columns import Column
-from jointgap.tables.sweep_tables import MEASURES
+from jointgap.tables.sweep_tables import MEASURES, PRINTED_OPTIMA
 
 _KINDS = {
     "sobol": "drawn as a scrambled Sobol sequence",
@@ -53,7 +53,9 @@ def page(designs: Designs, dataset: Path) -> Page:
         Paragraph(introduction),
         TableBlock(("parameter", "unit", "smallest", "median", "largest"), _parameters(designs.axes, dataset), "llrrr"),
         Paragraph(measured),
-        TableBlock(("measure", "unit", "smallest", "5 %", "median", "95 %", "largest"), _measures(dataset), "llrrrrr"),
+        TableBlock(
+            ("measure", "unit", "smallest", "5 %", "median", "95 %", "largest"), _measures(designs, dataset), "llrrrrr"
+        ),
         Paragraph(files),
     )
     return Page("Sweep", blocks)
@@ -86,8 +88,9 @@ def _parameters(axes: tuple[Axis, ...], dataset: Path) -> tuple:
     return tuple(rows)
 
 
-def _measures(dataset: Path) -> tuple:
-    return tuple(row for column in MEASURES if (row := _measure(column, dataset)))
+def _measures(designs: Designs, dataset: Path) -> tuple:
+    measured = (*MEASURES, *(PRINTED_OPTIMA if designs.printed_numbers else ()))
+    return tuple(row for column in measured if (row := _measure(column, dataset)))
 
 
 def _measure(column: Column, dataset: Path) -> tuple | None:

@@ -1,18 +1,28 @@
 """Measures and parameters of a sweep in words, with the units in which people read them."""
 
+from typing import Any
+
 from jointgap.designs.design_of_experiments import Axis
 from jointgap.figures.sheet import Quantity
 from jointgap.report.plain_words import in_words, reading_unit, unit_in_words
-from jointgap.tables.sweep_tables import MEASURES
+from jointgap.tables.sweep_tables import MEASURES, PRINTED_OPTIMA
 
-_COLUMNS = {column.name: column for column in MEASURES}
+_COLUMNS = {column.name: column for column in (*MEASURES, *PRINTED_OPTIMA)}
 _SHORTER = {
     "repeat_distance": "distance from repeating, over the smallest clearance",
     "outer_dead_centre_angle": "outer dead centre: crank angle",
     "inner_dead_centre_angle": "inner dead centre: crank angle",
     "noise_share": "noise share of the slider's acceleration",
 }
-_WORDS = {"speed": "crank speed"}
+_WORDS = {
+    "speed": "crank speed",
+    "window_start": "start of the window",
+    "window_end": "end of the window",
+    "error_measure": "measure of the error",
+    "revolution": "revolution counted",
+    "stiffness": "stiffness of the contacts, in N/m^exponent",
+}
+_VALUES = {"rms": "RMS"}
 _LEFT_OUT = ("mechanism", "simulate", "joints", "contact")
 """Parts of a path that say nothing that its other parts do not."""
 
@@ -36,6 +46,14 @@ def parameter_in_words(key: str) -> str:
 def parameter_quantity(axis: Axis) -> tuple[Quantity, float]:
     """What an axis of a parameter shows, and how many of its units one SI unit is."""
     return _quantity(parameter_in_words(axis.key), axis.unit if axis.column.kind == "float" else "")
+
+
+def value_in_words(axis: Axis, value: Any) -> str:
+    """A `value` of a parameter of `axis` as people read it: ``70.1 deg``, ``rod``."""
+    if isinstance(value, str | bool):
+        return _VALUES.get(str(value)) or in_words(str(value))
+    unit, factor = reading_unit(axis.unit)
+    return f"{factor * value:.3g} {unit_in_words(unit)}".strip()
 
 
 def _quantity(words: str, unit: str) -> tuple[Quantity, float]:

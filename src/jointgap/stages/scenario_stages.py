@@ -517,6 +517,52 @@ def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
 
 
 @SCENARIO_STAGES.stage(
+    files=("summary.md", "summary.html", "nearest_scenario.yaml"), sections=(*_MOTION, "sweep", "infer_settings")
+)
+def infer_settings(scenario: "Scenario", designs: Path, folder: Path) -> str:
+    """Tell for which settings, of those that the paper does not print, its printed numbers come out.
+
+    Reads the designs that `jointgap sweep` simulated with `sweep.printed_numbers`, and weighs each by how near its
+    numbers come to the paper's: which come out alone and together, how likely that makes each value of each setting,
+    and which settings are nearest to all. Trains the paper's networks at some of them. The section `infer_settings` of
+    the scenario says how near is near.
+
+    Writes summary.html and summary.md, four tables, figures, and the nearest settings as a scenario to run.
+
+    \b
+    Example:
+      cat > mine.yaml <<END
+      mechanism: config/mechanisms/erkaya2009.yaml
+      simulate: {revolutions: 1, samples_per_revolution: 1800, tolerance: 1e-9 m}
+      sweep:
+        printed_numbers: true
+        parameters: {friction: {from: 0, to: 0.3}, window_start: {from: 0 deg, to: 90 deg}}
+      END
+      jointgap sweep --options mine.yaml --folder results/mine/sweep
+      jointgap infer-settings --options mine.yaml --designs results/mine/sweep/designs \\
+        --folder results/mine/infer_settings
+
+    Parameters
+    ----------
+    scenario : Scenario
+    designs : Path
+        Folder of the sweep's designs.
+    folder : Path
+        To write into.
+    """
+    from jointgap.designs.design_of_experiments import designs_of
+    from jointgap.designs.designs_to_parquet import check_dataset
+    from jointgap.paper_settings.infer_settings import check_infer_settings, inferred
+    from jointgap.paper_settings.infer_settings_results import write_results
+    from jointgap.paper_settings.train_networks import train_networks
+
+    check_infer_settings(scenario)
+    check_dataset(designs_of(scenario), designs)
+    found = inferred(scenario, designs)
+    return write_results(found, train_networks(found), scenario, folder)
+
+
+@SCENARIO_STAGES.stage(
     writes=(ROBUST_LENGTHS, ROBUST_GAINS, ROBUST_CONSTRAINTS, ROBUST_CANDIDATES),
     files=(ROBUST_FRESH_PATH, "optimise_robust/summary.md", "optimise_robust/summary.html"),
     sections=(*_MOTION, "optimise", "optimise_robust"),

@@ -13,6 +13,7 @@ from jointgap.tables.columns import Column, Table
 from jointgap.tables.compare_tables import *
 from jointgap.tables.ensemble_tables import *
 from jointgap.tables.figures_tables import *
+from jointgap.tables.infer_settings_tables import *
 from jointgap.tables.kinematics_tables import *
 from jointgap.tables.naming_tables import *
 from jointgap.tables.optimise_tables import *
