@@ -220,3 +220,21 @@ def test_a_run_that_was_killed_holds_up_no_other(slow_workflow):
     again = started(slow_workflow, *BY_MAKE)
     said = again.communicate(timeout=60)[0]
     assert "waiting" not in said and (slow_workflow / "report.html").exists(), said
+
+
+@pytest.mark.parametrize("address", ["http://127.0.0.1:9", "nowhere://x"])
+def test_a_store_that_does_not_answer_ends_a_run_before_its_first_job(tmp_path, address):
+    rules = ROOT / "workflow" / "rules"
+    (tmp_path / "Snakefile").write_text(
+        f"include: {str(rules / 'run_lock.smk')!r}\n"
+        f"include: {str(rules / 'before_any_job.smk')!r}\n"
+        "rule track:\n    input: 'table'\n    output: 'published'\n    resources: mlflow_store=1\n"
+        "    shell: 'touch {output}'\n"
+        "rule simulate:\n    output: 'table'\n    shell: 'touch {output}'\n"
+    )
+    asked = {"cwd": tmp_path, "env": environment() | {"MLFLOW_TRACKING_URI": address}, "check": False}
+    refused = subprocess.run(["snakemake", "--cores", "1"], capture_output=True, text=True, **asked)
+    assert refused.returncode != 0 and "jointgap: error: MLflow store" in refused.stderr
+    assert "unset MLFLOW_TRACKING_URI" in refused.stderr and not (tmp_path / "table").exists()
+    # who publishes nothing needs no store
+    assert subprocess.run(["snakemake", "--cores", "1", "--quiet", "all", "table"], **asked).returncode == 0

@@ -1,7 +1,7 @@
 """Publishes finished tables to MLflow. Only `mlflow_store` talks to it; `sqlite_store` makes the default store.
 
-`publish.publish` is the stage, `dashboard.addresses` finds what to compare, `network_files.load` brings a published
-network back.
+`publish.publish` is the stage of a scenario; `sweep_runs` says what the run of a sweep holds; `store_lock` lets one
+writer in at a time; `dashboard.addresses` finds what to compare, `network_files.load` brings a published network back.
 """
 
 import os
