@@ -20,9 +20,10 @@ _WORDS = {
     "window_end": "end of the window",
     "error_measure": "measure of the error",
     "revolution": "revolution counted",
-    "stiffness": "stiffness of the contacts, in N/m^exponent",
+    "stiffness": "stiffness of the contacts",
 }
 _VALUES = {"rms": "RMS"}
+_UNITS = {"stiffness": "N/m^exponent"}  # it has no SI unit of its own: that depends on the exponent
 _LEFT_OUT = ("mechanism", "simulate", "joints", "contact")
 """Parts of a path that say nothing that its other parts do not."""
 
@@ -45,7 +46,8 @@ def parameter_in_words(key: str) -> str:
 
 def parameter_quantity(axis: Axis) -> tuple[Quantity, float]:
     """What an axis of a parameter shows, and how many of its units one SI unit is."""
-    return _quantity(parameter_in_words(axis.key), axis.unit if axis.column.kind == "float" else "")
+    unit = _UNITS.get(axis.key, axis.unit)
+    return _quantity(parameter_in_words(axis.key), unit if axis.column.kind == "float" else "")
 
 
 def value_in_words(axis: Axis, value: Any) -> str:
@@ -53,7 +55,8 @@ def value_in_words(axis: Axis, value: Any) -> str:
     if isinstance(value, str | bool):
         return _VALUES.get(str(value)) or in_words(str(value))
     unit, factor = reading_unit(axis.unit)
-    return f"{factor * value:.3g} {unit_in_words(unit)}".strip()
+    number = f"{factor * value:.3g}".replace("e+0", "e").replace("e+", "e")
+    return f"{number} {unit_in_words(unit)}".strip()
 
 
 def _quantity(words: str, unit: str) -> tuple[Quantity, float]:

@@ -269,8 +269,11 @@ def _number_row(one: PrintedNumber, frame: pd.DataFrame, out: np.ndarray) -> dic
 
 
 def edges_of(axis: Axis) -> np.ndarray:
-    """Ends (BINS + 1,) of the bins of a range [SI], each as likely before; of a tolerance without ends far out."""
-    return axis.law.ppf(np.clip(np.linspace(0.0, 1.0, BINS + 1), 1e-12, 1.0 - 1e-12))
+    """Ends (BINS + 1,) of the bins of a range of an `axis` [SI], each as likely before; of a tolerance without ends the
+    outer ones lie beyond all designs.
+    """
+    edges = axis.law.ppf(np.linspace(0.0, 1.0, BINS + 1))
+    return np.where(np.isfinite(edges), edges, axis.law.ppf(np.clip(np.linspace(0.0, 1.0, BINS + 1), 1e-12, 1 - 1e-12)))
 
 
 def place_of(axis: Axis, own: np.ndarray) -> np.ndarray:

@@ -41,19 +41,21 @@ def _numbers(found: InferredSettings) -> Drawing:
     )
     panel.axes.set_ylabel(textwrap.fill(panel.y.label, 34))
     frame = found.frame
-    for series, colour, shown in (
-        ("design", "sky", ~frame["together"].to_numpy()),
-        ("all printed numbers come out", "crank pin", frame["together"].to_numpy()),
+    for series, colour, shown, size in (
+        ("design", "sky", ~frame["together"].to_numpy(), _DOT),
+        ("all printed numbers come out", "crank pin", frame["together"].to_numpy(), 2.0 * _DOT),
     ):
         part = frame[shown]
         values = part[ratio.column].to_numpy(), 100.0 * part[reduction.column].to_numpy()
-        panel.marks(series, *values, colour, markersize=_DOT, markeredgewidth=0.0)
+        panel.marks(series, *values, colour, markersize=size, markeredgewidth=0.0)
     within = found.options.within
     panel.marks(
         f"printed, and {100 * within:g} % to each side",
         [ratio.printed],
         [100.0 * reduction.printed],
         "network",
+        marker="s",
+        fillstyle="none",
         low=[100.0 * (reduction.printed - within * reduction.scale)],
         high=[100.0 * (reduction.printed + within * reduction.scale)],
     )
@@ -77,7 +79,10 @@ def _posterior(found: InferredSettings) -> Drawing:
     columns = min(_IN_A_ROW, len(axes))
     rows = -(-len(axes) // columns)
     sheet = Sheet(0.5 + 1.9 * rows, rows, columns)
-    highest = 100.0 * found.settings["posterior_high"].max()
+    ranges = found.settings["value"].isna()
+    highest = {
+        is_list: 105.0 * found.settings.loc[ranges != is_list, "posterior_high"].max() for is_list in (True, False)
+    }
     for number, axis in enumerate(axes):
         own = found.settings[found.settings["setting"] == axis.key]
         quantity, _ = parameter_quantity(axis)
@@ -93,15 +98,19 @@ def _posterior(found: InferredSettings) -> Drawing:
         panel.marks("posterior, 90 % interval", places, after, "simulation", low=low, high=high, labels=names)
         panel.marks("drawn", places, prior, "ideal", marker="_", markersize=13.0, labels=names)
         _ticks(panel, "x", axis)
-        panel.axes.set_ylim(0.0, 1.05 * highest)
+        panel.axes.set_ylim(0.0, highest[axis.values is not None])
+        panel.axes.set_xlabel(textwrap.fill(quantity.label, 30))
     sheet.legend()
     return sheet.drawing()
 
 
 def _map(found: InferredSettings) -> Drawing:
-    """Over the two settings of which the numbers tell most, the share of designs in which they come out."""
+    """Over the two settings of which the numbers tell most, ranges before lists, the share of designs in which they
+    come out.
+    """
     by_key = {axis.key: axis for axis in found.varied}
-    across, up = (by_key[key] for key in [key for key in found.moved.index if key in by_key][:2])
+    ranked = [by_key[key] for key in found.moved.index]
+    across, up = sorted(ranked, key=lambda axis: axis.values is not None)[:2]
     off = {
         "error falls: 14.98, 14.80, 13.72 %": np.all(
             [np.abs(_departure(found, one)) <= found.options.within for one in NUMBERS[:-1]], axis=0
@@ -158,6 +167,6 @@ def _ticks(panel: Panel, side: str, axis: Axis) -> None:
     else:
         factor = parameter_quantity(axis)[1]
         edges = factor * edges_of(axis)[:: BINS // 4]
-        texts = [tick_label(float(f"{value:.2g}"), 0) for value in edges]
+        texts = [tick_label(float(f"{value:.3g}"), 0) for value in edges]
         shown.set_ticks(np.arange(0, BINS + 1, BINS // 4) - 0.5, texts)
     shown.set_tick_params(labelsize=7)

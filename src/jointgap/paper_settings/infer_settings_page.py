@@ -82,7 +82,7 @@ def _told(found: InferredSettings) -> str:
     silent = [parameter_in_words(key) for key in by_key if key not in tells]
     if not tells:
         return "The printed numbers tell nothing of any setting."
-    text = "What the paper most likely used: "
+    text = "What the paper most likely used, as far as its program did what this simulation does: "
     text += "; ".join(f"{parameter_in_words(key)}: {_likeliest(found, by_key[key])}" for key in tells) + "."
     if silent:
         text += f" The printed numbers tell nothing of: {joined(silent)}."
@@ -162,11 +162,10 @@ def _settings(found: InferredSettings) -> list:
         ),
     ]
     if len(found.varied) > 1:
-        two = joined(parameter_in_words(key) for key in moved.index[:2])
         blocks.append(
             FigureBlock(
                 MAP,
-                f"Where the printed numbers come out: {two}",
+                "Where the printed numbers come out, over the two ranges of which they tell most",
                 "Share of the designs in each field, whatever their other settings; white: half of the largest share.",
             )
         )
