@@ -95,13 +95,15 @@ def test_the_overview_lists_scenarios_in_their_order_and_families_by_count(scena
     optima = {"point": ["networks_paper_genetic"], "crank_length": 0.149, "rod_length": 0.564, "rms_reduction": 0.1}
     frames = {"fit_errors": pd.DataFrame(errors), "optimise_optima": pd.DataFrame(optima)}
     frames["optimise_resimulated"] = resimulated()
+    kinds = {"kind": ["number", "number", "number", "claim"], "verdict": ["agrees", "differs", "reached", "holds"]}
+    frames["comparison"] = pd.DataFrame(kinds)
     names = ("three_loose", "paper", "motor", "loose_crank_pin")
     found = overview.overview({name: (frames, scenarios[name]) for name in names})
     tables.to_arrow(tables.OVERVIEW, found)
     assert tuple(found["scenario"]) == names
     assert tuple(found["family"]) == ("three_loose", "three_loose", "motor", "three_loose")
     text = to_markdown(overview.page(found))
-    assert "| 1 of 1 | 0 of 1 | 0 of 1 |" in text
+    assert "| 1 of 1 | 0 of 1 | 0 of 1 | 1 of 2 |" in text
     assert text.startswith(
         "# The scenarios side by side: In 4 scenarios the RMS error of the transmission angle falls by 10"
     )

@@ -21,7 +21,7 @@ class InferSettings(Section):
         "as such a share: for the posterior",
     )
     trained: count(1000, "the eight networks of each take ten seconds", least=0) = Field(
-        16,
+        8,
         description="designs at which the paper's networks are trained: so many of the nearest, and as many drawn at "
         "random; 0: none",
     )

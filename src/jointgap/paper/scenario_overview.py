@@ -15,7 +15,7 @@ from jointgap.paper.looseness_variants import VariantOptimum, conclusion, loosen
 from jointgap.report.page import Block, FigureBlock, Heading, Link, Page, Paragraph, TableBlock, written_today
 from jointgap.report.plain_words import fall_in_percent
 
-NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated")
+NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "comparison")
 
 Loaded = Mapping[str, tuple[Mapping[str, pd.DataFrame], Scenario]]
 """By scenario: its tables `NEEDED` by name, and its configuration."""
@@ -35,8 +35,9 @@ HEADS = (
     "training MSE reached",
     "held-out MSE reached",
     "second surrogate, held out",
+    "other printed numbers that agree",
 )
-_ALIGN = "lllrrrrrrrrrrr"
+_ALIGN = "lllrrrrrrrrrrrr"
 _FIGURE = "resimulation"
 TITLE = "The scenarios side by side"
 TEXT = (
@@ -44,7 +45,8 @@ TEXT = (
     "the transmission angle at the lengths that the genetic algorithm finds on the networks (main box), against the "
     "original lengths: with the clearance motion frozen, and simulated again with the new lengths (median, 5-95 % of "
     "an ensemble of perturbed starts) over the window and over a whole settled revolution. Training and held-out "
-    "errors: how many of the outputs are at or below the paper's training errors, of those for which it has one."
+    "errors: how many of the outputs are at or below the paper's training errors, of those for which it has one. Last: "
+    "how many of the numbers that it prints besides come out."
 )
 COUNT_HEADS = (
     "loose joints",
@@ -82,6 +84,7 @@ def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> d
     judged = errors[(errors["region"] == "all") & errors["paper_mse"].notna()]
     networks = judged[(judged["model"] == "network") & (judged["seed"] == scenario.surrogate.seeds[0])]
     second = judged[judged["model"] == "clearance"]
+    verdicts = frames["comparison"].query("kind == 'number'")["verdict"]
     point = f"networks_{next(iter(scenario.optimise.boxes))}_genetic"
     optima = frames["optimise_optima"]
     best = optima[optima["point"] == point].iloc[0]
@@ -105,6 +108,8 @@ def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> d
         "training_reached": int((networks["training_mse"] <= networks["paper_mse"]).sum()),
         "held_out_reached": int((networks["held_out_mse"] <= networks["paper_mse"]).sum()),
         "second_reached": int((second["held_out_mse"] <= second["paper_mse"]).sum()),
+        "printed": int(verdicts.isin(("agrees", "differs")).sum()),
+        "printed_agree": int((verdicts == "agrees").sum()),
         "crank_length": best["crank_length"],
         "rod_length": best["rod_length"],
         "networks_reduction": best["rms_reduction"],
@@ -131,6 +136,7 @@ def _cells(table: pd.DataFrame) -> Iterator[tuple[str | Link, ...]]:
                 f"{count} of {row.judged}" if row.judged else "–"
                 for count in (row.training_reached, row.held_out_reached, row.second_reached)
             ),
+            f"{row.printed_agree} of {row.printed}" if row.printed else "–",
         )
 
 

@@ -298,7 +298,7 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
     tables.write(OVERVIEW, result, folder / OVERVIEW.path)
 
 
-@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=("description", *_OPTIMUM))
+@SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
 def report(
     scenarios: Mapping[str, "ScenarioResults"],
     campaigns: Sequence[str],

@@ -43,6 +43,8 @@ OVERVIEW = Table(
         Column("training_reached", "1", "networks of these whose training MSE is at or below the paper's", "int"),
         Column("held_out_reached", "1", "networks of these whose held-out MSE is at or below the paper's", "int"),
         Column("second_reached", "1", "of these, outputs whose held-out MSE, second surrogate, is so", "int"),
+        Column("printed", "1", "numbers besides that the paper prints and that are held against ours", "int"),
+        Column("printed_agree", "1", "of these, how many agree", "int"),
         Column("crank_length", "m", "L2 that the genetic algorithm finds on the networks, main box"),
         Column("rod_length", "m", "L3 there"),
         Column("networks_reduction", "1", "RMS reduction over the window, clearance motion frozen, from the networks"),
