@@ -38,7 +38,7 @@ def made_of_sweeps():
     check_inferences()
     tracked = [name for name in SCENARIOS if made_to_track(name)]
     made = [path for name in tracked for path in (*made_to_track(name), *tracked_of_sweep(name))]
-    made += [path for name in SCENARIOS for path in made_networks(name)]
+    made += [path for name in SCENARIOS for path in (*made_networks(name), *made_compared(name))]
     if not made:
         refuse("sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml")
     return made

@@ -82,6 +82,7 @@ _OPTIONS = {
     ),
     "optimise-robust": (workers_option,),
     "design-networks": (workers_option,),
+    "compare-searches": (workers_option,),
     "sweep": (
         need("--folder", "Folder to write designs/, summary.md and summary.html to.", FOLDER),
         workers_option,

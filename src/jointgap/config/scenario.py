@@ -21,7 +21,7 @@ from pydantic import (
 from jointgap.config.infer_settings_config import InferSettings
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.names import Word
-from jointgap.config.networks_config import DesignNetworks
+from jointgap.config.networks_config import CompareSearches, DesignNetworks
 from jointgap.config.robust_config import OptimiseRobust
 from jointgap.config.sensitivity_config import Sensitivity
 from jointgap.config.sweep_config import Sweep
@@ -537,6 +537,7 @@ class Scenario(Section):
     infer_settings: InferSettings | None = None
     optimise_robust: OptimiseRobust = OptimiseRobust()
     design_networks: DesignNetworks = DesignNetworks()
+    compare_searches: CompareSearches | None = None
 
     @model_validator(mode="after")
     def _the_mechanism_can_be_simulated_so(self):
@@ -641,6 +642,7 @@ SECTIONS = {
     "infer-settings": ("mechanism", "simulate", "sweep", "infer_settings"),
     "optimise-robust": ("mechanism", "simulate", "optimise", "optimise_robust"),
     "design-networks": ("mechanism", "simulate", "optimise", "design_networks"),
+    "compare-searches": ("mechanism", "simulate", "optimise", "design_networks", "compare_searches"),
     "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),
     "track-sweep": (
         *("description", "mechanism", "simulate", "sweep", "sensitivity"),

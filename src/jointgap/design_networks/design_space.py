@@ -18,6 +18,7 @@ from jointgap.robust_lengths.uncertain_draws import LENGTHS, OF_THE_COMPUTATION,
 SOURCE = "design_networks.parameters"
 """What errors call the place where a parameter stands."""
 
+_AT_ONCE = 64  # designs whose values are worked out together
 _TRIED = 64
 """Designs of which one at least has to be possible."""
 
@@ -83,8 +84,9 @@ class DesignSpace:
         """Designs that fill the ranges evenly, the beginning of a scrambled Sobol sequence of `seed`; those of the
         first `number` that are possible.
         """
-        sequence = Designs(self.base, self.axes, "sobol", number, seed, (0.0, 2.0 * np.pi))
-        return self._possible(sequence.values(0, number))
+        sequence = self._sequence(number, seed)
+        for first in range(0, number, _AT_ONCE):
+            yield from self._possible(sequence.values(first, min(_AT_ONCE, number - first)))
 
     def fresh(self, number: int, seed: list[int]) -> Iterator[Design]:
         """Designs each independent of the others, of the `number` that a generator with `seed` draws those that are
@@ -118,9 +120,12 @@ class DesignSpace:
 
     def check(self) -> None:
         """InputError where none of the first designs is possible, that of the first."""
-        sequence = Designs(self.base, self.axes, "sobol", _TRIED, 0, (0.0, 2.0 * np.pi)).values(0, _TRIED)
-        if next(self._possible(sequence), None) is None:
-            self._design(sequence[0])
+        values = self._sequence(_TRIED, 0).values(0, _TRIED)
+        if next(self._possible(values), None) is None:
+            self._design(values[0])
+
+    def _sequence(self, number: int, seed: int) -> Designs:
+        return Designs(self.base, self.axes, "sobol", number, seed, (0.0, 2.0 * np.pi))
 
 
 def _standard(axis: Axis, values: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ class NetworkSettings:
     harmonics: int = 60
     lift_weight: float = 1.0
     history: int = 20
-    steps_at_once: int = 10
+    steps_at_once: int = 5
     first_outputs: float = 0.1
 
 

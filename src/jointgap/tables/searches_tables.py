@@ -52,3 +52,108 @@ DESIGN_NETWORKS_TRAINING = Table(
     ),
     path="design_networks/training.parquet",
 )
+
+_WAY = Column(
+    "way",
+    "",
+    "frozen (motion of the original lengths), networks, surrogate (of the error), simulation (CMA-ES on it)",
+    "category",
+)
+_BUDGET = Column(
+    "budget", "s", "CPU time allowed for each optimum; null where a way takes what it needs", nullable=True
+)
+_REPETITION = Column("repetition", "1", "from 0", "int")
+_OPTIMUM = Column("optimum", "1", "number of the design whose best lengths are wanted, from 0", "int")
+
+
+def _over_repetitions(name: str, unit: str, description: str) -> tuple[Column, ...]:
+    return (
+        Column(name, unit, f"{description}: mean over the repetitions"),
+        Column(f"{name}_low", unit, f"{description}: smallest of the repetitions"),
+        Column(f"{name}_high", unit, f"{description}: largest of the repetitions"),
+    )
+
+
+COMPARE_SEARCHES_OPTIMA = Table(
+    "compare_searches_optima",
+    "Every optimum that a way found, simulated again",
+    (
+        _WAY,
+        _REPETITION,
+        _BUDGET,
+        _OPTIMUM,
+        _CRANK,
+        _ROD,
+        Column("search_time", "s", "CPU time of this search"),
+        Column(
+            "learning_time", "s", "CPU time of simulating what was learned from, and of the training; of all optima"
+        ),
+        Column("cpu_time", "s", "CPU time for this optimum, the learning shared among all"),
+        Column("simulations", "1", "of this search, or of what was learned from for all optima", "int"),
+        Column("error", "rad", "simulated RMS error of the transmission angle"),
+        Column("original_error", "rad", "the same with the original lengths"),
+        Column("gain", "1", "by which share the error falls; negative where it grows"),
+    ),
+    path="compare_searches/optima.parquet",
+)
+
+COMPARE_SEARCHES_WANTED = Table(
+    "compare_searches_wanted",
+    "The designs whose best lengths are wanted",
+    (
+        _OPTIMUM,
+        Column("parameter", "", "word or path, as in design_networks.parameters", "text"),
+        Column("value", "1", "in SI"),
+    ),
+    path="compare_searches/wanted.parquet",
+)
+
+COMPARE_SEARCHES_SUMMARY = Table(
+    "compare_searches_summary",
+    "The four ways at each budget",
+    (
+        _WAY,
+        _BUDGET,
+        *_over_repetitions("gain", "1", "share by which the error falls, mean over the optima"),
+        *_over_repetitions("share", "1", "the same as a share of the largest gain that any way found of an optimum"),
+        *_over_repetitions("cpu_time", "s", "CPU time for each optimum"),
+        *_over_repetitions("missed", "rad", "RMS of predicted less simulated error on held-out designs"),
+        Column("simulations", "1", "for each optimum, what was learned from shared among all"),
+    ),
+    path="compare_searches/summary.parquet",
+)
+
+COMPARE_SEARCHES_PROGRESS = Table(
+    "compare_searches_progress",
+    "Searches by simulation, generation by generation",
+    (
+        _REPETITION,
+        _OPTIMUM,
+        Column("simulations", "1", "so far", "int"),
+        Column("cpu_time", "s", "so far"),
+        Column("error", "rad", "smallest so far"),
+        Column("gain", "1", "by which share the error falls"),
+    ),
+    path="compare_searches/progress.parquet",
+)
+
+COMPARE_SEARCHES_BREAK_EVEN = Table(
+    "compare_searches_break_even",
+    "From which cost of a simulation on networks and surrogates are the cheaper way to the same gain",
+    (
+        _WAY,
+        _BUDGET,
+        _REPETITION,
+        Column("against", "", "the way that it is held against: simulation or frozen", "category"),
+        Column("optima", "1", "how many share what was learned", "int"),
+        Column("gain", "1", "mean gain"),
+        Column(
+            "simulations",
+            "1",
+            "for each optimum that the other way takes to that gain; null where it never does",
+            nullable=True,
+        ),
+        Column("cost", "s", "CPU time of a simulation from which on it pays; 0 at any, null at none", nullable=True),
+    ),
+    path="compare_searches/break_even.parquet",
+)
