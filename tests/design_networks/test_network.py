@@ -9,7 +9,8 @@ from jointgap.design_networks.settings import NetworkSettings
 from jointgap.design_networks.settled_motion import SettledMotion
 from jointgap.design_networks.train_network import train
 from jointgap.dynamics import simulate
-from tests.design_networks.spaces import scenario
+from tests.design_networks.spaces import MADE, scenario
+from tests.dynamics.cases import ALL, mechanism
 
 POINTS = 72
 SMALL = NetworkSettings(points=POINTS, harmonics=3)
@@ -32,7 +33,9 @@ def made_up(motion, designs):
     return np.array(found)
 
 
-def test_a_simulated_motion_converts_exactly_to_the_transmission_angle_and_its_error(motion):
+@pytest.mark.parametrize("made", [MADE, mechanism(loose=ALL, friction=0.1, offset=0.02)], ids=["pins", "all loose"])
+def test_a_simulated_motion_converts_exactly_to_the_transmission_angle_and_its_error(made):
+    motion = SettledMotion(design_space(scenario(made=made)), POINTS)
     design = next(motion.space.fresh(1, [3]))
     (vectors,) = motion.simulated([design])
     alone = simulate(design.mechanism, design.simulate).samples.iloc[360:-1:5]
@@ -40,7 +43,8 @@ def test_a_simulated_motion_converts_exactly_to_the_transmission_angle_and_its_e
     np.testing.assert_allclose(alone["crank_angle"], motion.crank_angle, rtol=1e-12)
     np.testing.assert_allclose(angle, alone["transmission_angle"], atol=1e-9)
     crank, rod = motion.space.original
-    designed = np.pi / 2 - np.arcsin(crank * np.sin(motion.crank_angle) / rod)
+    offset = made.slider.offset
+    designed = np.pi / 2 + np.arcsin((offset - crank * np.sin(motion.crank_angle)) / rod)
     error = np.sqrt(np.mean((designed - alone["transmission_angle"]) ** 2))
     assert motion.error(design, np.array([design.lengths]), motion.lift(vectors))[0] == pytest.approx(error, rel=1e-6)
 

@@ -7,7 +7,7 @@ def made_compared(name):
         return []
     from jointgap.config import Scenario
     from jointgap.config.load import validate
-    from jointgap.length_searches.compare_searches import check_searches  # loads scipy
+    from jointgap.length_searches.check_searches import check_searches  # loads scipy
 
     try:
         # As its job reads them: sections that are left to their defaults have to go with the others too.

@@ -14,12 +14,13 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.design_networks.design_space import Design, DesignSpace, design_space
+from jointgap.design_networks.design_space import Design, DesignSpace
 from jointgap.design_networks.held_out_errors import HeldOut, held_out
 from jointgap.design_networks.settings import SETTINGS as OF_NETWORKS
 from jointgap.design_networks.settled_motion import SettledMotion
 from jointgap.design_networks.train_network import train
 from jointgap.errors import InputError
+from jointgap.length_searches.check_searches import check_searches
 from jointgap.length_searches.cma_search import cma_search
 from jointgap.length_searches.error_surrogate import train_surrogate
 from jointgap.length_searches.learned_search import learned_search
@@ -73,22 +74,6 @@ class Compared:
             for key, value in design.values.items()
         ]
         return pd.DataFrame(rows, columns=["optimum", "parameter", "value"])
-
-
-def check_searches(scenario: Scenario) -> DesignSpace:
-    """Whether the searches of a `scenario` can be compared at all.
-
-    Raises
-    ------
-    InputError
-        From what varies; a constraint on a force, which three of the four ways do not know.
-    """
-    if scenario.optimise.constraints.largest_pin_force is not None:
-        raise InputError(
-            "compare_searches: optimise.constraints.largest_pin_force cannot be kept, for networks, surrogate and "
-            "frozen motion know no forces; leave it out"
-        )
-    return design_space(scenario)
 
 
 def compare_searches(

@@ -1,0 +1,21 @@
+"""Whether searches can be compared at all: before anything is simulated, and without the packages that learn."""
+
+from jointgap.config import Scenario
+from jointgap.design_networks.design_space import DesignSpace, design_space
+from jointgap.errors import InputError
+
+
+def check_searches(scenario: Scenario) -> DesignSpace:
+    """Whether the searches of a `scenario` can be compared at all.
+
+    Raises
+    ------
+    InputError
+        From what varies; a constraint on a force, which three of the four ways do not know.
+    """
+    if scenario.optimise.constraints.largest_pin_force is not None:
+        raise InputError(
+            "compare_searches: optimise.constraints.largest_pin_force cannot be kept, for networks, surrogate and "
+            "frozen motion know no forces; leave it out"
+        )
+    return design_space(scenario)
