@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run smoke study sweep paper campaign blind report test test-slow test-wheel lint docs bench drill dashboard clean set-up
+.PHONY: help run smoke study sweep paper campaign blind report test test-slow test-cluster test-wheel lint docs bench drill dashboard clean set-up
 
 PROFILE ?= local
 SET ?= published
@@ -66,6 +66,11 @@ test-slow: ## the slow tests
 	@scripts/set-up test peers
 	@scripts/get-browser
 	@scripts/in-venv python -m pytest -m slow $(ARGS)
+
+test-cluster: ## the tests on a SLURM and a PostgreSQL of their own; as root it installs these packages
+	@scripts/set-up test peers cluster
+	@scripts/get-services
+	@scripts/in-venv python -m pytest -m cluster -n 0 $(ARGS)
 
 test-wheel: ## build the wheel, and test it installed without extras in a folder of its own
 	@scripts/set-up test

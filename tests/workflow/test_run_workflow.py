@@ -149,16 +149,17 @@ def test_the_path_of_a_campaign_reaches_the_configuration_as_it_is_written(tmp_p
     assert not (tmp_path / "made").exists()
 
 
+BEFORE_ANY_JOB = "".join(
+    f"include: {str(ROOT / 'workflow' / 'rules' / name)!r}\n"
+    for name in ("run_lock.smk", "slurm.smk", "before_any_job.smk")
+)
+
+
 @pytest.fixture
 def slow_workflow(tmp_path) -> Path:
     """A folder with a workflow of one job that goes on until there is a file `end`, and notes when it begins, ends."""
-    rules = ROOT / "workflow" / "rules"
     job = "echo begins >> noted; until [ -e end ]; do sleep 0.05; done; echo ends >> noted; touch {output}"
-    (tmp_path / "Snakefile").write_text(
-        f"include: {str(rules / 'run_lock.smk')!r}\n"
-        f"include: {str(rules / 'before_any_job.smk')!r}\n"
-        f"rule slow:\n    output: 'report.html'\n    shell: {job!r}\n"
-    )
+    (tmp_path / "Snakefile").write_text(BEFORE_ANY_JOB + f"rule slow:\n    output: 'report.html'\n    shell: {job!r}\n")
     return tmp_path
 
 
@@ -224,11 +225,8 @@ def test_a_run_that_was_killed_holds_up_no_other(slow_workflow):
 
 @pytest.mark.parametrize("address", ["http://127.0.0.1:9", "nowhere://x"])
 def test_a_store_that_does_not_answer_ends_a_run_before_its_first_job(tmp_path, address):
-    rules = ROOT / "workflow" / "rules"
     (tmp_path / "Snakefile").write_text(
-        f"include: {str(rules / 'run_lock.smk')!r}\n"
-        f"include: {str(rules / 'before_any_job.smk')!r}\n"
-        "rule track:\n    input: 'table'\n    output: 'published'\n    resources: mlflow_store=1\n"
+        BEFORE_ANY_JOB + "rule track:\n    input: 'table'\n    output: 'published'\n    resources: mlflow_store=1\n"
         "    shell: 'touch {output}'\n"
         "rule simulate:\n    output: 'table'\n    shell: 'touch {output}'\n"
     )

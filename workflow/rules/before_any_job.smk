@@ -1,4 +1,4 @@
-# Before the first job: nobody else works in the folder, and what is to be published will find its store. Dry runs and the
+# Before the first job: nobody else works in the folder, SLURM takes the jobs, and what is to be published will find its store. Dry runs and the
 # processes of single jobs leave both alone. Snakemake obeys one onstart alone, so there is no other.
 
 import os
@@ -24,4 +24,5 @@ def check_mlflow_store():
 
 onstart:
     hold_run_lock()
+    check_slurm()
     check_mlflow_store()

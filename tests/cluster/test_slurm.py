@@ -1,0 +1,164 @@
+"""The workflow on a real SLURM has the results that it has without, whatever dies; where there is none it says so."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from benchmarks.project import SMOKE_REPORT
+from tests.cluster.conftest import dataset, services, workflow
+
+pytestmark = [pytest.mark.cluster, pytest.mark.xdist_group("slurm")]
+
+SWEPT = ("swept", "--configfile", "sweep.yaml")
+PATIENCE = 300  # seconds until something that has to happen is given up
+
+
+def wait_for(something, run: subprocess.Popen | None = None):
+    """What the function `something` finds, as soon as it finds it; a `run` has to go on meanwhile."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        if found := something():
+            return found
+        assert run is None or run.poll() is None
+        time.sleep(0.05)
+    raise AssertionError(f"nothing within {PATIENCE} s")
+
+
+def processes_with(*words: str) -> list[int]:
+    """Ids of the processes whose command lines have all `words`."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            arguments = (place / "cmdline").read_bytes().decode(errors="replace")
+            folder = os.readlink(place / "cwd")
+        except OSError:  # ended meanwhile
+            continue
+        if all(word in f"{arguments}\0{folder}" for word in words):
+            found.append(int(place.name))
+    return found
+
+
+def simulating(project: Path) -> list[int]:
+    """Ids of the processes that simulate designs of a project."""
+    return processes_with("sweep-designs\0", str(project))
+
+
+def finished(run: subprocess.Popen, project: Path) -> str:
+    """What a run said to its end, which has to be a good one."""
+    code = run.wait(timeout=2 * PATIENCE)
+    said = (project / "said.txt").read_text()
+    assert code == 0, said[-6000:]
+    return said
+
+
+def test_the_smoke_configuration_runs_from_the_simulation_to_the_report(slurm, project):
+    done = slurm.run(project, SMOKE_REPORT, "all", "--configfile", "config/smoke.yaml")
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
+    assert (project / SMOKE_REPORT).stat().st_size > 0
+    assert (project / "results/smoke/comparison.md").stat().st_size > 0
+
+
+def test_a_campaign_comes_to_its_verdict(slurm, project):
+    done = slurm.run(project, "campaigned", "--config", 'campaigns=["config/campaigns/demonstration.yaml"]')
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
+    assert re.search(r"Submitted array job .*\n", done.stderr)
+    verdict = json.loads((project / "results/campaigns/demonstration/verdict.json").read_text())
+    assert verdict["verdict"] == "named"
+
+
+def test_a_sweep_has_the_bytes_that_it_has_on_one_machine_and_goes_in_an_array(slurm, project, swept_here):
+    done = slurm.run(project, *SWEPT)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
+    assert re.search(r"Submitted array job with Snakemake IDs (\d+,){5}\d+ ", done.stderr)
+    assert dataset(project) == swept_here
+
+
+def test_a_killed_and_a_cancelled_job_are_made_again(slurm, project, swept_here):
+    run = slurm.begin(project, *SWEPT)
+    killed = wait_for(lambda: simulating(project), run)[0]
+    os.kill(killed, signal.SIGKILL)
+    running = wait_for(lambda: slurm.says("squeue", "--noheader", "--states=R", "--format=%i").split(), run)
+    slurm.says("scancel", running[-1])
+    said = finished(run, project)
+    assert "Trying to restart job" in said
+    assert dataset(project) == swept_here
+
+
+def test_a_node_that_goes_down_with_its_jobs_and_comes_back_does_them_again(slurm, project, swept_here):
+    run = slurm.begin(project, *SWEPT)
+    wait_for(lambda: simulating(project), run)
+    for process in [*processes_with(f"slurmd\0-f\0{slurm.folder}/"), *simulating(project)]:
+        os.kill(process, signal.SIGKILL)
+    time.sleep(1)
+    slurm.start()
+    finished(run, project)
+    assert dataset(project) == swept_here
+
+
+def test_a_run_that_is_killed_itself_goes_on_when_it_is_called_again(slurm, project, swept_here):
+    run = slurm.begin(project, *SWEPT)
+    wait_for(lambda: dataset(project), run)
+    for process in [*processes_with("snakemake\0swept", str(project)), run.pid]:
+        os.kill(process, signal.SIGKILL)
+    run.wait()
+    slurm.says("scancel", "--user", str(os.geteuid()))
+    wait_for(lambda: not slurm.says("squeue", "--noheader"))
+    before = len(dataset(project))
+    assert 0 < before < len(swept_here)
+    done = slurm.run(project, *SWEPT)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
+    assert dataset(project) == swept_here
+
+
+def test_stopping_slurm_ends_its_jobs_and_daemons(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("s")
+    variables = services("start", folder)
+    subprocess.run(
+        ["bash", "-c", 'eval "$1"; sbatch --wrap "sleep 4321"', "bash", variables], check=True, capture_output=True
+    )
+    wait_for(lambda: processes_with("sleep\x004321"))
+    services("stop", folder)
+    assert not processes_with("sleep\x004321")
+    assert not processes_with(str(folder))
+
+
+def refused(environment, project, *options: str) -> str:
+    """What is said by a run that ends before its first job."""
+    done = subprocess.run(
+        workflow(*SWEPT, *options), cwd=project, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert not dataset(project) and "Traceback" not in done.stdout + done.stderr
+    (error,) = re.findall("error: .*", done.stderr)
+    return error
+
+
+def test_without_the_commands_of_slurm_nothing_is_simulated_and_one_error_says_what_is_missing(without_slurm, project):
+    assert "no sbatch, squeue" in (said := refused(without_slurm, project))
+    assert "apt-get install slurm-client" in said
+
+
+def test_without_a_controller_nothing_is_simulated_and_one_error_says_so(slurm, project, tmp_path):
+    configuration = (slurm.folder / "slurm/slurm.conf").read_text()
+    elsewhere = tmp_path / "slurm.conf"
+    elsewhere.write_text(re.sub("(SlurmctldPort)=.*", r"\1=1", configuration))
+    said = refused(slurm.environment | {"SLURM_CONF": str(elsewhere)}, project)
+    assert "controller does not answer" in said
+
+
+def test_jobs_that_would_wait_for_ever_are_refused(slurm, project):
+    assert "6 jobs of sweep_designs are submitted in arrays, all at once, and jobs allows 3" in refused(
+        slurm.environment, project, "--jobs", "3"
+    )
+
+
+def test_more_jobs_than_an_array_takes_are_refused(slurm, project):
+    few = (project / "sweep.yaml").read_text()
+    (project / "sweep.yaml").write_text(few.replace("number: 46", "number: 1001").replace("per_job: 8", "per_job: 1"))
+    assert "1001 jobs of sweep_designs are more than the 1000" in refused(slurm.environment, project)
