@@ -23,7 +23,7 @@ _WORDS = {
     "stiffness": "stiffness of the contacts",
 }
 _VALUES = {"rms": "RMS"}
-_UNITS = {"stiffness": "N/m^exponent"}  # it has no SI unit of its own: that depends on the exponent
+_UNITS = {"stiffness": "N/mⁿ"}  # it has no SI unit of its own: that depends on the exponent
 _LEFT_OUT = ("mechanism", "simulate", "joints", "contact")
 """Parts of a path that say nothing that its other parts do not."""
 

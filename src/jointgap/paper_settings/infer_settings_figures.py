@@ -4,6 +4,7 @@ import textwrap
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from jointgap.designs.design_of_experiments import Axis
 from jointgap.designs.words_of_designs import parameter_quantity, value_in_words
@@ -134,8 +135,13 @@ def _map(found: InferredSettings) -> Drawing:
         shown = panel.axes.pcolormesh(*(np.arange(size) for size in sizes), value, cmap="viridis", shading="nearest",
                                       vmin=0.0)  # fmt: skip
         if min(sizes) > 1 and np.nanmax(value) > 0.0:
-            panel.axes.contour(x, y, np.nan_to_num(value), levels=[0.5 * np.nanmax(value)], colors="white",
-                               linewidths=1.2)  # fmt: skip
+            # Smoothed: a field holds some hundred designs, and a few of them in which a number comes out.
+            counts = (np.bincount(flat, weights=which, minlength=np.prod(sizes)) for which in (inside, None))
+            numerator, denominator = (
+                gaussian_filter(count.reshape(sizes[::-1]).astype(float), 1.0, mode="nearest") for count in counts
+            )
+            smooth = numerator / denominator
+            panel.axes.contour(x, y, smooth, levels=[0.5 * smooth.max()], colors="white", linewidths=1.2)
         panel.record(title, x.ravel(), y.ravel(), value=value.ravel(), value_quantity="share", value_unit="%")
         panel.axes.grid(False)
         for side, axis in zip("xy", (across, up), strict=True):
@@ -166,7 +172,9 @@ def _ticks(panel: Panel, side: str, axis: Axis) -> None:
         shown.set_ticks(range(len(names)), names)
     else:
         factor = parameter_quantity(axis)[1]
-        edges = factor * edges_of(axis)[:: BINS // 4]
+        edges = factor * edges_of(axis)
+        step = BINS // 4 if edges[-1] < 1e4 else BINS // 2  # powers of ten are wide
+        edges = edges[::step]
         texts = [tick_label(float(f"{value:.3g}"), 0) for value in edges]
-        shown.set_ticks(np.arange(0, BINS + 1, BINS // 4) - 0.5, texts)
+        shown.set_ticks(np.arange(0, BINS + 1, step) - 0.5, texts)
     shown.set_tick_params(labelsize=7)

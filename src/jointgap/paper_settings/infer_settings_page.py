@@ -166,7 +166,8 @@ def _settings(found: InferredSettings) -> list:
             FigureBlock(
                 MAP,
                 "Where the printed numbers come out, over the two ranges of which they tell most",
-                "Share of the designs in each field, whatever their other settings; white: half of the largest share.",
+                "Share of the designs in each field, whatever their other settings. White: half of the largest share, "
+                "smoothed.",
             )
         )
     return blocks
