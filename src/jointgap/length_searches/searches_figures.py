@@ -118,7 +118,7 @@ def _break_even(frame: pd.DataFrame, cost: float) -> Drawing:
             va="bottom", fontsize=8.0, color=style.COLOURS["limit"],
         )  # fmt: skip
         if not panel.axes.get_legend_handles_labels()[0]:
-            panel.axes.text(0.5, 0.75, "pays at no cost", transform=panel.axes.transAxes, ha="center")
+            panel.axes.text(0.5, 0.75, "pays at no cost of a simulation", transform=panel.axes.transAxes, ha="center")
         panel.logarithmic()
         _plain_logarithmic(panel)
         panel.axes.set_xlim(frame["optima"].min(), frame["optima"].max())

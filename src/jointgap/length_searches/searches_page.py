@@ -128,24 +128,26 @@ def _by_budget(summary: pd.DataFrame) -> list[str]:
 
 def _learning(shown: Shown) -> list[str]:
     """From which cost of a simulation on networks pay."""
-    return [_against(shown, SIMULATION), _against(shown, FROZEN)]
+    cost = f"A simulation takes {1e3 * shown.compared.cost:.1f} ms here."
+    return [f"{_against(shown, SIMULATION)} {cost}", _against(shown, FROZEN)]
 
 
 def _against(shown: Shown, against: str) -> str:
-    wanted = shown.scenario.compare_searches.optima
-    told = []
-    for number in dict.fromkeys((wanted, _MANY, int(shown.break_even["optima"].max()))):
-        best = _cheapest(shown.break_even, NETWORKS, against, number)
-        told.append(f"for {number} optima {best}")
-    return (
-        f"Against {_SENTENCE[against]} networks pay {'; '.join(told)}. A simulation takes "
-        f"{1e3 * shown.compared.cost:.1f} ms here."
-    )
+    numbers = sorted({shown.scenario.compare_searches.optima, _MANY, int(shown.break_even["optima"].max())})
+    costs = {number: _cheapest(shown.break_even, NETWORKS, against, number) for number in numbers}
+    told = [f"for {number} optima {costs[number]}" for number in numbers if costs[number]]
+    never = joined(str(number) for number in numbers if not costs[number]).replace(" and ", " or ")
+    words = f"Against {_SENTENCE[against]} networks pay {'; '.join(told)}" if told else ""
+    if never and told:
+        words += f"; for {never} they do not, whatever a simulation costs"
+    elif never:
+        words = f"Against {_SENTENCE[against]} networks do not pay for {never} optima, whatever a simulation costs"
+    return f"{words}."
 
 
 def _cheapest(break_even: pd.DataFrame, way: str, against: str, optima: int) -> str:
     """``from 1.7 ms a simulation on (1.6 to 1.8 ms)`` of the budget that pays first in every repetition whose gain is
-    as good as the largest.
+    as good as the largest; empty where none does.
     """
     rows = break_even[
         (break_even["way"] == way) & (break_even["against"] == against) & (break_even["optima"] == optima)
@@ -156,7 +158,7 @@ def _cheapest(break_even: pd.DataFrame, way: str, against: str, optima: int) -> 
         if of["gain"].mean() >= SETTINGS.as_good * largest and of["cost"].notna().all():
             found.append(1e3 * of["cost"])
     if not found:
-        return "at no cost of a simulation"
+        return ""
     costs = min(found, key=lambda each: each.mean())
     if costs.max() == 0.0:
         return "at any cost of a simulation"
@@ -218,7 +220,8 @@ def _when(shown: Shown) -> str:
         "What is learned once serves any number of optima, and saves simulations. It pays where these are dear, or the "
         "optima many. From which cost of a simulation on, for as much gain (within "
         f"{100 * (1 - SETTINGS.as_good):.0f} %), follows from what was measured: simulations, training and search of "
-        "each way. Where the simulation takes more, all else being equal, learning is the cheaper way."
+        "each way. Where the simulation takes more, all else being equal, learning is the cheaper way. What gains less "
+        "than the frozen motion never pays against it."
     )
 
 
