@@ -35,7 +35,7 @@ def of_campaign_stages(*stages):
     return {
         "stage": stages[0],
         "then": [text for stage in stages[1:] for text in ("--then", stage)],
-        "code": [CAMPAIGN_STAGES[stage].digest for stage in stages],
+        "code": lambda wildcards: [CAMPAIGN_STAGES[stage].digest for stage in stages],
     }
 
 

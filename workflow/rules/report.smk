@@ -28,7 +28,7 @@ rule whole_report:
             *named_options("--scenario", SCENARIOS, "report"),
             *(text for name in CAMPAIGNS for text in ("--campaign", name)),
         ],
-        code=SCENARIO_STAGES["report"].digest,
+        code=digest_of("report"),
         results=subpath(output.report, parent=True),
     message:
         "write {output.report}"
@@ -45,7 +45,7 @@ use rule whole_report as campaign_report with:
         "results/logs/campaign-report.log",
     params:
         shown=[text for name in CAMPAIGNS for text in ("--campaign", name)],
-        code=SCENARIO_STAGES["report"].digest,
+        code=digest_of("report"),
         results=subpath(output.report, parent=True),
 
 
@@ -58,5 +58,5 @@ use rule whole_report as study_report with:
         "results/logs/study-report.log",
     params:
         shown=lambda wildcards: named_options("--study", LOOSE[:1], "study"),
-        code=SCENARIO_STAGES["report"].digest,
+        code=digest_of("report"),
         results=subpath(output.report, parent=True),

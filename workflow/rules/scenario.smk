@@ -220,7 +220,7 @@ rule overview:
         runtime=10,
     params:
         scenarios=lambda wildcards: named_options("--scenario", LOOSE, "overview"),
-        code=SCENARIO_STAGES["overview"].digest,
+        code=digest_of("overview"),
         results=subpath(output.table, parent=True),
     message:
         "all scenarios: put side by side"

@@ -19,7 +19,7 @@ rule sensitivity:
         runtime=30,
     params:
         options=lambda wildcards: options_file(wildcards.scenario, "sensitivity"),
-        code=SCENARIO_STAGES["sensitivity"].digest,
+        code=digest_of("sensitivity"),
         designs=subpath(input[0], parent=True),
         folder=subpath(output[0], parent=True),
     message:

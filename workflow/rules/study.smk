@@ -23,7 +23,7 @@ rule study_points:
         runtime=20,
     params:
         options=lambda wildcards: options_file(wildcards.scenario, "study"),
-        code=SCENARIO_STAGES["study-points"].digest,
+        code=digest_of("study-points"),
         part=lambda wildcards: parts_of_study(wildcards.scenario)[wildcards.part],
     message:
         "{wildcards.scenario}: study, {wildcards.part}"
@@ -54,7 +54,7 @@ rule study:
         runtime=10,
     params:
         options=lambda wildcards: options_file(wildcards.scenario, "study"),
-        code=SCENARIO_STAGES["study"].digest,
+        code=digest_of("study"),
         parts=lambda wildcards, input: [text for part in input for text in ("--points", part)],
         folder=subpath(output.points, parent=True),
     message:

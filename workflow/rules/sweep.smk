@@ -25,7 +25,7 @@ rule sweep_designs:
         runtime=60,
     params:
         options=part_options,
-        code=SCENARIO_STAGES["sweep-designs"].digest,
+        code=digest_of("sweep-designs"),
         part=lambda wildcards: parts_of_sweep(wildcards.scenario)[wildcards.part],
     message:
         "{wildcards.scenario}: sweep, {wildcards.part}"
@@ -50,7 +50,7 @@ rule sweep:
         runtime=10,
     params:
         options=lambda wildcards: options_file(wildcards.scenario, "sweep"),
-        code=SCENARIO_STAGES["sweep"].digest,
+        code=digest_of("sweep"),
         folder=subpath(output[0], parent=True),
     message:
         "{wildcards.scenario}: what the sweep measured"

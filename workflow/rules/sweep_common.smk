@@ -30,7 +30,7 @@ def designs_of_sweep(name):
 @cache
 def parts_of_sweep(name):
     """First design and number of designs of each part, by the part's name."""
-    return parts(designs_of_sweep(name).number, SCENARIOS[name].sweep.designs_per_job)
+    return parts(SCENARIOS[name].sweep.designs, SCENARIOS[name].sweep.designs_per_job)
 
 
 def made_of_sweeps():

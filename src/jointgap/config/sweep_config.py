@@ -147,7 +147,13 @@ class Sweep(Section):
         for key, spec in self.parameters.items():
             if not isinstance(spec, Values) and getattr(spec, "number", None) is None:
                 raise ValueError(f"parameters.{key}: a grid needs a list of values, or from, to and number")
-        size = math.prod(len(s.values) if isinstance(s, Values) else s.number for s in self.parameters.values())
-        if size > MOST_DESIGNS:
-            raise ValueError(f"the grid has {size} combinations, more than {MOST_DESIGNS}; give fewer values")
+        if self.designs > MOST_DESIGNS:
+            raise ValueError(f"the grid has {self.designs} combinations, more than {MOST_DESIGNS}; give fewer values")
         return self
+
+    @property
+    def designs(self) -> int:
+        """How many designs there are."""
+        if self.design != "grid":
+            return self.number
+        return math.prod(len(s.values) if isinstance(s, Values) else s.number for s in self.parameters.values())

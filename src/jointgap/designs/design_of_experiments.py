@@ -164,8 +164,7 @@ def designs_of(scenario: Scenario) -> Designs:
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     check_counting(sweep, base.simulate, SOURCE)
     axes = axes_of(base, sweep.parameters, SOURCE, sweep.design == "grid")
-    number = math.prod(len(axis.values) for axis in axes) if sweep.design == "grid" else sweep.number
-    designs = Designs(base, axes, sweep.design, number, sweep.seed, sweep.window, sweep.printed_numbers)
+    designs = Designs(base, axes, sweep.design, sweep.designs, sweep.seed, sweep.window, sweep.printed_numbers)
     _check_possible(designs)
     return designs
 

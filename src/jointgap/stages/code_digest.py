@@ -11,6 +11,7 @@ from typing import Any
 _ROOT = Path(__file__).parent.parent
 
 
+@cache
 def code_digest(function: Callable[..., Any]) -> str:
     """Twelve hexadecimal digits over what a function of this package runs (jointgap's own code, not its
     dependencies).
