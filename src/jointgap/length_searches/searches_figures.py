@@ -76,7 +76,7 @@ def _gain(summary: pd.DataFrame, progress: pd.DataFrame) -> Drawing:
     right.logarithmic()
     for panel in (left, right):
         _plain_logarithmic(panel)
-    left.axes.set_ylim(bottom=min(0.0, 100.0 * float(summary["gain_low"].min())))
+    left.axes.set_ylim(bottom=min(0.0, 105.0 * float(summary["gain_low"].min())))
     sheet.legend()
     return sheet.drawing()
 

@@ -23,6 +23,7 @@ _SENTENCE = {
     "surrogate": "the surrogate of the error",
     SIMULATION: "the simulation itself",
 }
+_MINUS = str.maketrans("-", "\N{MINUS SIGN}")
 _COUNTS = {2: "two", 3: "three"}
 _MANY = 100
 """Optima for which the verdict says what pays, beside those of the configuration."""
@@ -116,8 +117,8 @@ def _by_budget(summary: pd.DataFrame) -> list[str]:
         best = rows.iloc[0]
         level = (rows["gain"] >= SETTINGS.as_good * best["gain"]) | (rows["gain_high"] >= best["gain_low"])
         told = [
-            f"{_SENTENCE[row['way']]} {100 * row['gain']:.2f} % "
-            f"({_range(100 * row['gain_low'], 100 * row['gain_high'], 2)})"
+            f"{_SENTENCE[row['way']]} {100 * row['gain']:.2f} % ".translate(_MINUS)
+            + f"({_range(100 * row['gain_low'], 100 * row['gain_high'], 2)})"
             for _, row in rows.iterrows()
         ]
         count = int(level.sum())
@@ -167,7 +168,7 @@ def _cheapest(break_even: pd.DataFrame, way: str, against: str, optima: int) -> 
 
 def _range(low: float, high: float, digits: int | None) -> str:
     ends = (_two_digits(end) if digits is None else f"{end:.{digits}f}" for end in (low, high))
-    return " to ".join(ends)
+    return " to ".join(ends).translate(_MINUS)
 
 
 def _two_digits(value: float) -> str:
@@ -198,8 +199,9 @@ def _table(summary: pd.DataFrame) -> TableBlock:
                 "–" if np.isnan(row["budget"]) else f"{row['budget']:g}",
                 f"{row['cpu_time']:.3g}",
                 f"{row['simulations']:.3g}",
-                f"{100 * row['gain']:.2f} ({_range(100 * row['gain_low'], 100 * row['gain_high'], 2)})",
-                f"{100 * row['share']:.1f}",
+                f"{100 * row['gain']:.2f} ".translate(_MINUS)
+                + f"({_range(100 * row['gain_low'], 100 * row['gain_high'], 2)})",
+                f"{100 * row['share']:.1f}".translate(_MINUS),
                 f"{_two_digits(missed[0])} ({_range(missed[1], missed[2], None)})",
             )
         )
@@ -221,7 +223,8 @@ def _when(shown: Shown) -> str:
         "optima many. From which cost of a simulation on, for as much gain (within "
         f"{100 * (1 - SETTINGS.as_good):.0f} %), follows from what was measured: simulations, training and search of "
         "each way. Where the simulation takes more, all else being equal, learning is the cheaper way. What gains less "
-        "than the frozen motion never pays against it."
+        "than the frozen motion never pays against it. 0 stands where the other way did not reach the gain with its "
+        "largest budget."
     )
 
 
