@@ -3,7 +3,8 @@
 ``python -m benchmarks.sweep --designs 100000`` measures the size that the reaches are of; by default it is a hundredth.
 The ratio is of the processor time of the whole to that of the simulations alone, each timed in its thread in the same
 run, so that it holds on a busy machine too; with ``--workflow`` Snakemake's jobs, with all that they load, are held
-against the same simulations. Memory and time are those of processes of their own.
+against the same simulations, with ``--slurm`` 40 jobs on a SLURM of this machine against the sweep without. Memory and
+time are those of processes of their own.
 """
 
 import argparse
@@ -19,12 +20,14 @@ from pathlib import Path
 import yaml
 
 from benchmarks.ensemble import exponent, peak_memory
-from benchmarks.project import ROOT, copy_project, environment, run
+from benchmarks.project import ROOT, copy_project, environment, in_venv, run
+from benchmarks.services import slurm as slurm_of_this_machine
 
 DESIGNS, CORES = 1000, 2
 OF_REACH, REACH_S = 100_000, 600.0
 RATIO, MEMORY, READ_S = 1.15, 1.1, 1.0
 POWER = 1.03
+SLURM_JOBS, SLURM_RATIO = 40, 1.25
 FEW = 1000
 """Designs beside which memory is held, and the fewest that growth is measured with."""
 
@@ -111,7 +114,23 @@ def of_workflow(designs: int, cores: int) -> dict[str, float]:
         return {"wall": time.perf_counter() - began, "processor": spent}
 
 
-def measure(designs: int = DESIGNS, cores: int = CORES, workflow: bool = False) -> list[dict]:
+def of_slurm(designs: int, cores: int, jobs: int = SLURM_JOBS) -> dict[str, float]:
+    """Wall seconds of the same sweep as jobs of a SLURM, so many one-core jobs on a node of so many cores."""
+    with tempfile.TemporaryDirectory() as folder, slurm_of_this_machine(cores) as slurm:
+        place = copy_project(Path(folder) / "project")
+        asked = config(designs)
+        asked["scenarios"]["sweep"]["sweep"] |= {"designs_per_job": -(-designs // jobs)}
+        (place / "sweep.json").write_text(json.dumps(asked))
+        profile = ("--workflow-profile", "workflow/profiles/slurm")
+        command = in_venv("snakemake", "swept", "--configfile", "sweep.json", *profile)
+        began = time.perf_counter()
+        done = subprocess.run(command, cwd=place, env=slurm.environment, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise RuntimeError(done.stderr[-2000:])
+        return {"wall": time.perf_counter() - began}
+
+
+def measure(designs: int = DESIGNS, cores: int = CORES, workflow: bool = False, slurm: bool = False) -> list[dict]:
     """Rows of what, reach, measured, unit and peers."""
 
     def row(what, reach, measured, unit, **peers):
@@ -143,6 +162,11 @@ def measure(designs: int = DESIGNS, cores: int = CORES, workflow: bool = False) 
         rows.append(
             row("make sweep, processor time over the simulations", RATIO, jobs["processor"] / most["alone"], "1")
         )
+    if slurm:
+        queued = of_slurm(designs, cores)["wall"]
+        seconds = {"without SLURM, s": most["wall"], "on SLURM, s": queued}
+        what = f"{designs} designs by {SLURM_JOBS} SLURM jobs on a node of {cores} cores, time over that without"
+        rows.append(row(what, SLURM_RATIO, queued / most["wall"], "1", **seconds))
     return rows
 
 
@@ -151,5 +175,6 @@ if __name__ == "__main__":
     parser.add_argument("--designs", type=int, default=DESIGNS)
     parser.add_argument("--cores", type=int, default=CORES)
     parser.add_argument("--workflow", action="store_true", help="measure the jobs of the workflow too")
+    parser.add_argument("--slurm", action="store_true", help="measure 40 jobs of a SLURM on this machine too")
     for line in measure(**vars(parser.parse_args())):
         print(json.dumps(line))

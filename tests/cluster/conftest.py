@@ -1,16 +1,17 @@
 """A SLURM of one node on this machine, shared by the tests; `make test-cluster` installs its packages."""
 
 import os
-import shutil
+import signal
 import subprocess
-import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
-from benchmarks.project import ROOT, copy_project, environment, in_venv
+from benchmarks import services
+from benchmarks.project import copy_project, environment, in_venv
+from benchmarks.services import Slurm
 
 PROFILE = ("--workflow-profile", "workflow/profiles/slurm", "--slurm-init-seconds-before-status-checks", "2")
 """As PROFILE=slurm has it, but that the jobs are looked at more often."""
@@ -19,11 +20,11 @@ SWEEP = """
 run: [sweep]
 scenarios:
   sweep:
-    description: Few and coarse designs in six parts.
+    description: Few and coarse designs in four parts.
     mechanism: {base: config/mechanisms/erkaya2009.yaml}
     simulate: {revolutions: 2, samples_per_revolution: 360, tolerance: 1e-8 m}
     sweep:
-      number: 46
+      number: 30
       designs_per_job: 8
       parameters:
         clearance: {distribution: log_uniform, from: 0.1 mm, to: 1 mm}
@@ -31,75 +32,45 @@ scenarios:
 """
 
 
-@dataclass(frozen=True)
-class Slurm:
-    """Where a SLURM keeps its files, and what has to be in the environment of who uses it."""
-
-    folder: Path
-    environment: dict[str, str]
-
-    def says(self, *command: str) -> str:
-        """What one of SLURM's commands prints."""
-        done = subprocess.run(command, env=self.environment, capture_output=True, text=True, check=True)
-        return done.stdout
-
-    def start(self) -> None:
-        """Start whichever of its daemons do not run."""
-        services("start", self.folder)
-
-    def run(self, project: Path, target: str, *options: str) -> subprocess.CompletedProcess:
-        """Run the workflow on it to the end."""
-        return subprocess.run(
-            workflow(target, *options),
-            cwd=project,
-            env=self.environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-
-    def begin(self, project: Path, target: str, *options: str) -> subprocess.Popen:
-        """Begin to run the workflow on it, and write what it says to the project's `said.txt`."""
-        with open(project / "said.txt", "w") as said:
-            return subprocess.Popen(
-                workflow(target, *options),
-                cwd=project,
-                env=self.environment,
-                stdout=said,
-                stderr=subprocess.STDOUT,
-            )
-
-
 def workflow(target: str, *options: str) -> list[str]:
     """What `make PROFILE=slurm` does after the set-up."""
     return in_venv("scripts/run-workflow", target, *PROFILE, *options)
 
 
-def services(verb: str, folder: Path) -> str:
-    """What `scripts/services` prints for SLURM; the test fails with what it said where it could not."""
-    done = subprocess.run(
-        [ROOT / "scripts/services", verb, folder, "slurm"], capture_output=True, text=True, check=False
-    )
-    if done.returncode:
-        pytest.fail(done.stderr, pytrace=False)  # names the packages where they are missing
-    return done.stdout
+def run_on(slurm: Slurm, project: Path, target: str, *options: str) -> subprocess.CompletedProcess:
+    """Run the workflow on a SLURM to the end."""
+    command = workflow(target, *options)
+    return subprocess.run(command, cwd=project, env=slurm.environment, capture_output=True, text=True, check=False)
+
+
+@contextmanager
+def begun_on(slurm: Slurm, project: Path, target: str, *options: str) -> Iterator[subprocess.Popen]:
+    """A run of the workflow on a SLURM that goes on meanwhile, and writes what it says to the project's `said.txt`."""
+    with open(project / "said.txt", "w") as said:
+        run = subprocess.Popen(
+            workflow(target, *options),
+            cwd=project,
+            env=slurm.environment,
+            stdout=said,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            yield run
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(run.pid, signal.SIGKILL)
+            run.wait()
 
 
 @pytest.fixture(scope="session")
 def slurm() -> Iterator[Slurm]:
-    """A SLURM that takes jobs; its folder has a short path, since sockets lie in it."""
-    folder = Path(tempfile.mkdtemp(prefix="slurm-"))
-    exported = 'eval "$1"; env --null'
-    variables = subprocess.run(
-        ["bash", "-c", exported, "bash", services("start", folder)],
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    yield Slurm(folder, dict(one.split("=", 1) for one in variables.split("\0") if one))
-    services("stop", folder)
-    shutil.rmtree(folder)
+    """A SLURM that takes jobs; where its packages are missing the test fails with their names."""
+    try:
+        with services.slurm() as started:
+            yield started
+    except services.ServiceError as error:
+        pytest.fail(str(error), pytrace=False)
 
 
 @pytest.fixture
