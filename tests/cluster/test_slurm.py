@@ -102,7 +102,7 @@ def test_a_node_that_goes_down_with_its_jobs_and_comes_back_does_them_again(slur
 
 def test_a_run_that_is_killed_itself_goes_on_when_it_is_called_again(slurm, project, swept_here):
     with begun_on(slurm, project, *SWEPT) as run:
-        wait_for(lambda: dataset(project), run)
+        wait_for(lambda: "Finished jobid" in (project / "said.txt").read_text(), run)
     slurm.says("scancel", "--user", str(os.geteuid()))
     wait_for(lambda: not slurm.says("squeue", "--noheader"))
     assert 0 < len(dataset(project)) < len(swept_here)
