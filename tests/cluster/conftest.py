@@ -32,23 +32,23 @@ scenarios:
 """
 
 
-def workflow(target: str, *options: str) -> list[str]:
-    """What `make PROFILE=slurm` does after the set-up."""
-    return in_venv("scripts/run-workflow", target, *PROFILE, *options)
+def workflow(*asked: str) -> list[str]:
+    """What `make PROFILE=slurm` does after the set-up, asked for targets and then options."""
+    return in_venv("scripts/run-workflow", *asked, *PROFILE)
 
 
-def run_on(slurm: Slurm, project: Path, target: str, *options: str) -> subprocess.CompletedProcess:
+def run_on(slurm: Slurm, project: Path, *asked: str) -> subprocess.CompletedProcess:
     """Run the workflow on a SLURM to the end."""
-    command = workflow(target, *options)
+    command = workflow(*asked)
     return subprocess.run(command, cwd=project, env=slurm.environment, capture_output=True, text=True, check=False)
 
 
 @contextmanager
-def begun_on(slurm: Slurm, project: Path, target: str, *options: str) -> Iterator[subprocess.Popen]:
+def begun_on(slurm: Slurm, project: Path, *asked: str) -> Iterator[subprocess.Popen]:
     """A run of the workflow on a SLURM that goes on meanwhile, and writes what it says to the project's `said.txt`."""
     with open(project / "said.txt", "w") as said:
         run = subprocess.Popen(
-            workflow(target, *options),
+            workflow(*asked),
             cwd=project,
             env=slurm.environment,
             stdout=said,

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.project import SMOKE_REPORT
+from benchmarks.project import SMOKE_REPORT, copy_project
 from benchmarks.services import services
-from tests.cluster.conftest import begun_on, dataset, run_on, workflow
+from tests.cluster.conftest import SWEEP, begun_on, dataset, run_on, workflow
 
 pytestmark = [pytest.mark.cluster, pytest.mark.xdist_group("slurm")]
 
@@ -66,7 +66,8 @@ def test_the_smoke_configuration_runs_from_the_simulation_to_the_report(slurm, p
 
 
 def test_a_campaign_comes_to_its_verdict(slurm, project):
-    done = run_on(slurm, project, "campaigned", "--config", 'campaigns=["config/campaigns/demonstration.yaml"]')
+    campaign = 'campaigns=["config/campaigns/demonstration.yaml"]'
+    done = run_on(slurm, project, "campaigned", "--config", campaign, "fit_parts=2")
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
     assert re.search(r"Submitted array job .*\n", done.stderr)
     verdict = json.loads((project / "results/campaigns/demonstration/verdict.json").read_text())
@@ -145,6 +146,12 @@ def test_without_a_controller_nothing_is_simulated_and_one_error_says_so(slurm, 
     elsewhere.write_text(re.sub("(SlurmctldPort)=.*", r"\1=1", configuration))
     said = refused(slurm.environment | {"SLURM_CONF": str(elsewhere)}, project)
     assert "controller does not answer" in said
+
+
+def test_a_folder_whose_name_the_shell_of_a_job_would_change_is_refused(slurm, tmp_path):
+    folder = copy_project(tmp_path / "costs $5")
+    (folder / "sweep.yaml").write_text(SWEEP)
+    assert "costs $5 has a sign in its path" in refused(slurm.environment, folder)
 
 
 def test_jobs_that_would_wait_for_ever_are_refused(slurm, project):

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 from collections import Counter
+from pathlib import Path
 
 SLURM_COMMANDS = ("sbatch", "squeue", "sacct", "scancel", "scontrol", "srun")
 SLURM_PATIENCE = 20  # seconds; a controller that is busy answers late
@@ -26,6 +27,11 @@ def check_slurm():
             "the profile submits to SLURM, and its controller does not answer "
             f"(scontrol ping: {said}); look at SLURM_CONF, or ask who runs the cluster"
         )
+    for path in map(str, (Path.cwd(), workflow.main_snakefile, *workflow.overwrite_configfiles)):
+        if any(sign in path for sign in '"$`\\'):
+            refuse_slurm(
+                f'{path} has a sign in its path that the shell of a job would change (one of " $ ` and the backslash); rename it'
+            )
     check_arrays()
 
 
