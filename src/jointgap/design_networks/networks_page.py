@@ -13,6 +13,7 @@ from jointgap.report.page import FigureBlock, Heading, Page, Paragraph, TableBlo
 from jointgap.report.plain_words import reading_unit, unit_in_words
 from jointgap.robust_lengths.uncertain_draws import law_in_words
 
+_LEVEL = 1.1  # errors whose ratio is smaller are called level: another draw of designs would change it as much
 _FACTOR = {"m": ("µm", 1e6), "rad": ("mdeg", MDEG)}
 
 
@@ -60,9 +61,11 @@ def verdict(found: DesignNetworksResult) -> str:
     rows = found.errors[found.errors["output"] == ERROR]
     wins = float((rows["network"].abs() < rows["frozen"].abs()).mean())
     cost = found.costs.set_index("step")["cpu_time"]
-    better = "The network" if network < frozen else "The frozen motion"
+    nearer = f"{'The network' if network < frozen else 'The frozen motion'} is the nearer one to the simulation"
+    if max(network, frozen) <= _LEVEL * min(network, frozen):
+        nearer = "Network and frozen motion are about as near to the simulation"
     return (
-        f"{better} is the nearer one to the simulation: of the RMS error of the transmission angle, which is what "
+        f"{nearer}: of the RMS error of the transmission angle, which is what "
         f"lengths are judged by, the network misses {network:.2g} mdeg and the frozen motion {frozen:.2g} mdeg (RMS "
         f"over held-out designs; the error itself is {MDEG * rows['simulated'].median():.3g} mdeg in the median). In "
         f"{100 * wins:.0f} % of the designs the network is nearer. It cost {cost['simulate']:.3g} CPU-seconds of "
@@ -83,7 +86,7 @@ def _errors(errors: pd.DataFrame) -> TableBlock:
         of = errors[errors["output"] == output]
         unit, factor = _FACTOR[of["unit"].iloc[0]]
         sizes = [factor * np.sqrt(np.mean(of[way] ** 2)) for way in ("simulated", "network", "frozen")]
-        rows.append((output, unit, *(f"{size:.3g}" for size in sizes)))
+        rows.append((output, unit, *(f"{float(f'{size:.3g}'):,g}" for size in sizes)))
     heads = ("output", "unit", "itself", "network misses", "frozen motion misses")
     return TableBlock(heads, tuple(rows), "llrrr", caption="RMS over held-out designs and crank angles")
 
