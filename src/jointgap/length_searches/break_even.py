@@ -1,8 +1,9 @@
 """The four ways side by side, and from which cost of a simulation on it pays to learn first.
 
 Learning from M simulations and training for T seconds serves N optima, each of which takes a search of s seconds. A way
-that learns nothing takes n simulations for each optimum to the same gain, and o seconds besides. With t seconds for a
-simulation
+that learns nothing takes n simulations for each optimum to the same gain, and o seconds besides; where it did not come
+as far, n is the largest number that it tried, and learning pays from a lower cost on than what is told. With t seconds
+for a simulation
 
     M t + T + N s = N (n t + o)    at    t = (T + N (s - o)) / (N n - M).
 
@@ -112,7 +113,7 @@ def _break_even(compared: Compared, numbers: list[int]) -> Iterator[dict]:
         training = rows["learning_time"].iloc[0] - known * compared.cost
         enough = SETTINGS.as_good * gain
         reached = np.flatnonzero(gains >= enough)
-        needed = float(simulations[reached[0]]) if len(reached) else None
+        needed = float(simulations[reached[0] if len(reached) else -1])
         for against, number in product((SIMULATION, FROZEN), numbers):
             worth = gain > 0.0
             if against == FROZEN:

@@ -22,7 +22,7 @@ CAPTIONS = {
     "the largest. What was learned is shared among all optima.",
     BREAK_EVEN: "Below a line the other way is the cheaper one to the same gain, above it learning is; bands from the "
     "smallest to the largest of the repetitions. In brackets the gain. Where a line is missing it does not pay in "
-    "every repetition, whatever a simulation costs; where it lies at the bottom it pays at any cost.",
+    "every repetition, whatever a simulation costs.",
 }
 """Captions by name."""
 

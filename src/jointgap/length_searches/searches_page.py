@@ -223,8 +223,8 @@ def _when(shown: Shown) -> str:
         "optima many. From which cost of a simulation on, for as much gain (within "
         f"{100 * (1 - SETTINGS.as_good):.0f} %), follows from what was measured: simulations, training and search of "
         "each way. Where the simulation takes more, all else being equal, learning is the cheaper way. What gains less "
-        "than the frozen motion never pays against it. 0 stands where the other way did not reach the gain with its "
-        "largest budget."
+        "than the frozen motion never pays against it. Where the simulation did not reach the gain with its "
+        "largest budget, learning pays from a lower cost on than what stands here."
     )
 
 

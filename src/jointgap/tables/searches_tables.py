@@ -150,7 +150,7 @@ COMPARE_SEARCHES_BREAK_EVEN = Table(
         Column(
             "simulations",
             "1",
-            "for each optimum that the other way takes to that gain; null where it never does",
+            "for each optimum that the other way takes to that gain, or the most it tried; null where it cannot",
             nullable=True,
         ),
         Column("cost", "s", "CPU time of a simulation from which on it pays; 0 at any, null at none", nullable=True),
