@@ -1,20 +1,19 @@
 """What is measured of each design of a sweep: numbers of one motion, over its last revolution and over a window."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.parallel_runs import Outcome, rod_and_slider
+from jointgap.dynamics.parallel_runs import Outcome
 from jointgap.dynamics.simulation import IntegrationResult, crank_angles
 from jointgap.dynamics.solver.contact_episodes import EVENT
+from jointgap.dynamics.solver.sample_sums import angle_errors, largest_change, slider_and_forces
 from jointgap.ensembles.orders import high_order_rms
 from jointgap.joints import JOINTS
-from jointgap.link_lengths.objective import measure
-from jointgap.mechanism import transmission_angle
 
-_SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins", "directions")
+_SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins")
+_ERRORS = tuple(f"angle_error_{size}{span}" for span in ("", "_in_window") for size in ("rms", "mean", "peak"))
 _ROUNDING = 1e-9  # [rad] of crank angles
 _COLUMN = {name: number for number, name in enumerate(EVENT)}
 
@@ -35,55 +34,39 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     window : (float, float)
         Crank angles of the first revolution over which the error of the transmission angle is measured [rad].
     """
-    options, mechanism, angle = outcome.run.options, outcome.run.mechanism, outcome.crank_angle
-    per_turn = options.samples_per_revolution
+    result, mechanism, p = outcome.result, outcome.run.mechanism, outcome.parameters
+    per_turn = outcome.run.options.samples_per_revolution
     last = slice(-per_turn - 1, None)
-    signals = replace(outcome.result, **{name: getattr(outcome.result, name)[last] for name in _SAMPLED}).observed(
-        outcome.parameters
-    )
-    found = _transmission(outcome, signals["rod_angle"], window)
-    found |= _travel(signals["slider_position"], angle[last])
-    acceleration = signals["slider_acceleration"][:-1]
-    rms = math.sqrt(np.mean(acceleration**2))
-    found |= {"acceleration_rms": rms, "noise_share": high_order_rms(acceleration, 1) / rms if rms else math.nan}
-    found |= {"repeat_distance": _repeat_distance(outcome.result, mechanism, per_turn)}
+    position, acceleration, peaks, sizes = slider_and_forces(p, *(getattr(result, name)[last] for name in _SAMPLED))
+    # The last revolution's end is its beginning again.
+    *errors, least = _angle_errors(outcome, slice(-per_turn - 1, -1), (-math.inf, math.inf))
+    *errors_in_window, _ = _angle_errors(outcome, slice(0, per_turn), (window[0] - _ROUNDING, window[1] + _ROUNDING))
+    found = dict(zip(_ERRORS, (*errors, *errors_in_window), strict=True))
+    found |= {"least_transmission_angle": least}
+    found |= _travel(position[:-1], outcome.crank_angle[last][:-1])
+    rms = math.sqrt(np.mean(acceleration[:-1] ** 2))
+    noise = high_order_rms(acceleration[:-1], 1) / rms if rms else math.nan
+    found |= {"acceleration_rms": rms, "noise_share": noise}
+    found |= {"repeat_distance": _repeat_distance(result, mechanism, per_turn)}
+    begin, end = float(result.times[last.start]), float(result.times[-1])
     for number, joint in enumerate(JOINTS):
-        force = signals[f"{joint}_normal_force"]
-        loose = joint in mechanism.loose
-        found |= _contacts(outcome.result.events, number, joint, signals["time"], force, loose)
+        own = result.events[result.events[:, _COLUMN["joint"]] == number] if joint in mechanism.loose else None
+        share, impacts, peak = _contacts(own, begin, end)
+        found |= {f"{joint}_contact_share": share, f"{joint}_impacts": impacts}
+        found |= {f"{joint}_peak_force": max(float(peaks[number]), peak), f"{joint}_rms_force": float(sizes[number])}
     return found
 
 
-def _transmission(outcome: Outcome, rod_angle: np.ndarray, window: tuple[float, float]) -> dict[str, float]:
-    """Errors of the transmission angle [rad], and its smallest value."""
-    mechanism, angle, per_turn = outcome.run.mechanism, outcome.crank_angle, outcome.run.options.samples_per_revolution
-    actual = math.pi / 2 + rod_angle
-    turn = angle[-per_turn - 1 : -1]  # the revolution's end is its beginning again
-    ideal = transmission_angle(mechanism.crank.length, mechanism.rod.length, turn, 0.0, mechanism.slider.offset)
-    found = _sizes("", ideal - actual[:-1])
-    found["least_transmission_angle"] = float(np.min(np.minimum(actual, math.pi - actual)))
-    first = slice(0, per_turn)
-    rod, _ = rod_and_slider(
-        outcome.parameters, angle[first], outcome.result.states[first], outcome.result.auxiliary_states[first]
-    )
-    place = angle[first] % (2 * math.pi)
-    inside = (place >= window[0] - _ROUNDING) & (place <= window[1] + _ROUNDING)
-    return found | _sizes("_in_window", (ideal - math.pi / 2 - rod)[inside])
-
-
-def _sizes(suffix: str, error: np.ndarray) -> dict[str, float]:
-    found = measure(error) if len(error) else None
-    return {
-        f"angle_error_rms{suffix}": found.rms if found else math.nan,
-        f"angle_error_mean{suffix}": found.mean_absolute if found else math.nan,
-        f"angle_error_peak{suffix}": found.peak if found else math.nan,
-    }
+def _angle_errors(outcome: Outcome, samples: slice, counted: tuple[float, float]) -> tuple[float, ...]:
+    result = outcome.result
+    states, auxiliary_states = result.states[samples], result.auxiliary_states[samples]
+    return angle_errors(outcome.parameters, outcome.crank_angle[samples], states, auxiliary_states, *counted)
 
 
 def _travel(position: np.ndarray, angle: np.ndarray) -> dict[str, float]:
     """Stroke [m] and crank angles of the dead centres [rad], between samples by a parabola."""
-    outer, outer_angle = _extreme(position[:-1], angle[:-1])
-    inner, inner_angle = _extreme(-position[:-1], angle[:-1])
+    outer, outer_angle = _extreme(position, angle)
+    inner, inner_angle = _extreme(-position, angle)
     # Around 0 and around pi, where they lie without an offset: so that a mean over designs means something.
     outer_angle = (outer_angle + math.pi) % (2.0 * math.pi) - math.pi
     return {
@@ -109,32 +92,28 @@ def _repeat_distance(result: IntegrationResult, mechanism: Mechanism, per_turn: 
     """
     if len(result.times) < 2 * per_turn + 1 or not mechanism.loose:
         return math.nan
-    last, before = slice(-per_turn - 1, None), slice(-2 * per_turn - 1, -per_turn)
-    squares = 0.0
-    for states, columns in ((result.states, 4), (result.auxiliary_states, 2)):
-        change = states[last, :columns] - states[before, :columns]
-        squares = squares + np.einsum("ij,ij->i", change, change)
+    two = slice(-2 * per_turn - 1, None)
     smallest = min(mechanism.clearance(joint) for joint in mechanism.loose)
-    return math.sqrt(squares.max()) / smallest
+    return largest_change(result.states[two], result.auxiliary_states[two], per_turn) / smallest
 
 
-def _contacts(
-    events: np.ndarray, number: int, joint: str, times: np.ndarray, force: np.ndarray, loose: bool
-) -> dict[str, float]:
-    """Forces [N], share of time in contact and impacts of one joint between the ends of `times`."""
-    found = {f"{joint}_peak_force": float(force.max()), f"{joint}_rms_force": math.sqrt(np.mean(force[:-1] ** 2))}
-    if not loose:
-        return found | {f"{joint}_contact_share": math.nan, f"{joint}_impacts": math.nan}
-    begin, end = times[0], times[-1]
-    own = events[events[:, _COLUMN["joint"]] == number]
-    begins = own[own[:, _COLUMN["begins"]] == 1.0][:, _COLUMN["time"]]
-    separations = own[own[:, _COLUMN["begins"]] == 0.0]
+def _contacts(events: np.ndarray | None, begin: float, end: float) -> tuple[float, float, float]:
+    """Share of the time in contact, impacts, and the largest force of whole contacts [N], which samples may miss.
+
+    Parameters
+    ----------
+    events : (n, ...) array or None
+        The joint's own, columns as `EVENT`; None of an ideal joint, whose share and impacts are NaN.
+    begin, end : float
+        Of the time that counts [s].
+    """
+    if events is None:
+        return math.nan, math.nan, 0.0
+    hits = events[:, _COLUMN["begins"]] == 1.0
+    begins, separations = events[hits, _COLUMN["time"]], events[~hits]
     ends = np.full(len(begins), np.inf)
     ends[: len(separations)] = separations[:, _COLUMN["time"]]
     touching = np.clip(np.minimum(ends, end) - np.maximum(begins, begin), 0.0, None).sum() / (end - begin)
     whole = (begins[: len(separations)] >= begin) & (separations[:, _COLUMN["time"]] <= end)
-    if whole.any():
-        peak = float(separations[whole, _COLUMN["peak_force"]].max())
-        found[f"{joint}_peak_force"] = max(found[f"{joint}_peak_force"], peak)
     impacts = np.count_nonzero((begins >= begin) & (begins <= end))
-    return found | {f"{joint}_contact_share": float(touching), f"{joint}_impacts": float(impacts)}
+    return float(touching), float(impacts), separations[whole, _COLUMN["peak_force"]].max(initial=0.0)

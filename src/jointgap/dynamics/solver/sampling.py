@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from jointgap.dynamics.compilation import compiled
+from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.bodies import rod_accelerations
 from jointgap.dynamics.model.effect_laws import crank_losses
 from jointgap.dynamics.model.equations import accelerations, pose
@@ -125,6 +125,41 @@ def _never_pulling(joint, force):
     return NOTHING if joint.loose and joint.film_viscosity == 0.0 and force[0] <= 0.0 else force
 
 
+@inlined
+def _crank_moment(bodies, crank):
+    """First moment of the crank's mass about its pivot end [kg m], x and y."""
+    hx = bodies.crank_moment_x * crank.cosine - bodies.crank_moment_y * crank.sine
+    return hx, bodies.crank_moment_x * crank.sine + bodies.crank_moment_y * crank.cosine
+
+
+@inlined
+def joint_forces_at(p, crank, alpha, pin, piston, pivot) -> tuple:
+    """Forces in crank pin, piston pin and crank pivot as samples show them: none pulls, and an ideal pivot has one too.
+
+    Parameters
+    ----------
+    p : Parameters
+    crank : Crank
+    alpha : float
+        Acceleration of the crank [rad/s^2].
+    pin, piston, pivot : tuples of 6 floats
+        As `jointgap.dynamics.model.equations.accelerations` leaves them.
+
+    Returns
+    -------
+    tuple of 3 such tuples
+    """
+    pin, piston = _never_pulling(p.crank_pin, pin), _never_pulling(p.piston_pin, piston)
+    if p.crank_pivot.loose:
+        return pin, piston, _never_pulling(p.crank_pivot, pivot)
+    # The crank as a free body: m a + alpha z x h - w^2 h = force,  I alpha + h x a = moment about its pivot end.
+    b = p.bodies
+    hx, hy = _crank_moment(b, crank)
+    fx = pin[2] - b.crank_mass * b.gravity_x - alpha * hy - crank.speed**2 * hx
+    fy = pin[3] - b.crank_mass * b.gravity_y + alpha * hx - crank.speed**2 * hy
+    return pin, piston, reaction(fx, fy, 0.0)
+
+
 @compiled
 def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, begins_at, directions_at, samples):
     """Compute every number that follows from the sampled states of an integration.
@@ -160,15 +195,9 @@ def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, be
         )
 
         place = pose(b, crank, y, x)
-        pin, piston = _never_pulling(p.crank_pin, pin), _never_pulling(p.piston_pin, piston)
-        pivot, alpha = _never_pulling(p.crank_pivot, pivot), a[6]
-        # The crank as a free body: m a + alpha z x h - w^2 h = force,  I alpha + h x a = moment about its pivot end.
-        hx = b.crank_moment_x * crank.cosine - b.crank_moment_y * crank.sine
-        hy = b.crank_moment_x * crank.sine + b.crank_moment_y * crank.cosine
-        if not p.crank_pivot.loose:
-            fx = pin[2] - b.crank_mass * b.gravity_x - alpha * hy - crank.speed**2 * hx
-            fy = pin[3] - b.crank_mass * b.gravity_y + alpha * hx - crank.speed**2 * hy
-            pivot = reaction(fx, fy, 0.0)
+        alpha = a[6]
+        pin, piston, pivot = joint_forces_at(p, crank, alpha, pin, piston, pivot)
+        hx, hy = _crank_moment(b, crank)
         torque = b.crank_inertia * alpha + hx * (a[5] - b.gravity_y) - hy * (a[4] - b.gravity_x) - pivot[4] - pin[5]
         torque += b.crank_length * (crank.cosine * pin[3] - crank.sine * pin[2])
         torque -= crank_losses(p, place.slider, place.slider_speed, crank.speed, angle, times[n])

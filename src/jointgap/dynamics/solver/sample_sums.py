@@ -1,0 +1,117 @@
+"""Sums and extremes over the samples of a motion, in one pass and without the columns of the table ``trajectory``.
+
+A sweep takes these numbers of each of its designs: a hundredth of a millisecond counts.
+"""
+
+import math
+
+import numpy as np
+
+from jointgap.dynamics.compilation import compiled
+from jointgap.dynamics.model.equations import accelerations, pose
+from jointgap.dynamics.solver.runge_kutta import crank_at, damping_factors
+from jointgap.dynamics.solver.sampling import joint_forces_at
+
+
+@compiled
+def angle_errors(p, angles, states, auxiliary_states, low, high):
+    """How far the transmission angle lies from that of the same lengths without clearance, equations (10) and (17).
+
+    Parameters
+    ----------
+    p : Parameters
+    angles : (n,) array
+        Crank angles [rad].
+    states, auxiliary_states : (n, 8), (n, 11) arrays
+        As `jointgap.dynamics.solver.integrate.integrate` leaves them.
+    low, high : float
+        Crank angles within a turn between which the error counts [rad].
+
+    Returns
+    -------
+    tuple of 4 floats
+        RMS, mean size and largest size of the error, NaN where no sample counts; smallest transmission angle of all
+        samples, as an acute one [rad].
+    """
+    b = p.bodies
+    count, squares, total, peak, steepest = 0, 0.0, 0.0, 0.0, 0.0
+    for n in range(angles.size):
+        rise = b.crank_length * math.sin(angles[n])
+        end = rise + states[n, 1] + auxiliary_states[n, 1]
+        rod = math.asin((b.slider_offset + states[n, 3] - end) / b.rod_length)
+        steepest = max(steepest, abs(rod))
+        if not low <= angles[n] % (2.0 * math.pi) <= high:
+            continue
+        size = abs(math.asin((b.slider_offset - rise) / b.rod_length) - rod)
+        count += 1
+        squares += size * size
+        total += size
+        peak = max(peak, size)
+    if not count:
+        return math.nan, math.nan, math.nan, math.pi / 2 - steepest
+    return math.sqrt(squares / count), total / count, peak, math.pi / 2 - steepest
+
+
+@compiled
+def slider_and_forces(p, times, states, auxiliary_states, modes_at, approaches_at, begins_at):
+    """The slider's motion, and the sizes of the normal forces as `jointgap.dynamics.solver.sampling` has them.
+
+    Parameters
+    ----------
+    p : Parameters
+    times, states, auxiliary_states, modes_at, approaches_at, begins_at
+        Samples as `jointgap.dynamics.solver.integrate.integrate` leaves them, of whole revolutions, both ends included.
+
+    Returns
+    -------
+    position, acceleration : (n,) arrays
+        Of the slider [m], [m/s^2].
+    peaks, rms : (3,) arrays
+        Of the normal forces in the joints [N], in their compiled order; the end, which is the beginning again, counts
+        in the peaks alone.
+    """
+    b, count = p.bodies, times.size
+    position, acceleration = np.empty(count), np.empty(count)
+    peaks, squares = np.zeros(3), np.zeros(3)
+    for n in range(count):
+        y, x = states[n], auxiliary_states[n]
+        modes = (modes_at[n, 0], modes_at[n, 1], modes_at[n, 2])
+        approaches = (approaches_at[n, 0], approaches_at[n, 1], approaches_at[n, 2])
+        begins = (begins_at[n, 0], begins_at[n, 1], begins_at[n, 2])
+        y = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
+        x = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
+        angle, crank = crank_at(p, times[n], x)
+        damping = damping_factors(p, approaches, begins, times[n])
+        a, pin, piston, pivot, _, force, _ = accelerations(p, times[n], angle, crank, y, x, modes, damping)
+        pin, piston, pivot = joint_forces_at(p, crank, a[6], pin, piston, pivot)
+        position[n] = pose(b, crank, y, x).slider
+        acceleration[n] = b.gravity_x + (force - piston[2]) * b.slider_inverse_mass
+        for joint, normal in enumerate((pin[0], piston[0], pivot[0])):
+            peaks[joint] = max(peaks[joint], normal)
+            squares[joint] += normal * normal if n < count - 1 else 0.0
+    return position, acceleration, peaks, np.sqrt(squares / (count - 1))
+
+
+@compiled
+def largest_change(states, auxiliary_states, apart):
+    """Largest distance of the clearance vectors of samples from those `apart` samples earlier [m].
+
+    Parameters
+    ----------
+    states, auxiliary_states : (n, 8), (n, 11) arrays
+        As `jointgap.dynamics.solver.integrate.integrate` leaves them.
+    apart : int
+
+    Returns
+    -------
+    float
+    """
+    largest = 0.0
+    for n in range(apart, len(states)):
+        square = 0.0
+        for column in range(4):
+            square += (states[n, column] - states[n - apart, column]) ** 2
+        for column in range(2):
+            square += (auxiliary_states[n, column] - auxiliary_states[n - apart, column]) ** 2
+        largest = max(largest, square)
+    return math.sqrt(largest)
