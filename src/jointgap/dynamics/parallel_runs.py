@@ -117,12 +117,7 @@ def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[O
     workers : int, optional
         Threads; as many as there are cores by default.
     """
-    return side_by_side(lambda given: _outcome(*given), _with_numbers(runs), workers)
-
-
-def simulate_run(run: Run) -> Outcome:
-    """Simulate one run; if that cannot be, it comes out with its error."""
-    return _outcome(run, _numbers(run))
+    return side_by_side(lambda given: simulate_run(*given), _with_numbers(runs), workers)
 
 
 def side_by_side(
@@ -167,18 +162,20 @@ def _with_numbers(runs: Iterable[Run]) -> Iterator[tuple[Run, Parameters | Input
     known: tuple = (None, None, None)
     for run in runs:
         if known[0] is not run.mechanism or known[1] is not run.options:
-            known = (run.mechanism, run.options, _numbers(run))
+            known = (run.mechanism, run.options, numbers_of(run))
         yield run, known[2]
 
 
-def _numbers(run: Run) -> Parameters | InputError:
+def numbers_of(run: Run) -> Parameters | InputError:
+    """The numbers of a run; or why there are none, for its mechanism is impossible."""
     try:
         return parameters(run.mechanism, run.options)
     except InputError as error:
         return error
 
 
-def _outcome(run: Run, numbers: Parameters | InputError) -> Outcome:
+def simulate_run(run: Run, numbers: Parameters | InputError) -> Outcome:
+    """Simulate one run, whose `numbers` are as `numbers_of` has them; one that cannot be comes out with its error."""
     angles = crank_angles(run.options) if run.crank_angle is None else run.crank_angle
     if isinstance(numbers, InputError):
         return Outcome(run, None, angles, None, numbers)

@@ -33,23 +33,24 @@ def angle_errors(p, angles, states, auxiliary_states, low, high):
         RMS, mean size and largest size of the error, NaN where no sample counts; smallest transmission angle of all
         samples, as an acute one [rad].
     """
-    b = p.bodies
+    b, everywhere = p.bodies, low <= 0.0 and high >= 2.0 * math.pi
     count, squares, total, peak, steepest = 0, 0.0, 0.0, 0.0, 0.0
     for n in range(angles.size):
         rise = b.crank_length * math.sin(angles[n])
         end = rise + states[n, 1] + auxiliary_states[n, 1]
-        rod = math.asin((b.slider_offset + states[n, 3] - end) / b.rod_length)
+        rod, ideal = (b.slider_offset + states[n, 3] - end) / b.rod_length, (b.slider_offset - rise) / b.rod_length
         steepest = max(steepest, abs(rod))
-        if not low <= angles[n] % (2.0 * math.pi) <= high:
-            continue
-        size = abs(math.asin((b.slider_offset - rise) / b.rod_length) - rod)
-        count += 1
-        squares += size * size
-        total += size
-        peak = max(peak, size)
+        if everywhere or low <= angles[n] % (2.0 * math.pi) <= high:
+            # The difference of two angles by their sines: one inverse sine instead of two.
+            size = abs(math.asin(ideal * math.sqrt(1.0 - rod * rod) - rod * math.sqrt(1.0 - ideal * ideal)))
+            count += 1
+            squares += size * size
+            total += size
+            peak = max(peak, size)
+    least = math.pi / 2 - math.asin(steepest)
     if not count:
-        return math.nan, math.nan, math.nan, math.pi / 2 - steepest
-    return math.sqrt(squares / count), total / count, peak, math.pi / 2 - steepest
+        return math.nan, math.nan, math.nan, least
+    return math.sqrt(squares / count), total / count, peak, least
 
 
 @compiled
