@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from jointgap.track.experiment_views import View
 from jointgap.track.mlflow_store import default_address, opened
 from jointgap.track.publish import publish
 from tests.track import synthetic
@@ -66,6 +67,16 @@ def client_of(results: Path):
     from mlflow.tracking import MlflowClient
 
     return MlflowClient(tracking_uri=default_address(results))
+
+
+def not_held(view: View, run) -> set[str]:
+    """Columns, and what charts show, of a `view` that the `run` does not hold."""
+    held = {f"metrics.{name}" for name in run.data.metrics} | {f"params.{name}" for name in run.data.params}
+    held |= {f"tags.{name}" for name in run.data.tags}
+    params, metrics = view.parallel
+    shown = {f"metrics.{metric}" for section in view.sections for metric in section.metrics}
+    shown |= {f"params.{name}" for name in params} | {f"metrics.{name}" for name in metrics}
+    return (shown | set(view.columns)) - held
 
 
 def arguments(results: Path, files: dict[str, Path], name: str = "made_up") -> dict:

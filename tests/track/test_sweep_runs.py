@@ -15,8 +15,10 @@ from jointgap.errors import InputError
 from jointgap.stages.scenario_results import ScenarioResults
 from jointgap.stages.scenario_stages import track_sweep
 from jointgap.tables import robust_fresh
+from jointgap.track.experiment_views import VIEWS
 from jointgap.track.sweep_runs import DESIGNS, sweep_record
 from tests.dynamics.cases import mechanism, options
+from tests.track.conftest import not_held
 from tests.track.synthetic import numbers
 
 SWEPT = {"clearance": {"from": "0.2 mm", "to": "0.4 mm"}, "mechanism.joints.crank_pin.journal": ["crank", "rod"]}
@@ -176,6 +178,15 @@ def test_a_scenario_that_asks_for_robust_lengths_alone_has_a_run_too(folder, cli
     assert run.data.metrics["robust/crank_length_mm"] == pytest.approx(149)
     assert run.data.metrics["robust beside original/probability_percent"] == 87.5
     assert "robust keeps stroke/probability_low_percent" in run.data.metrics
+
+
+def test_a_sweep_with_what_decides_and_robust_lengths_holds_what_the_view_shows(folder, client):
+    asked = scenario(sensitivity={}, optimise_robust={"uncertain": UNCERTAIN})
+    simulated(asked, folder)
+    decided(folder)
+    robust(folder)
+    published(asked, folder)
+    assert not_held(VIEWS["sweep"], the_run(client)) == set()
 
 
 def test_a_dataset_that_lacks_designs_is_not_published(folder):
