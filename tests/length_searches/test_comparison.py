@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from jointgap.length_searches.compare_searches import WAYS, compare_searches
 from jointgap.length_searches.searches_figures import draw_searches
 from jointgap.length_searches.searches_page import Shown, headline, page, verdict, winner
 from jointgap.report.page import to_markdown
+from jointgap.stages.scenario_stages import SCENARIO_STAGES
 from tests.design_networks.spaces import scenario
 
 SMALL = {"optima": 2, "budgets": ["0.1 s", "0.25 s"], "repetitions": 2, "held_out": 8}
@@ -120,7 +122,9 @@ def test_the_page_says_who_wins_and_when_learning_pays(shown):
     assert "for each optimum" in headline(shown)
     assert sum("Against" in sentence for sentence in verdict(shown)) == 2
     drawn = draw_searches(shown.summary, shown.compared.progress, shown.break_even, shown.compared.cost)
-    assert set(drawn) == {"gain_over_cpu_time", "break_even"}
+    assert set(drawn) == {"gain_over_cpu_time", "when_learning_pays"}
+    tables = {Path(table.path).stem for table in SCENARIO_STAGES["compare-searches"].writes}
+    assert not tables & set(drawn)  # beside a figure lies its data, under the name of the figure
 
 
 def test_where_the_simulation_never_gains_as_much_it_counts_as_having_taken_all_it_tried(once):

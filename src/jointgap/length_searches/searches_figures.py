@@ -9,7 +9,7 @@ from jointgap.figures.sheet import Panel, Quantity, Sheet, tick_label
 from jointgap.figures.style import Drawing
 from jointgap.length_searches.compare_searches import FROZEN, NETWORKS, SIMULATION, SURROGATE
 
-GAIN, BREAK_EVEN = "gain_over_cpu_time", "break_even"
+GAIN, BREAK_EVEN = "gain_over_cpu_time", "when_learning_pays"
 TITLES = {
     GAIN: "Gain over CPU time",
     BREAK_EVEN: "From which cost of a simulation on it pays to learn",
