@@ -42,7 +42,8 @@ def numbers(table: Table, rows: int, salt: int = 0, **given) -> pd.DataFrame:
     """`rows` rows of the table: the columns `given`, the others numbers between 0 and 1."""
     random = np.random.default_rng(salt)
     made = {"float": lambda: random.random(rows), "int": lambda: random.integers(1, 9, rows)}
-    made |= {"text": lambda: ["text"] * rows, "bool": lambda: [True] * rows}
+    made |= {kind: lambda: ["text"] * rows for kind in ("text", "category")}
+    made |= {"bool": lambda: [True] * rows}
     return pd.DataFrame({c.name: given[c.name] if c.name in given else made[c.kind]() for c in table.columns})
 
 

@@ -1,4 +1,4 @@
-"""A sweep, with what decides and robust lengths, is one run; publishing it again adds nothing."""
+"""All that a scenario asks of many designs is one run; publishing it again adds nothing."""
 
 import json
 from pathlib import Path
@@ -13,10 +13,11 @@ from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.designs_to_parquet import write_dataset
 from jointgap.errors import InputError
 from jointgap.stages.scenario_results import ScenarioResults
-from jointgap.stages.scenario_stages import track_sweep
+from jointgap.stages.scenario_stages import SCENARIO_STAGES, track_sweep
 from jointgap.tables import robust_fresh
 from jointgap.track.experiment_views import VIEWS
-from jointgap.track.sweep_runs import DESIGNS, sweep_record
+from jointgap.track.sweep_run_parts import DESIGNS
+from jointgap.track.sweep_runs import sweep_record
 from tests.dynamics.cases import mechanism, options
 from tests.track.conftest import not_held
 from tests.track.synthetic import numbers
@@ -76,6 +77,48 @@ def robust(folder: Path) -> None:
     )
 
 
+def inferred(folder: Path) -> None:
+    """Printed numbers that come out in some designs, and networks trained at two of them."""
+    designs = {"design": [4, 2, 3], "together": [True, False, False], "farthest": [0.04, 0.1, 0.2]}
+    frames = {
+        tables.INFERRED_NUMBERS: {"number": ["best_ratio"], "share": [0.25]},
+        tables.INFERRED_SETTINGS: {"setting": ["friction"]},
+        tables.INFERRED_TRAINING: {
+            "drawn": ["nearest", "nearest", "random", "random"],
+            "training_mse": [1e-5, 3e-5, 1e-5, 1e-5],
+            "paper_mse": [2e-5] * 4,
+        },
+        tables.inferred_designs(()): designs | {"weight": [0.5, 0.25, 0.25]},
+    }
+    _write({table: numbers(table, len(next(iter(of.values()))), **of) for table, of in frames.items()}, folder)
+    (folder / "infer_settings/nearest_scenario.yaml").write_text("run: [nearest]")
+
+
+def networks(folder: Path) -> None:
+    """Two held-out designs, of which the network knows one better than the frozen motion does."""
+    errors = {"output": ["RMS error"] * 2, "unit": ["rad"] * 2, "network": [3e-6, -4e-6], "frozen": [1e-6, 5e-6]}
+    frames = {
+        tables.DESIGN_NETWORKS_ERRORS: errors,
+        tables.DESIGN_NETWORKS_COSTS: {"step": ["simulate", "train"], "cpu_time": [3.0, 7.0]},
+        tables.DESIGN_NETWORKS_TRAINING: {"step": [1]},
+        tables.DESIGN_NETWORKS_WEIGHTS: {"layer": [0]},
+    }
+    _write({table: numbers(table, len(next(iter(of.values()))), **of) for table, of in frames.items()}, folder)
+
+
+def searched(folder: Path) -> None:
+    """Two ways at one budget; networks pay from 2 ms a simulation on."""
+    pays = {"way": "networks", "budget": 0.5, "repetition": [0, 1], "against": "simulation", "optima": 4, "gain": 0.1}
+    frames = {
+        tables.COMPARE_SEARCHES_SUMMARY: {"way": ["frozen", "networks"], "budget": [np.nan, 0.5], "gain": [0.05, 0.1]},
+        tables.COMPARE_SEARCHES_BREAK_EVEN: {"cost": [1e-3, 3e-3]} | pays,
+        tables.COMPARE_SEARCHES_OPTIMA: {"way": ["frozen"]},
+        tables.COMPARE_SEARCHES_WANTED: {"parameter": ["friction"]},
+        tables.COMPARE_SEARCHES_PROGRESS: {"gain": [0.1]},
+    }
+    _write({table: numbers(table, len(next(iter(of.values()))), **of) for table, of in frames.items()}, folder)
+
+
 def _write(frames: dict, folder: Path) -> None:
     for table, frame in frames.items():
         tables.write(table, frame, folder / table.path)
@@ -116,10 +159,10 @@ def test_a_sweep_is_one_run_with_its_dataset_parameters_and_measures(folder, cli
     assert params["sweep/clearance"] == "uniform, from 0.2 mm, to 0.4 mm" and "clearance_mm" not in params
     assert params["sweep/mechanism.joints.crank_pin.journal"] == "crank, rod" and params["design"] == "sobol"
     assert (metrics["designs"], metrics["failed_percent"]) == (8, 0)
-    error = np.rad2deg(frame["angle_error_rms"])
-    assert metrics["angle_error_rms_deg/mean"] == pytest.approx(error.mean())
-    assert metrics["angle_error_rms_deg/deviation"] == pytest.approx(error.std(ddof=0))
-    assert metrics["angle_error_rms_deg/quantile_95"] == pytest.approx(np.quantile(error, 0.95))
+    error = 1e3 * np.rad2deg(frame["angle_error_rms"])
+    assert metrics["angle_error_rms_mdeg/mean"] == pytest.approx(error.mean())
+    assert metrics["angle_error_rms_mdeg/deviation"] == pytest.approx(error.std(ddof=0))
+    assert metrics["angle_error_rms_mdeg/quantile_95"] == pytest.approx(np.quantile(error, 0.95))
     assert {file.path for file in client.list_artifacts(run.info.run_id)} == {"options.json", "sweep"}
 
 
@@ -180,11 +223,59 @@ def test_a_scenario_that_asks_for_robust_lengths_alone_has_a_run_too(folder, cli
     assert "robust keeps stroke/probability_low_percent" in run.data.metrics
 
 
-def test_a_sweep_with_what_decides_and_robust_lengths_holds_what_the_view_shows(folder, client):
-    asked = scenario(sensitivity={}, optimise_robust={"uncertain": UNCERTAIN})
+def test_settings_that_the_paper_did_not_print_belong_to_the_run_with_the_shares_that_come_out(folder, client):
+    asked = scenario(infer_settings={"trained": 2})
     simulated(asked, folder)
-    decided(folder)
-    robust(folder)
+    inferred(folder)
+    published(asked, folder)
+    run, section = the_run(client), "printed numbers"
+    metrics = run.data.metrics
+    assert metrics[f"{section}/together_percent"] == pytest.approx(100 / 3)
+    assert metrics[f"{section}/best_ratio_percent"] == 25
+    assert metrics[f"{section}/farthest_off_in_the_nearest_design_percent"] == pytest.approx(4)
+    assert metrics[f"{section}/designs_that_the_weight_is_worth"] == pytest.approx(8 / 3)
+    assert metrics["training errors of the paper/reached_at_nearest_designs_percent"] == 50
+    assert metrics["training errors of the paper/reached_at_random_designs_percent"] == 100
+    files = {file.path for file in client.list_artifacts(run.info.run_id, "infer_settings")}
+    assert files == {"infer_settings/nearest_scenario.yaml"}
+    names = {one.dataset.name for one in run.inputs.dataset_inputs}
+    assert names == {"sweep_designs", "infer_settings_designs", *(table.name for table in tables.INFERRED_TABLES)}
+
+
+def test_where_no_networks_were_trained_at_inferred_settings_there_is_nothing_about_them(folder):
+    asked = scenario(infer_settings={"trained": 0})
+    simulated(asked, folder)
+    inferred(folder)
+    _write({tables.INFERRED_TRAINING: numbers(tables.INFERRED_TRAINING, 1)[:0].astype({"drawn": object})}, folder)
+    assert not [name for name in sweep_record(asked, folder).metrics if name.startswith("training")]
+
+
+def test_networks_and_searches_are_one_run_with_their_main_numbers(folder, client):
+    asked = scenario(swept={}, design_networks={"parameters": UNCERTAIN}, compare_searches={"optima": 4})
+    networks(folder)
+    searched(folder)
+    published(asked, folder)
+    run = the_run(client)
+    params, metrics = run.data.params, run.data.metrics
+    assert params["design_networks/friction"] == "uniform, from 0.0, to 0.2" and "friction" not in params
+    assert metrics["network misses/RMS_error_mdeg"] == pytest.approx(1e3 * np.rad2deg(np.sqrt(12.5e-12)))
+    assert metrics["network beside frozen motion/nearer_in_designs_percent"] == 50
+    assert metrics["network/train_cpu_time_s"] == 7
+    assert (metrics["gain in percent/frozen"], metrics["gain in percent/networks_0.5s"]) == (5, 10)
+    pays = "ms of a simulation from which on it pays to learn"
+    assert metrics[f"{pays}/networks_against_simulation"] == pytest.approx(2)
+    assert not [name for name in metrics if name.endswith("against_frozen")]  # it never does
+    stages = ("design-networks", "compare-searches")
+    names = {one.dataset.name for one in run.inputs.dataset_inputs}
+    assert names == {table.name for stage in stages for table in SCENARIO_STAGES[stage].writes}
+
+
+def test_a_run_of_all_that_can_be_asked_holds_what_the_view_shows(folder, client):
+    more = {"design_networks": {"parameters": UNCERTAIN}, "compare_searches": {}, "infer_settings": {}}
+    asked = scenario(sensitivity={}, optimise_robust={"uncertain": UNCERTAIN}, **more)
+    simulated(asked, folder)
+    for made in (decided, robust, inferred, networks, searched):
+        made(folder)
     published(asked, folder)
     assert not_held(VIEWS["sweep"], the_run(client)) == set()
 

@@ -33,34 +33,11 @@ def parts_of_sweep(name):
     return parts(SCENARIOS[name].sweep.designs, SCENARIOS[name].sweep.designs_per_job)
 
 
-def made_of_sweeps():
-    """Every file that the scenarios ask of many designs, and what says that it is published; one at least has to ask for some."""
-    check_inferences()
-    tracked = [name for name in SCENARIOS if made_to_track(name)]
-    made = [path for name in tracked for path in (*made_to_track(name), *tracked_of_sweep(name))]
-    made += [path for name in SCENARIOS for path in (*made_networks(name), *made_compared(name))]
-    if not made:
-        refuse("sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml")
-    return made
-
-
-def check_inferences():
-    """What the paper did not say can be inferred of each scenario that asks for it, before anything runs."""
-    from jointgap.paper_settings.infer_settings import check_infer_settings  # loads scipy
-
-    for name, scenario in SCENARIOS.items():
-        if scenario.infer_settings is not None:
-            try:
-                check_infer_settings(scenario)
-            except InputError as error:
-                refuse(f"scenario {name}: {error}")
-
-
 def made_of_sweep(name):
-    """Every file that rules make of a scenario's sweep."""
+    """Every file of a scenario's sweep."""
+    if name not in swept_scenarios():
+        return []
     paths = [str(path) for path in (*rules.sweep_designs.output, *rules.sweep.output)]
-    paths += map(str, rules.sensitivity.output if SCENARIOS[name].sensitivity is not None else ())
-    paths += map(str, rules.infer_settings.output if SCENARIOS[name].infer_settings is not None else ())
     return [file for path in paths for file in expand(path, scenario=name, part=parts_of_sweep(name))]
 
 

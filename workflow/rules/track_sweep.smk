@@ -1,4 +1,4 @@
-# Part of `make sweep`: the designs of a scenario, what decides and robust lengths become one run in MLflow, once all are there.
+# Part of `make sweep` and `make paper`: what a scenario asks of many designs becomes one run in MLflow, once all is there.
 
 
 use rule scenario_stage as track_sweep with:

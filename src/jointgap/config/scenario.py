@@ -645,7 +645,7 @@ SECTIONS = {
     "compare-searches": ("mechanism", "simulate", "optimise", "design_networks", "compare_searches"),
     "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),
     "track-sweep": (
-        *("description", "mechanism", "simulate", "sweep", "sensitivity"),
-        *("optimise", "optimise_robust"),
+        *("description", "mechanism", "simulate", "sweep", "sensitivity", "infer_settings"),
+        *("optimise", "optimise_robust", "design_networks", "compare_searches"),
     ),
 }

@@ -102,6 +102,31 @@ def cost_from_which(
     return max(more / saved, 0.0)
 
 
+def pays_from(break_even: pd.DataFrame, way: str, against: str, optima: int) -> np.ndarray | None:
+    """CPU time of a simulation from which on a way pays, one of each repetition [s], at the budget that pays first in
+    every repetition and whose gain is as good as the largest; None where no budget does.
+
+    Parameters
+    ----------
+    break_even : DataFrame
+        Table compare_searches_break_even.
+    way, against : str
+        A way that learns, and the one that it is held against.
+    optima : int
+        Among how many what was learned is shared.
+    """
+    rows = break_even[
+        (break_even["way"] == way) & (break_even["against"] == against) & (break_even["optima"] == optima)
+    ]
+    largest = rows.groupby("budget")["gain"].mean().max()
+    found = [
+        of["cost"].to_numpy()
+        for _, of in rows.groupby("budget")
+        if of["gain"].mean() >= SETTINGS.as_good * largest and of["cost"].notna().all()
+    ]
+    return min(found, key=np.mean, default=None)
+
+
 def _break_even(compared: Compared, numbers: list[int]) -> Iterator[dict]:
     searches = compared.searches
     simulations, gains = gain_of_simulations(compared.progress)

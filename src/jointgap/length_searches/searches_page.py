@@ -8,6 +8,7 @@ import pandas as pd
 from jointgap.config import Scenario
 from jointgap.design_networks.networks_page import axes_table
 from jointgap.design_networks.settings import SETTINGS as OF_NETWORKS
+from jointgap.length_searches.break_even import pays_from
 from jointgap.length_searches.compare_searches import FROZEN, NETWORKS, SIMULATION, WAYS, Compared
 from jointgap.length_searches.searches_figures import BREAK_EVEN, CAPTIONS, GAIN, LOOKS, TITLES
 from jointgap.length_searches.settings import SETTINGS
@@ -147,23 +148,14 @@ def _against(shown: Shown, against: str) -> str:
 
 
 def _cheapest(break_even: pd.DataFrame, way: str, against: str, optima: int) -> str:
-    """``from 1.7 ms a simulation on (1.6 to 1.8 ms)`` of the budget that pays first in every repetition whose gain is
-    as good as the largest; empty where none does.
-    """
-    rows = break_even[
-        (break_even["way"] == way) & (break_even["against"] == against) & (break_even["optima"] == optima)
-    ]
-    largest = rows.groupby("budget")["gain"].mean().max()
-    found = []
-    for _, of in rows.groupby("budget"):
-        if of["gain"].mean() >= SETTINGS.as_good * largest and of["cost"].notna().all():
-            found.append(1e3 * of["cost"])
-    if not found:
+    """``from 1.7 ms a simulation on (1.6 to 1.8 ms)``; empty where it never pays."""
+    costs = pays_from(break_even, way, against, optima)
+    if costs is None:
         return ""
-    costs = min(found, key=lambda each: each.mean())
     if costs.max() == 0.0:
         return "at any cost of a simulation"
-    return f"from {_two_digits(costs.mean())} ms a simulation on ({_range(costs.min(), costs.max(), None)} ms)"
+    low, mean, high = 1e3 * costs.min(), 1e3 * costs.mean(), 1e3 * costs.max()
+    return f"from {_two_digits(mean)} ms a simulation on ({_range(low, high, None)} ms)"
 
 
 def _range(low: float, high: float, digits: int | None) -> str:

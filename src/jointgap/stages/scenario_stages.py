@@ -736,12 +736,27 @@ def compare_searches(results: "ScenarioResults", workers: int | None) -> str:
     return "\n".join(verdict(shown))
 
 
+_MANY_DESIGNS = (
+    "sweep",
+    "sensitivity",
+    "infer-settings",
+    "optimise-robust",
+    "design-networks",
+    "compare-searches",
+)
+
+
 @SCENARIO_STAGES.stage(
-    reads=(ROBUST_LENGTHS, ROBUST_GAINS, ROBUST_CONSTRAINTS, ROBUST_CANDIDATES),
-    sections=("description", *_MOTION, "sweep", "sensitivity", "optimise", "optimise_robust"),
+    reads=SCENARIO_STAGES.written_by(*_MANY_DESIGNS),
+    sections=tuple(
+        dict.fromkeys(["description", *(one for name in _MANY_DESIGNS for one in SCENARIO_STAGES[name].sections)])
+    ),
 )
 def track_sweep(results: "ScenarioResults", name: str, store: Path, published: Path) -> None:
-    """Publish a scenario's sweep, what decides and robust lengths to MLflow, all designs as one run; nothing twice.
+    """Publish what a scenario asks of many designs to MLflow, all of them as one run; nothing twice.
+
+    That is its sweep, what decides, the settings that the paper did not print, robust lengths, networks that know the
+    design, and the comparison of searches: those of them that its options ask for.
 
     Parameters
     ----------
@@ -753,16 +768,10 @@ def track_sweep(results: "ScenarioResults", name: str, store: Path, published: P
     published : Path
         JSON file to write: what was published.
     """
-    from jointgap.errors import InputError
     from jointgap.track.publish import publish_records
     from jointgap.track.sweep_runs import sweep_record
 
     scenario = results.scenario
-    if not scenario.sweep.parameters and not scenario.optimise_robust.uncertain:
-        raise InputError(
-            "sweep.parameters, optimise_robust.uncertain: name nothing, so there is nothing to publish; give the "
-            "options that the designs were made with"
-        )
     content = [sweep_record(scenario, results.path)]
     summary = publish_records(name, scenario.description, content, None, store)
     tables.write_text(published, json.dumps(summary, indent=2) + "\n")
