@@ -1,17 +1,14 @@
 """What the paper's printed optima come out as on the motion of a design, counted in the ways that it leaves open."""
 
-import math
-
-import numpy as np
 import pytest
 
 from jointgap.config import Scenario
+from jointgap.designs.best_lengths import best_crank_length
 from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.designs_to_parquet import simulate_designs, table_of
-from jointgap.designs.paper_optima import best_ratio
 from jointgap.dynamics import simulate
 from jointgap.errors import InputError
-from jointgap.link_lengths.objective import frozen_objective, objective_of_motion
+from jointgap.link_lengths.objective import frozen_objective
 from jointgap.mechanism import clearance_lift
 from jointgap.paper.printed import OPTIMA
 from jointgap.tables.sweep_tables import PRINTED_OPTIMA
@@ -53,14 +50,8 @@ def test_the_printed_lengths_reduce_the_error_of_a_design_as_the_objective_of_it
             reductions = known.reductions((printed.crank_length, printed.rod_length))
             wanted = getattr(reductions, design["error_measure"])
             assert design[f"reduction_at_{printed.key}"] == pytest.approx(wanted, abs=1e-9)
-        assert design["best_ratio"] == pytest.approx(best_ratio(known, OPTIMA[0].rod_length), abs=1e-7)
-
-
-def test_without_clearance_the_best_ratio_is_the_original_one():
-    angle = np.linspace(0.0, 2.0 * math.pi, 90, endpoint=False)
-    rod = -np.arcsin(PAPER.crank.length * np.sin(angle) / PAPER.rod.length)
-    found = best_ratio(objective_of_motion(PAPER, angle, rod), PAPER.rod.length)
-    assert found == pytest.approx(PAPER.crank.length / PAPER.rod.length, abs=1e-7)
+        best = best_crank_length(known, PAPER.rod.length)
+        assert design["best_ratio_in_window"] == pytest.approx(best / PAPER.rod.length, abs=1e-8)
 
 
 def test_the_table_has_the_printed_numbers_where_they_are_asked_for_alone():

@@ -19,7 +19,7 @@ from jointgap.designs.sweep_page import failures
 from jointgap.errors import InputError, did_you_mean
 from jointgap.report.plain_words import reading_unit
 from jointgap.stages.scenario_stages import SCENARIO_STAGES
-from jointgap.tables.sweep_tables import MEASURES
+from jointgap.tables.sweep_tables import ALL_MEASURES
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,8 +92,9 @@ class SweptDesigns(Result):
     @cached_property
     def _measured(self) -> dict[str, float]:
         """Medians by measure [SI], where some design has one."""
-        frame = self.read(*_MEASURES)
-        return {name: float(frame[name].median()) for name in _MEASURES if frame[name].notna().any()}
+        names = [column.name for column in self._drawn.measured]
+        frame = self.read(*names)
+        return {name: float(frame[name].median()) for name in names if frame[name].notna().any()}
 
     def _draw(self, name: str):
         from jointgap.designs.sweep_figures import measure_over_parameters
@@ -118,7 +119,7 @@ class SweptDesigns(Result):
         return rows
 
 
-_MEASURES = {column.name: column for column in MEASURES}
+_MEASURES = {column.name: column for column in ALL_MEASURES}
 
 
 def sweep(
@@ -131,6 +132,7 @@ def sweep(
     number: int | None = None,
     seed: int | None = None,
     window: Sequence[float | str] | None = None,
+    best_lengths: bool | None = None,
     designs_per_job: int | None = None,
     workers: int | None = None,
     **keys: Any,
@@ -162,6 +164,8 @@ def sweep(
     window : sequence of two, optional
         Crank angles of the first revolution over which the error of the transmission angle is measured too; all of it
         by default.
+    best_lengths : bool, optional
+        Whether each design is measured too by its best lengths by the paper's method; False by default.
     designs_per_job : int, optional
         Designs of a file; 5000 by default.
     workers : int, optional
@@ -192,7 +196,7 @@ def sweep(
     >>> swept.plot("angle_error_rms").save("error.png")
     """
     given = {"parameters": parameters, "design": design, "number": number, "seed": seed, "window": window}
-    given |= {"designs_per_job": designs_per_job}
+    given |= {"best_lengths": best_lengths, "designs_per_job": designs_per_job}
     scenario = Scenario(
         mechanism=checked_mechanism(mechanism),
         simulate=simulate_options(options, keys),

@@ -40,6 +40,7 @@ from jointgap.quantities import (
     unit_factor,
 )
 from jointgap.section import Section
+from jointgap.tables.sweep_tables import PRINTED_OPTIMA, measured
 
 Interval = tuple[PositiveLength, PositiveLength]
 
@@ -612,6 +613,17 @@ class Scenario(Section):
                     f"optimise.boxes.{name}: a crank of {1e3 * crank:g} mm with the slide {1e3 * offset:g} mm off "
                     f"cannot turn on a rod of {1e3 * rod:g} mm; keep rods longer than crank and offset together"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _what_decides_is_asked_of_what_is_measured(self):
+        if self.sensitivity is None or not {"sweep", "sensitivity"} <= self.model_fields_set:
+            return self
+        known = {column.name for column in measured(self.sweep.best_lengths, self.sweep.printed_numbers)}
+        for name in self.sensitivity.measures:
+            if name not in known:
+                key = "printed_numbers" if name in {column.name for column in PRINTED_OPTIMA} else "best_lengths"
+                raise ValueError(f"sensitivity.measures: {name} is not measured; set sweep.{key} to true")
         return self
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ from pydantic import Field, field_validator
 from jointgap.counts import Seed
 from jointgap.errors import did_you_mean
 from jointgap.section import Section
-from jointgap.tables.sweep_tables import MEASURES
+from jointgap.tables.sweep_tables import ALL_MEASURES
 
 
 class Sensitivity(Section):
@@ -19,7 +19,7 @@ class Sensitivity(Section):
     @field_validator("measures")
     @classmethod
     def _measures_are_columns(cls, measures: tuple[str, ...]) -> tuple[str, ...]:
-        known = [column.name for column in MEASURES]
+        known = [column.name for column in ALL_MEASURES]
         for name in measures:
             if name not in known:
                 raise ValueError(f"'{name}' is no measure of a sweep; {did_you_mean(name, known)}")

@@ -118,9 +118,16 @@ class Sweep(Section):
         description="crank angles of the first revolution over which the error of the transmission angle is measured, "
         "beside the last revolution",
     )
+    best_lengths: bool = Field(
+        False,
+        description="measure too the best lengths by the paper's method: the crank's length, and its ratio to the "
+        "rod's, where the RMS of the error is least if the motion in the joints stays as it is, and how far it falls "
+        "there",
+    )
     printed_numbers: bool = Field(
         False,
-        description="of the paper's mechanism alone: measure too what its printed optima come out as; then parameters "
+        description="of the paper's mechanism alone: measure the best lengths, and what its printed optima come out "
+        "as; then parameters "
         "may be window_start, window_end, error_measure and revolution too: how the error is counted, which it does "
         "not say",
     )

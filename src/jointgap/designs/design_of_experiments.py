@@ -22,6 +22,7 @@ from jointgap.joints import JOINTS
 from jointgap.paper.printed import departures
 from jointgap.quantities import to_si
 from jointgap.tables.columns import Column
+from jointgap.tables.sweep_tables import measured
 
 SOURCE = "sweep.parameters"
 """What errors call the place where a parameter stands."""
@@ -83,8 +84,8 @@ class Designs:
     number, seed : int
     window : tuple of float
         Of the transmission angle's error [rad].
-    printed_numbers : bool
-        Whether the paper's printed numbers are measured too.
+    best_lengths, printed_numbers : bool
+        Whether the best lengths by the paper's method, and what its printed optima come out as, are measured too.
     """
 
     base: DrivenMechanism
@@ -93,7 +94,13 @@ class Designs:
     number: int
     seed: int
     window: tuple[float, float]
+    best_lengths: bool = False
     printed_numbers: bool = False
+
+    @property
+    def measured(self) -> tuple[Column, ...]:
+        """Columns of what is measured of each design."""
+        return measured(self.best_lengths, self.printed_numbers)
 
     def values(self, first: int, count: int) -> list[dict[str, Any]]:
         """Values by key of the designs from number `first` on, `count` of them."""
@@ -125,7 +132,7 @@ class Designs:
             "axes": [[a.key, a.unit, a.values, a.law and [a.law.dist.name, a.law.kwds]] for a in self.axes],
             "design": [self.kind, self.seed, None if self.kind == "sobol" else self.number],
             "window": self.window,
-        } | ({"printed_numbers": True} if self.printed_numbers else {})
+        } | {name: True for name in ("best_lengths", "printed_numbers") if getattr(self, name)}
         return hashlib.sha256(json.dumps(told, sort_keys=True, default=float).encode()).hexdigest()[:12]
 
     def _quantiles(self, first: int, count: int) -> np.ndarray:
@@ -164,7 +171,16 @@ def designs_of(scenario: Scenario) -> Designs:
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     check_counting(sweep, base.simulate, SOURCE)
     axes = axes_of(base, sweep.parameters, SOURCE, sweep.design == "grid")
-    designs = Designs(base, axes, sweep.design, sweep.designs, sweep.seed, sweep.window, sweep.printed_numbers)
+    designs = Designs(
+        base,
+        axes,
+        sweep.design,
+        sweep.designs,
+        sweep.seed,
+        sweep.window,
+        best_lengths=sweep.best_lengths or sweep.printed_numbers,
+        printed_numbers=sweep.printed_numbers,
+    )
     _check_possible(designs)
     return designs
 

@@ -13,6 +13,7 @@ from pyarrow.parquet import FileMetaData
 
 from jointgap import tables
 from jointgap.config.sweep_config import MOST_DESIGNS
+from jointgap.designs.best_lengths import best_lengths, counted_objective
 from jointgap.designs.design_of_experiments import Designs
 from jointgap.designs.measures import angles_to_measure, measures
 from jointgap.designs.paper_optima import printed_optima
@@ -22,7 +23,6 @@ from jointgap.errors import InputError
 from jointgap.parts import parts
 from jointgap.progress import followed
 from jointgap.tables import Table, sweep_designs
-from jointgap.tables.sweep_tables import MEASURES, PRINTED_OPTIMA
 
 DIGEST = "jointgap_sweep"
 """Key of a file's metadata: the digest of the sweep that its designs belong to."""
@@ -38,7 +38,7 @@ of the processor's cache, and one by one they take a fifth more. More at once sa
 
 def table_of(designs: Designs) -> Table:
     """The table of these designs."""
-    return sweep_designs((axis.column for axis in designs.axes), designs.printed_numbers)
+    return sweep_designs((axis.column for axis in designs.axes), designs.measured)
 
 
 def simulate_designs(designs: Designs, first: int, count: int, workers: int | None = None) -> pd.DataFrame:
@@ -96,10 +96,15 @@ def _prepared(designs: Designs, values: dict) -> tuple[Run, Parameters | InputEr
 def _row(designs: Designs, values: dict, outcome: Outcome | InputError) -> dict:
     error = outcome if isinstance(outcome, InputError) else outcome.error
     if error is not None:
-        measured = (column.name for column in (*MEASURES, *PRINTED_OPTIMA))
-        return dict.fromkeys(measured, np.nan) | {"steps": 0, "reason": str(error)}
+        return dict.fromkeys((column.name for column in designs.measured), np.nan) | {"steps": 0, "reason": str(error)}
     row = measures(outcome, designs.window) | {"steps": outcome.result.steps, "reason": None}
-    return row | printed_optima(outcome, designs.counting(values)) if designs.printed_numbers else row
+    if designs.best_lengths:
+        counting = designs.counting(values)
+        counted = counted_objective(outcome, counting)
+        row |= best_lengths(outcome, counted)
+        if designs.printed_numbers:
+            row |= printed_optima(counted, counting.measure)
+    return row
 
 
 def write_designs(

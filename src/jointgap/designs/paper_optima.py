@@ -11,20 +11,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from jointgap.config import Simulate
 from jointgap.config.sweep_config import Sweep
-from jointgap.dynamics.parallel_runs import Outcome, rod_and_slider
 from jointgap.errors import InputError, did_you_mean
-from jointgap.link_lengths.objective import MEASURES, Objective, objective_of_motion
+from jointgap.link_lengths.objective import MEASURES, Objective
 from jointgap.paper.printed import OPTIMA
 
 COUNTING = {"window_start": "rad", "window_end": "rad", "error_measure": "", "revolution": ""}
 """Parameters that say how the error is counted, with their units; '' for words and whole numbers, which are listed."""
-
-_NEAREST_CRANK = 0.1
-"""Share of its length by which the best crank may lie off the original one: ten times what any clearance asks for."""
 
 _ROUNDING = 1e-9  # [rad]
 
@@ -36,7 +31,7 @@ class Counting:
     Attributes
     ----------
     window : (float, float)
-        First and last crank angle since the revolution's beginning [rad].
+        First and last crank angle of the revolution [rad].
     measure : str
         One of `jointgap.link_lengths.objective.MEASURES`, of which the reduction is told.
     revolution : int
@@ -111,46 +106,18 @@ def check_counting(sweep: Sweep, simulate: Simulate, source: str) -> None:
             Counting.of({key: value}, sweep.window, simulate, source)
 
 
-def printed_optima(outcome: Outcome, counting: Counting) -> dict[str, float]:
+def printed_optima(counted: Objective | None, measure: str) -> dict[str, float]:
     """The numbers `jointgap.tables.sweep_tables.PRINTED_OPTIMA` of a run that did not fail; NaN without samples.
 
     Parameters
     ----------
-    outcome : Outcome
-        Sampled evenly over all revolutions.
-    counting : Counting
+    counted : Objective or None
+        From `jointgap.designs.best_lengths.counted_objective`.
+    measure : str
+        One of `jointgap.link_lengths.objective.MEASURES`.
     """
-    per_turn = outcome.run.options.samples_per_revolution
-    turn = slice((counting.revolution - 1) * per_turn, counting.revolution * per_turn)
-    angle, result = outcome.crank_angle[turn], outcome.result
-    turned = angle - angle[0]
-    inside = (turned >= counting.window[0] - _ROUNDING) & (turned <= counting.window[1] + _ROUNDING)
     names = [f"reduction_at_{printed.key}" for printed in OPTIMA]
-    if not inside.any():
-        return dict.fromkeys((*names, "best_ratio"), math.nan)
-    rod, _ = rod_and_slider(outcome.parameters, angle, result.states[turn], result.auxiliary_states[turn])
-    objective = objective_of_motion(outcome.run.mechanism, angle[inside], rod[inside])
+    if counted is None:
+        return dict.fromkeys(names, math.nan)
     lengths = np.array([(printed.crank_length, printed.rod_length) for printed in OPTIMA])
-    found = dict(zip(names, getattr(objective.reductions(lengths), counting.measure), strict=True))
-    return found | {"best_ratio": best_ratio(objective, OPTIMA[0].rod_length)}
-
-
-def best_ratio(objective: Objective, rod_length: float) -> float:
-    """L2/L3 of the least sum of squares, equation (12), on a rod of one length.
-
-    Optima lie in a valley of one ratio. Where along it depends on bounds, which the paper does not print.
-
-    Parameters
-    ----------
-    objective : Objective
-    rod_length : float
-        [m].
-    """
-    crank = objective.original[0]
-    found = minimize_scalar(
-        lambda length: objective.value((length, rod_length)),
-        bounds=((1.0 - _NEAREST_CRANK) * crank, (1.0 + _NEAREST_CRANK) * crank),
-        method="bounded",
-        options={"xatol": 1e-8},  # [m] a ratio to 2e-8
-    )
-    return float(found.x / rod_length)
+    return dict(zip(names, getattr(counted.reductions(lengths), measure), strict=True))

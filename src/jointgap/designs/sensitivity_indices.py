@@ -26,9 +26,9 @@ from jointgap.designs.sensitivity_settings import SETTINGS, SensitivitySettings
 from jointgap.designs.sensitivity_surrogate import Surrogate, Training
 from jointgap.errors import InputError
 from jointgap.progress import followed
-from jointgap.tables.sweep_tables import MEASURES
+from jointgap.tables.sweep_tables import ALL_MEASURES
 
-UNITS = {column.name: column.unit for column in MEASURES}
+UNITS = {column.name: column.unit for column in ALL_MEASURES}
 """SI unit of each measure."""
 
 
@@ -76,7 +76,7 @@ def what_decides(
     InputError
         No parameter varies.
     """
-    names = options.measures or [column.name for column in MEASURES]
+    names = options.measures or [column.name for column in designs.measured]
     columns = [*(axis.key for axis in designs.axes), "reason", *names]
     return decided(designs, tables.read_columns(dataset, columns).to_pandas(), names, options.seed, settings)
 

@@ -28,7 +28,7 @@ def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], measu
     axes : tuple of Axis
         The parameters.
     measure : Column
-        One of `jointgap.tables.sweep_tables.MEASURES`.
+        One of `jointgap.tables.sweep_tables.ALL_MEASURES`.
     """
     shown = designs[np.isfinite(designs[measure.name].to_numpy(dtype=float))]
     unit, factor = reading_unit(measure.unit)

@@ -13,7 +13,6 @@ from jointgap.designs.words_of_designs import measure_in_words, parameter_in_wor
 from jointgap.report.page import Page, Paragraph, TableBlock
 from jointgap.report.plain_words import joined, reading_unit, unit_in_words
 from jointgap.tables.columns import Column
-from jointgap.tables.sweep_tables import MEASURES, PRINTED_OPTIMA
 
 _KINDS = {
     "sobol": "drawn as a scrambled Sobol sequence",
@@ -89,8 +88,7 @@ def _parameters(axes: tuple[Axis, ...], dataset: Path) -> tuple:
 
 
 def _measures(designs: Designs, dataset: Path) -> tuple:
-    measured = (*MEASURES, *(PRINTED_OPTIMA if designs.printed_numbers else ()))
-    return tuple(row for column in measured if (row := _measure(column, dataset)))
+    return tuple(row for column in designs.measured if (row := _measure(column, dataset)))
 
 
 def _measure(column: Column, dataset: Path) -> tuple | None:

@@ -5,13 +5,22 @@ from typing import Any
 from jointgap.designs.design_of_experiments import Axis
 from jointgap.figures.sheet import Quantity
 from jointgap.report.plain_words import in_words, reading_unit, unit_in_words
-from jointgap.tables.sweep_tables import MEASURES, PRINTED_OPTIMA
+from jointgap.tables.sweep_tables import ALL_MEASURES
 
-_COLUMNS = {column.name: column for column in (*MEASURES, *PRINTED_OPTIMA)}
+_COLUMNS = {column.name: column for column in ALL_MEASURES}
 _SHORTER = {
     "repeat_distance": "distance from repeating, over the smallest clearance",
     "outer_dead_centre_angle": "outer dead centre: crank angle",
     "inner_dead_centre_angle": "inner dead centre: crank angle",
+    **{
+        f"{name}{suffix}": f"{words}, {span}"
+        for suffix, span in {"": "last revolution", "_in_window": "window of the first revolution"}.items()
+        for name, words in {
+            "best_crank_length": "best crank length by the paper's method",
+            "best_ratio": "best ratio of crank to rod by the paper's method",
+            "reduction_at_best": "share by which the error's RMS falls at the best lengths",
+        }.items()
+    },
     "noise_share": "noise share of the slider's acceleration",
 }
 _WORDS = {

@@ -40,6 +40,9 @@ CHANCE = 0.99
 """Share of the shuffles that a setting has to beat: of nine settings one in eleven sweeps then moves by chance."""
 
 
+_RATIO_COLUMN = "best_ratio_in_window"
+
+
 @dataclass(frozen=True)
 class PrintedNumber:
     """A number that the paper prints and that is measured of each design.
@@ -47,7 +50,7 @@ class PrintedNumber:
     Attributes
     ----------
     column : str
-        Of `jointgap.tables.sweep_tables.PRINTED_OPTIMA`.
+        Of `jointgap.tables.sweep_tables.PRINTED_OPTIMA`, or the best ratio.
     words : str
     printed : float
         [1]
@@ -62,7 +65,7 @@ class PrintedNumber:
 
     def shown(self, value: float) -> str:
         """A value of it as people read it: a reduction in percent, a ratio as it is."""
-        return f"{value:.5f}" if self.column == "best_ratio" else f"{100.0 * value:.2f} %"
+        return f"{value:.5f}" if self.column == _RATIO_COLUMN else f"{100.0 * value:.2f} %"
 
 
 _RATIO = OPTIMA[0].crank_length / OPTIMA[0].rod_length
@@ -72,7 +75,7 @@ NUMBERS = (
                       one.reduction)
         for one in OPTIMA
     ),
-    PrintedNumber("best_ratio", "L2/L3 of the best lengths", _RATIO, abs(CRANK_M / ROD_M - _RATIO)),
+    PrintedNumber(_RATIO_COLUMN, "L2/L3 of the best lengths", _RATIO, abs(CRANK_M / ROD_M - _RATIO)),
 )  # fmt: skip
 """The printed numbers, the reductions first."""
 

@@ -265,7 +265,7 @@ def _method(found: InferredSettings) -> str:
         f"{found.designs.number} designs of a sweep ({failed}), each simulated, with the motion in its joints kept "
         "while lengths are changed, as the paper does. Weights: a normal likelihood of the departures with a standard "
         f"deviation of {100 * found.options.deviation:g} %, in which the three reductions count as one number. The "
-        f"weight is worth {found.worth:.0f} designs. The best ratio is that of the least sum of squares on a rod of "
-        "563.196 mm. The lengths themselves tell nothing of the settings: along the valley of one ratio bounds decide, "
-        "which the paper does not print."
+        f"weight is worth {found.worth:.0f} designs. The best ratio is that of the least RMS on the "
+        "original rod. The lengths themselves tell nothing of the settings: along the valley of one ratio bounds "
+        "decide, which the paper does not print."
     )

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from jointgap.tables.columns import Column, Table
-from jointgap.tables.sweep_tables import PRINTED_OPTIMA
+from jointgap.tables.sweep_tables import BEST_LENGTHS, PRINTED_OPTIMA
 
 INFERRED_NUMBERS = Table(
     "infer_settings_numbers",
@@ -66,6 +66,7 @@ def inferred_designs(swept: Iterable[Column]) -> Table:
             Column("design", "1", "number of the design, from 0", "int"),
             *swept,
             *PRINTED_OPTIMA,
+            *(column for column in BEST_LENGTHS if column.name == "best_ratio_in_window"),
             Column("farthest", "1", "departure of the printed number that is farthest off, as a share of it"),
             Column("together", "", "whether all printed numbers come out", "bool"),
             Column("weight", "1", "weight in the posterior; all add up to 1"),

@@ -61,35 +61,58 @@ MEASURES = (
 )
 """What is measured of each design; over the last revolution unless it says otherwise."""
 
-PRINTED_OPTIMA = (
-    *(
-        Column(
-            f"reduction_at_{key}",
-            "1",
-            f"share by which the error falls at the paper's lengths ({words}), the joints' motion kept",
-            nullable=True,
-        )
-        for key, words in {
-            "printed_genetic": "genetic algorithm",
-            "printed_local": "local search, best start",
-            "printed_local_other": "local search, another start",
-        }.items()
-    ),
+_BEST = "where the RMS of the transmission angle's error is least, rod and the joints' motion kept"
+
+BEST_LENGTHS = tuple(
+    Column(f"{name}{suffix}", unit, f"{words}, {span}", nullable=True)
+    for suffix, span in _SPANS.items()
+    for name, unit, words in (
+        ("best_crank_length", "m", f"crank's length {_BEST}"),
+        ("best_ratio", "1", f"crank's over rod's length {_BEST}"),
+        ("reduction_at_best", "1", f"share by which that RMS falls {_BEST.removeprefix('where the ')}"),
+    )
+)
+"""The best lengths of a design by the paper's method: optima lie in a valley of one ratio, so its rod is kept."""
+
+PRINTED_OPTIMA = tuple(
     Column(
-        "best_ratio",
+        f"reduction_at_{key}",
         "1",
-        "crank's over rod's length where the sum of squares is least, the joints' motion kept",
+        f"share by which the error falls at the paper's lengths ({words}), the joints' motion kept",
         nullable=True,
-    ),
+    )
+    for key, words in {
+        "printed_genetic": "genetic algorithm",
+        "printed_local": "local search, best start",
+        "printed_local_other": "local search, another start",
+    }.items()
 )
 """What the paper's printed optima come out as; the error counted in the window, by the measure and over the revolution
-of the design.
+of the design. Over these its best lengths in the window are sought then too.
 """
 
+ALL_MEASURES = (*MEASURES, *BEST_LENGTHS, *PRINTED_OPTIMA)
+"""What can be measured of a design."""
 
-def sweep_designs(swept: Iterable[Column], printed_numbers: bool = False) -> Table:
-    """The table of designs, with a column for each parameter that is `swept`; with `printed_numbers` those of
-    `PRINTED_OPTIMA` too.
+
+def measured(best_lengths: bool, printed_numbers: bool) -> tuple[Column, ...]:
+    """What is measured of each design of a sweep.
+
+    Parameters
+    ----------
+    best_lengths, printed_numbers : bool
+        Whether it asks for them; the printed numbers bring the best lengths along.
+    """
+    return (
+        *MEASURES,
+        *(BEST_LENGTHS if best_lengths or printed_numbers else ()),
+        *(PRINTED_OPTIMA if printed_numbers else ()),
+    )
+
+
+def sweep_designs(swept: Iterable[Column], measured: Iterable[Column]) -> Table:
+    """The table of designs, with a column for each parameter that is `swept` and each of `ALL_MEASURES` that is
+    `measured`.
     """
     return Table(
         "sweep_designs",
@@ -97,8 +120,7 @@ def sweep_designs(swept: Iterable[Column], printed_numbers: bool = False) -> Tab
         (
             Column("design", "1", "number of the design, from 0", "int"),
             *swept,
-            *MEASURES,
-            *(PRINTED_OPTIMA if printed_numbers else ()),
+            *measured,
             Column("steps", "1", "integration steps, rejected ones included; 0 where it failed", "int"),
             Column("reason", "", "why the design failed; null where it did not", "text", nullable=True),
         ),

@@ -16,7 +16,7 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Scenario
 from jointgap.config.sweep_config import Values
-from jointgap.designs.design_of_experiments import designs_of
+from jointgap.designs.design_of_experiments import Designs, designs_of
 from jointgap.designs.designs_to_parquet import check_dataset
 from jointgap.report.plain_words import reading_unit
 from jointgap.tables import (
@@ -46,7 +46,6 @@ from jointgap.tables import (
     robust_fresh,
 )
 from jointgap.tables.columns import Column
-from jointgap.tables.sweep_tables import MEASURES
 
 DESIGNS = Path("sweep/designs")
 """Folder of the dataset in that of a scenario."""
@@ -89,7 +88,7 @@ def _of_sweep(options: Scenario, folder: Path) -> Part | None:
     designs = designs_of(options)
     check_dataset(designs, folder / DESIGNS)
     params = {"design": designs.kind, "seed": str(designs.seed)} | _laws("sweep", asked)
-    return Part({"sweep_designs": DESIGNS}, _measured(folder / DESIGNS), params, asked)
+    return Part({"sweep_designs": DESIGNS}, _measured(designs, folder / DESIGNS), params, asked)
 
 
 def _of_sensitivity(options: Scenario, folder: Path) -> Part | None:
@@ -236,11 +235,11 @@ def _laws(what: str, parameters: Mapping[str, Any]) -> dict[str, str]:
     return texts
 
 
-def _measured(dataset: Path) -> dict[str, float]:
+def _measured(designs: Designs, dataset: Path) -> dict[str, float]:
     reasons = tables.read_columns(dataset, ["reason"])["reason"]
     failed = len(reasons) - reasons.null_count
     metrics = {"designs": len(reasons), "failed": failed, "failed_percent": 100 * failed / len(reasons)}
-    for column in MEASURES:
+    for column in designs.measured:
         values = tables.read_columns(dataset, [column.name])[column.name].to_numpy()
         values = values[np.isfinite(values)]
         if not len(values):
