@@ -14,9 +14,9 @@ from jointgap.paper_settings.infer_settings import (
     NUMBERS,
     check_infer_settings,
     densest,
+    effective_sample_size,
     inferred_from,
     weights,
-    worth,
 )
 from jointgap.paper_settings.infer_settings_page import headline, page
 from jointgap.paper_settings.infer_settings_results import NEAREST_NAME, nearest_configuration
@@ -72,8 +72,8 @@ def test_three_reductions_along_one_valley_count_as_one_number():
 
 
 def test_equal_weights_are_worth_all_designs_and_one_weight_is_worth_one():
-    assert worth(np.full(10, 0.1)) == pytest.approx(10)
-    assert worth(np.eye(10)[0]) == pytest.approx(1)
+    assert effective_sample_size(np.full(10, 0.1)) == pytest.approx(10)
+    assert effective_sample_size(np.eye(10)[0]) == pytest.approx(1)
 
 
 def test_a_number_comes_out_in_the_share_of_the_range_that_is_near_enough():
@@ -165,6 +165,7 @@ def test_from_a_sweep_come_page_tables_figures_and_a_scenario_of_the_nearest_set
     sweep(scenario, tmp_path / "sweep", 1)
     text = infer_settings(scenario, tmp_path / "sweep/designs", tmp_path / "infer")
     assert "## The nearest settings" in text and "## The training errors" in text
+    assert "nan" not in text and "two of each have to tell" in text
     training = tables.read(tables.INFERRED_TRAINING, tmp_path / "infer/training.parquet")
     assert set(training["drawn"]) == {NEAREST, RANDOM} and len(training) == 16
     assert {path.stem for path in (tmp_path / "infer/figures").glob("*.png")} == {"printed_numbers", "posterior", "map"}

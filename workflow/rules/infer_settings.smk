@@ -22,7 +22,7 @@ rule infer_settings:
         runtime=60,
     params:
         options=lambda wildcards: options_file(wildcards.scenario, "infer-settings"),
-        code=SCENARIO_STAGES["infer-settings"].digest,
+        code=digest_of("infer-settings"),
         designs=subpath(input[0], parent=True),
         folder=subpath(output[0], parent=True),
     message:

@@ -1,14 +1,16 @@
 """Designs of a sweep weighed by how near the paper's printed numbers come out in them.
 
 Of each number there is a departure: how far off it is, as a share of what is printed. The ratio of the lengths lies
-within a thousandth of the original one whatever the settings, so its departure is a share of its printed change. The
-three reductions are one piece of information, for any measure linear in the angle has (1 - R) L3 in common along the
-valley in which the printed lengths lie: in the likelihood they count as one number, the mean of their squares,
+within a percent of the original one whatever the settings, so its departure is a share of its printed change. In the
+likelihood the three reductions count as one number, the mean of their squares, for any measure linear in the angle has
+(1 - R) L3 in common along the valley in which the printed lengths lie. Of the sum of squares (1 - R) L3^2 is constant
+there, and the third reduction comes out short where the first two do not: that speaks against it, more than this says,
 
     log L = -(mean of d_R^2 + d_ratio^2) / (2 deviation^2).
 
 The designs are drawn from what the settings may be, so weights proportional to L make a sample of the posterior of
-them (importance sampling). How many equally weighed designs that sample is worth is (sum w)^2 / sum w^2 (Kish 1965).
+them (importance sampling). Its effective sample size, how many equally weighed designs it is worth, is
+(sum w)^2 / sum w^2 (Kish 1965).
 """
 
 from dataclasses import dataclass
@@ -114,9 +116,9 @@ class InferredSettings:
         return float(self.frame["together"].mean())
 
     @property
-    def worth(self) -> float:
+    def effective_sample_size(self) -> float:
         """How many equally weighed designs the posterior is worth."""
-        return worth(self.frame["weight"].to_numpy())
+        return effective_sample_size(self.frame["weight"].to_numpy())
 
     @property
     def nearest(self) -> pd.DataFrame:
@@ -245,7 +247,7 @@ def weights(off: np.ndarray, deviation: float) -> np.ndarray:
     return likelihood / likelihood.sum()
 
 
-def worth(weight: np.ndarray) -> float:
+def effective_sample_size(weight: np.ndarray) -> float:
     """How many equally weighed designs those of a `weight` (n,) are worth."""
     return float(weight.sum() ** 2 / np.sum(weight**2))
 

@@ -11,7 +11,14 @@ from jointgap.designs.words_of_designs import parameter_quantity, value_in_words
 from jointgap.figures import style
 from jointgap.figures.sheet import Panel, Quantity, Sheet, tick_label
 from jointgap.figures.style import COLOURS, Drawing
-from jointgap.paper_settings.infer_settings import BINS, NUMBERS, InferredSettings, edges_of, place_of
+from jointgap.paper_settings.infer_settings import (
+    BINS,
+    NUMBERS,
+    InferredSettings,
+    departures,
+    edges_of,
+    place_of,
+)
 
 NUMBERS_FIGURE, POSTERIOR, MAP = "printed_numbers", "posterior", "map"
 """Names of the figures."""
@@ -112,21 +119,20 @@ def _map(found: InferredSettings) -> Drawing:
     by_key = {axis.key: axis for axis in found.varied}
     ranked = [by_key[key] for key in found.moved.index]
     across, up = sorted(ranked, key=lambda axis: axis.values is not None)[:2]
-    off = {
-        "error falls: 14.98, 14.80, 13.72 %": np.all(
-            [np.abs(_departure(found, one)) <= found.options.within for one in NUMBERS[:-1]], axis=0
-        ),
-        "L2/L3 = 0.26539": np.abs(_departure(found, NUMBERS[-1])) <= found.options.within,
-        "all together": found.frame["together"].to_numpy(),
+    out = np.abs(departures(found.frame)) <= found.options.within
+    comes_out = {
+        f"error falls: {', '.join(f'{100.0 * one.printed:.2f}' for one in NUMBERS[:-1])} %": out[:, :-1].all(axis=1),
+        f"L2/L3 = {NUMBERS[-1].shown(NUMBERS[-1].printed)}": out[:, -1],
+        "all together": out.all(axis=1),
     }
     places = [place_of(axis, found.frame[axis.key].to_numpy()) for axis in (across, up)]
     sizes = [len(_names(axis)) for axis in (across, up)]
     flat = np.ravel_multi_index((places[1], places[0]), sizes[::-1])
     drawn = np.bincount(flat, minlength=np.prod(sizes))
-    sheet = Sheet(2.7, 1, len(off))
+    sheet = Sheet(2.7, 1, len(comes_out))
     quantities = [parameter_quantity(axis)[0] for axis in (across, up)]
     x, y = np.meshgrid(*(np.arange(size) for size in sizes))
-    for number, (title, inside) in enumerate(off.items()):
+    for number, (title, inside) in enumerate(comes_out.items()):
         panel = sheet.panel((0, number), title, *quantities)
         panel.axes.set_title(title, fontsize=8.0)
         with np.errstate(invalid="ignore"):
@@ -148,12 +154,10 @@ def _map(found: InferredSettings) -> Drawing:
             _ticks(panel, side, axis)
         if number:
             panel.axes.set_ylabel("")
-        sheet.figure.colorbar(shown, ax=panel.axes, label="share of designs [%]" if number == len(off) - 1 else "")
+        sheet.figure.colorbar(
+            shown, ax=panel.axes, label="share of designs [%]" if number == len(comes_out) - 1 else ""
+        )
     return sheet.drawing()
-
-
-def _departure(found: InferredSettings, one) -> np.ndarray:
-    return (found.frame[one.column].to_numpy() - one.printed) / one.scale
 
 
 def _names(axis: Axis) -> list[str]:

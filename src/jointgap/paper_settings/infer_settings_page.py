@@ -72,10 +72,10 @@ def _percent(share: float) -> str:
 
 def _told(found: InferredSettings) -> str:
     """Which settings the numbers tell of, and of which they tell nothing."""
-    if found.worth < _FEW:
+    if found.effective_sample_size < _FEW:
         return (
-            f"Too few designs come near for a posterior: their weight is worth {found.worth:.0f} designs. Sweep more "
-            "designs, or allow a larger deviation."
+            "Too few designs come near for a posterior: their weight is worth "
+            f"{found.effective_sample_size:.0f} designs. Sweep more designs, or allow a larger deviation."
         )
     by_key = {axis.key: axis for axis in found.varied}
     tells = [key for key, is_told in found.moved["told"].items() if is_told]
@@ -116,7 +116,7 @@ def _numbers(found: InferredSettings) -> list:
     heads = ("printed number", "printed", "comes out in", "median design", "5 to 95 % of designs", "nearest design")
     caption = (
         f"A reduction comes out within {100 * found.options.within:g} % of what is printed, the ratio within as much "
-        "of its change from the original 0.26596: it lies within a thousandth of that whatever the settings."
+        "of its change from the original 0.26596: it lies within a percent of that whatever the settings."
     )
     return [
         Heading("What comes out, alone and together"),
@@ -244,9 +244,13 @@ def _training(found: InferredSettings, training: pd.DataFrame) -> list:
 
 def _verdict_of_training(reached: pd.DataFrame) -> str:
     """Whether networks learn better at the nearest designs than at random ones."""
-    shares = reached.groupby("drawn", observed=True)["reached"].mean()
-    near, random = float(shares[NEAREST]), float(shares[RANDOM])
     by_design = reached.groupby(["drawn", "design"], observed=True)["reached"].mean()
+    near, random = (float(by_design[drawn].mean()) for drawn in (NEAREST, RANDOM))
+    if min(len(by_design[drawn]) for drawn in (NEAREST, RANDOM)) < 2:
+        return (
+            f"{_percent(near)} of the training errors are reached at the nearest design and {_percent(random)} at a "
+            "random one; how far designs differ two of each have to tell."
+        )
     error = float(np.sqrt(sum(by_design[drawn].var(ddof=1) / len(by_design[drawn]) for drawn in (NEAREST, RANDOM))))
     apart = (
         "they tell the two apart"
@@ -265,7 +269,7 @@ def _method(found: InferredSettings) -> str:
         f"{found.designs.number} designs of a sweep ({failed}), each simulated, with the motion in its joints kept "
         "while lengths are changed, as the paper does. Weights: a normal likelihood of the departures with a standard "
         f"deviation of {100 * found.options.deviation:g} %, in which the three reductions count as one number. The "
-        f"weight is worth {found.worth:.0f} designs. The best ratio is that of the least RMS on the "
+        f"weight is worth {found.effective_sample_size:.0f} designs. The best ratio is that of the least RMS on the "
         "original rod. The lengths themselves tell nothing of the settings: along the valley of one ratio bounds "
         "decide, which the paper does not print."
     )
