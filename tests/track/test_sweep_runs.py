@@ -204,7 +204,7 @@ def test_what_decides_belongs_to_the_run_where_the_scenario_asks_for_it(folder, 
     decided(folder)
     published(asked, folder)
     run = the_run(client)
-    assert run.data.metrics["total/stroke/clearance"] == 0.7 and run.data.metrics["q2/noise_share"] == 0.1
+    assert run.data.metrics["total/stroke by clearance"] == 0.7 and run.data.metrics["q2/noise_share"] == 0.1
     assert not [name for name in run.data.metrics if name.startswith(("total/noise_share", "first_order/noise_share"))]
     names = {one.dataset.name for one in run.inputs.dataset_inputs}
     assert names == {"sweep_designs", *(table.name for table in tables.SENSITIVITY_TABLES)}

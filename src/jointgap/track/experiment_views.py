@@ -10,10 +10,13 @@ import json
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 from jointgap.joints import JOINT_NUMBERS
 from jointgap.tables import outputs
+from jointgap.tables.sweep_tables import MEASURES
+from jointgap.track.metric_names import name_and_factor
 from jointgap.track.optimise_runs import ENDS, STRETCHES
 
 KEY = "comparison"
@@ -62,14 +65,15 @@ class View:
     sections : sequence of Section
     parallel : tuple of (sequence of str, sequence of str)
         Parameters and metrics of a chart of parallel coordinates, which many runs are seen in; none by default.
-    closed : sequence of str
-        Sections of metrics, by what stands before the slash, that are folded.
+    opened, closed : sequence of str
+        Further sections of metrics, by what stands before the slash: unfolded, and behind them those that are folded.
     """
 
     note: str
     columns: Sequence[str] = ()
     sections: Sequence[Section] = ()
     parallel: tuple[Sequence[str], Sequence[str]] = ((), ())
+    opened: Sequence[str] = ()
     closed: Sequence[str] = ()
 
     def state(self) -> str:
@@ -84,6 +88,7 @@ class View:
         if any(self.parallel):
             sections.append(_section("section-parallel", "All at once", True, 1))
             charts.append(_parallel("chart-parallel", "section-parallel", *self.parallel))
+        sections += [_section(f"opened-{name}", name, True, 3) for name in self.opened]
         sections += [_section(f"closed-{name}", name, False, 3) for name in self.closed]
         columns = [_column(name) for name in self.columns]
         state: dict[str, Any] = {
@@ -162,6 +167,8 @@ def _parallel(uuid: str, section: str, params: Sequence[str], metrics: Sequence[
 
 _GAINS = tuple(f"gain_{stretch}{end}_percent" for end in ENDS for stretch in STRETCHES.values())
 _GAPS = tuple(f"gap/{role}_{when}" for role in ("identify", "confirm") for when in ("before", "after"))
+
+_ROBUST = ("original", "frozen", "nominal", "robust")
 
 VIEWS = {
     "simulate": View(
@@ -242,10 +249,16 @@ VIEWS = {
                 tuple(f"angle_error_rms_mdeg/{size}" for size in ("mean", "deviation", "quantile_95")),
             ),
             Section(
-                "Robust lengths beside the original ones: smaller error in so many draws, its mean falls by",
+                "Robust lengths beside the original ones",
                 ("robust beside original/probability_percent", "robust beside original/mean_fall_percent"),
                 columns=2,
             ),
+        ),
+        opened=("printed numbers", "gain in percent", "network misses", "frozen motion misses"),
+        closed=(
+            *(name_and_factor(column)[0] for column in MEASURES),
+            *("first_order", "total", "q2", *_ROBUST),
+            *(f"{one} beside {other}" for one, other in combinations(reversed(_ROBUST), 2)),
         ),
     ),
     "campaign": View(

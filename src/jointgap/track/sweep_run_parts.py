@@ -4,7 +4,6 @@ What stands before the last slash of a metric's name is the section in which the
 which people read, for the interface rounds to two decimals.
 """
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +17,6 @@ from jointgap.config import Scenario
 from jointgap.config.sweep_config import Values
 from jointgap.designs.design_of_experiments import Designs, designs_of
 from jointgap.designs.designs_to_parquet import check_dataset
-from jointgap.report.plain_words import reading_unit
 from jointgap.tables import (
     COMPARE_SEARCHES_BREAK_EVEN,
     COMPARE_SEARCHES_OPTIMA,
@@ -45,7 +43,7 @@ from jointgap.tables import (
     inferred_designs,
     robust_fresh,
 )
-from jointgap.tables.columns import Column
+from jointgap.track.metric_names import MDEG, name_and_factor
 
 DESIGNS = Path("sweep/designs")
 """Folder of the dataset in that of a scenario."""
@@ -54,8 +52,6 @@ _QUANTILES = {"smallest": 0.0, "quantile_05": 0.05, "median": 0.5, "quantile_95"
 _ENDS = ("", "_low", "_high")
 _LONGEST_TEXT = 500
 """Signs of a parameter's list of values; the whole list stands in the file of options."""
-_MDEG = 1e3 * 180.0 / np.pi
-"""Thousandths of a degree in a radian."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +96,7 @@ def _of_sensitivity(options: Scenario, folder: Path) -> Part | None:
         metrics |= {f"q2/{row['measure']}{end}": row[f"q2{end}"] for end in _ENDS}
     for row in _rows(SENSITIVITY_INDICES, folder):
         metrics |= {
-            f"{index}/{row['measure']}/{row['parameter']}{end}": row[f"{index}{end}"]
+            f"{index}/{row['measure']} by {row['parameter']}{end}": row[f"{index}{end}"]
             for index in ("first_order", "total")
             for end in _ENDS
         }
@@ -158,7 +154,7 @@ def _of_design_networks(options: Scenario, folder: Path) -> Part | None:
     metrics = {}
     errors = pd.DataFrame(_rows(DESIGN_NETWORKS_ERRORS, folder))
     for (output, unit), rows in errors.groupby(["output", "unit"]):
-        ending, factor = {"m": ("um", 1e6), "rad": ("mdeg", _MDEG)}[unit]
+        ending, factor = {"m": ("um", 1e6), "rad": ("mdeg", MDEG)}[unit]
         for way, words in {"network": "network", "frozen": "frozen motion"}.items():
             name = f"{words} misses/{output.replace(' ', '_')}_{ending}"
             metrics[name] = factor * np.sqrt(np.mean(rows[way] ** 2))
@@ -186,7 +182,7 @@ def _of_compare_searches(options: Scenario, folder: Path) -> Part | None:
         way = row["way"] if pd.isna(row["budget"]) else f"{row['way']}_{row['budget']:g}s"
         metrics |= {f"gain in percent/{way}{end}": 100 * row[f"gain{end}"] for end in _ENDS}
         metrics[f"CPU seconds for each optimum/{way}"] = row["cpu_time"]
-        metrics[f"misses the error on held-out designs in mdeg/{way}"] = _MDEG * row["missed"]
+        metrics[f"misses the error on held-out designs in mdeg/{way}"] = MDEG * row["missed"]
     break_even = pd.DataFrame(_rows(COMPARE_SEARCHES_BREAK_EVEN, folder))
     for way in (NETWORKS, SURROGATE):
         for against in (SIMULATION, FROZEN):
@@ -244,21 +240,12 @@ def _measured(designs: Designs, dataset: Path) -> dict[str, float]:
         values = values[np.isfinite(values)]
         if not len(values):
             continue
-        name, factor = _name_and_factor(column)
+        name, factor = name_and_factor(column)
         values = factor * values
         sizes = {"mean": values.mean(), "deviation": values.std(), "counted": len(values)}
         sizes |= dict(zip(_QUANTILES, np.quantile(values, tuple(_QUANTILES.values())), strict=True))
         metrics |= {f"{name}/{size}": value for size, value in sizes.items()}
     return metrics
-
-
-def _name_and_factor(column: Column) -> tuple[str, float]:
-    """Name of a metric, with the unit behind it, and how many of these one SI unit is; errors of an angle in mdeg."""
-    unit, factor = reading_unit(column.unit)
-    if unit == "deg" and "error" in column.name:
-        unit, factor = "mdeg", _MDEG
-    ending = re.sub(r"[*/]", "_", unit).replace("^", "")
-    return (column.name if ending in ("1", "") else f"{column.name}_{ending}"), factor
 
 
 def _numbers(table: Table, row: Mapping[str, Any], section: str) -> Iterator[tuple[str, float]]:
@@ -269,7 +256,7 @@ def _numbers(table: Table, row: Mapping[str, Any], section: str) -> Iterator[tup
         elif column.kind == "float" and column.unit == "1":
             yield f"{section}/{column.name}_percent", 100 * row[column.name]
         elif column.kind == "float":
-            name, factor = _name_and_factor(column)
+            name, factor = name_and_factor(column)
             yield f"{section}/{name}", factor * row[column.name]
 
 
