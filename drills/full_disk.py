@@ -104,11 +104,11 @@ def _prepare(folder: Path) -> None:
     from drills.documents import ROOT
     from drills.pieces import TINY
     from jointgap.config import resolve
-    from jointgap.config.load import options_for
+    from jointgap.stages.scenario_stages import SCENARIO_STAGES
 
     write_inputs(folder)
     scenario = resolve({"mechanism": str(ROOT / "config/mechanisms/erkaya2009.yaml"), **TINY})["tiny"]
-    (folder / _OPTIONS).write_text(options_for(scenario, "simulate"))
+    (folder / _OPTIONS).write_text(SCENARIO_STAGES["simulate"].options(scenario))
 
 
 def _left(disk: Path) -> dict[str, str]:

@@ -13,15 +13,14 @@ from jointgap.config import (
     check_whole,
     json_schema,
     load_mechanism,
-    options_for,
     parse_options,
     resolve,
     stands_alone,
 )
 from jointgap.config.layers import Layer, merge, merged, sources
 from jointgap.config.load import sources_of
-from jointgap.config.scenario import SECTIONS
 from jointgap.errors import InputError
+from jointgap.stages.scenario_stages import SCENARIO_STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
@@ -340,18 +339,19 @@ def test_a_configuration_without_a_usable_scenario_is_refused(config, words):
         resolve(config, (ROOT,))
 
 
-@pytest.mark.parametrize("stage", sorted(SECTIONS))
+@pytest.mark.parametrize("stage", sorted(SCENARIO_STAGES))
 def test_what_a_stage_reads_survives_the_command_line(stage):
     scenario = resolved({"mechanism": {"effects": [{"name": "gravity"}]}})
-    read_back = parse_options(options_for(scenario, stage))
-    for section in SECTIONS[stage]:
+    read_back = parse_options(SCENARIO_STAGES[stage].options(scenario))
+    for section in SCENARIO_STAGES[stage].sections:
         assert getattr(read_back, section) == getattr(scenario, section)
 
 
 def test_a_key_that_a_stage_does_not_read_does_not_reach_it():
     one, other = resolved({}), resolved({"optimise": {"ratio_limit": 0.2}})
-    assert options_for(one, "simulate") == options_for(other, "simulate")
-    assert options_for(one, "optimise") != options_for(other, "optimise")
+    simulate, optimise = SCENARIO_STAGES["simulate"], SCENARIO_STAGES["optimise"]
+    assert simulate.options(one) == simulate.options(other)
+    assert optimise.options(one) != optimise.options(other)
 
 
 def test_options_may_be_a_file_with_a_mechanism_beside_it(tmp_path):

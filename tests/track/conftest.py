@@ -88,6 +88,7 @@ def arguments(results: Path, files: dict[str, Path], name: str = "made_up") -> d
     return {
         "scenario_name": name,
         "options": synthetic.scenario(),
+        "sections": synthetic.SECTIONS,
         "tables": files,
         "figures": [figure],
         "benchmarks": [

@@ -8,6 +8,7 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config import Scenario, load_mechanism
+from jointgap.stages.scenario_stages import SCENARIO_STAGES
 from jointgap.tables import OUTPUTS, Table
 from jointgap.tables.compare_tables import COMPARISON
 from jointgap.tables.kinematics_tables import KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
@@ -25,6 +26,10 @@ BOXES = {
     "paper": {"crank_length": (0.147, 0.153), "rod_length": (0.555, 0.564)},
     "wide": {"crank_length": (0.147, 0.153), "rod_length": (0.55272, 0.57528)},
 }
+
+
+SECTIONS = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
+"""What each stage reads of a scenario."""
 
 
 def scenario(**more) -> Scenario:

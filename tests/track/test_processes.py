@@ -23,9 +23,9 @@ import sys
 from pathlib import Path
 from jointgap.track.publish import publish, publish_records
 from jointgap.track.run_record import Record
-from tests.track.synthetic import scenario, simulated
+from tests.track.synthetic import SECTIONS, scenario, simulated
 name, results, address = sys.argv[1], Path(sys.argv[2]), (sys.argv[3:] or [None])[0]
-publish(name, scenario(), simulated(results / name), [], [], address, results)
+publish(name, scenario(), SECTIONS, simulated(results / name), [], [], address, results)
 """
 
 DIE = """
@@ -92,7 +92,16 @@ def test_a_process_killed_half_way_leaves_nothing_that_the_next_does_not_mend(re
     assert killed.returncode == -signal.SIGKILL
     client = client_of(results)
     assert "RUNNING" in statuses(client)
-    done = publish("made_up", synthetic.scenario(), synthetic.learned(results / "made_up"), [], [], None, results)
+    done = publish(
+        "made_up",
+        synthetic.scenario(),
+        synthetic.SECTIONS,
+        synthetic.learned(results / "made_up"),
+        [],
+        [],
+        None,
+        results,
+    )
     assert set(statuses(client)) == {"FINISHED"} and len(statuses(client)) == len(done["runs"])
     assert done["runs"]["simulate"]["state"] == "kept" and done["deleted"] == 1
 

@@ -3,7 +3,6 @@
 import re
 
 from benchmarks.project import ROOT, run
-from jointgap.config.scenario import SECTIONS
 from jointgap.stages.scenario_stages import SCENARIO_STAGES
 
 
@@ -18,10 +17,3 @@ def test_every_stage_of_a_scenario_has_its_rule_or_is_asked_for_by_one():
     names = set(re.findall(r"^(?:use rule scenario_stage as|rule) (\w+)", rules, re.MULTILINE))
     assert {name.replace("-", "_") for name in SCENARIO_STAGES} - {"report"} <= names
     assert 'digest_of("report")' in rules
-
-
-def test_the_options_of_a_stage_are_the_sections_that_its_record_names():
-    shared = set(SECTIONS) & set(SCENARIO_STAGES)
-    assert {name: set(SECTIONS[name]) for name in shared} == {
-        name: set(SCENARIO_STAGES[name].sections) for name in shared
-    }

@@ -58,8 +58,7 @@ def refuse(error):
 
 def options_file(scenario, stage):
     """What a stage reads of a scenario's configuration, as a file: its name changes with what it holds, and with nothing else."""
-    text = SCENARIOS[scenario].model_dump_json(include=set(SCENARIO_STAGES[stage].sections), by_alias=True)
-    return kept_options(scenario, text)
+    return kept_options(scenario, SCENARIO_STAGES[stage].options(SCENARIOS[scenario]))
 
 
 def kept_options(scenario, text):

@@ -43,8 +43,7 @@ def made_of_sweep(name):
 
 def part_options(wildcards):
     """What a part depends on, as a file: how many designs there are is no part of it where a sequence can be grown."""
-    scenario, sections = SCENARIOS[wildcards.scenario], set(SCENARIO_STAGES["sweep-designs"].sections)
-    options = json.loads(scenario.model_dump_json(include=sections, by_alias=True))
+    options = json.loads(SCENARIO_STAGES["sweep-designs"].options(SCENARIOS[wildcards.scenario]))
     options["sweep"].pop("designs_per_job")
     if options["sweep"]["design"] == "sobol":
         options["sweep"].pop("number")

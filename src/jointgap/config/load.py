@@ -15,7 +15,7 @@ from jointgap.config.layers import BASE, Layer, existing_file, leaves, mechanism
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.names import word
 from jointgap.config.nuisance_bounds import NUISANCES
-from jointgap.config.scenario import SECTIONS, Scenario
+from jointgap.config.scenario import Scenario
 from jointgap.counts import MOST_PARTS
 from jointgap.errors import InputError, did_you_mean
 
@@ -280,11 +280,6 @@ def mechanism_as_written(path: Path | str) -> Any:
     """The mechanism of the campaign in a file as its user wrote it, with units and without what they left out."""
     path = Path(path)
     return _with_mechanism(read_yaml(path), (path.parent,), f"{path}: ").get("mechanism")
-
-
-def options_for(scenario: Scenario, stage: str) -> str:
-    """What `stage` reads of a scenario, as JSON text in SI: the value of its ``--options``."""
-    return scenario.model_dump_json(include=set(SECTIONS[stage]))
 
 
 def parse_options(options: str) -> Scenario:

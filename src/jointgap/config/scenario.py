@@ -636,28 +636,3 @@ class Scenario(Section):
                 f"{self.simulate.revolutions} revolutions of simulate.revolutions"
             )
         return self
-
-
-# What each stage reads of a scenario: what changes elsewhere does not make it run again.
-SECTIONS = {
-    "simulate": ("mechanism", "simulate"),
-    "surrogate": ("mechanism", "simulate", "surrogate"),
-    "kinematics": ("mechanism", "simulate", "surrogate"),
-    "optimise": ("mechanism", "simulate", "surrogate", "optimise"),
-    "figures": ("mechanism", "simulate", "surrogate", "optimise", "figures"),
-    "compare": ("description", "mechanism", "simulate", "surrogate", "optimise"),
-    "summarise": ("description", "mechanism", "simulate", "surrogate", "optimise"),
-    "ensemble": ("mechanism", "simulate", "ensemble"),
-    "study": ("mechanism", "simulate", "study"),
-    "sweep": ("mechanism", "simulate", "sweep"),
-    "sensitivity": ("mechanism", "simulate", "sweep", "sensitivity"),
-    "infer-settings": ("mechanism", "simulate", "sweep", "infer_settings"),
-    "optimise-robust": ("mechanism", "simulate", "optimise", "optimise_robust"),
-    "design-networks": ("mechanism", "simulate", "optimise", "design_networks"),
-    "compare-searches": ("mechanism", "simulate", "optimise", "design_networks", "compare_searches"),
-    "track": ("description", "mechanism", "simulate", "surrogate", "optimise"),
-    "track-sweep": (
-        *("description", "mechanism", "simulate", "sweep", "sensitivity", "infer_settings"),
-        *("optimise", "optimise_robust", "design_networks", "compare_searches"),
-    ),
-}

@@ -3,9 +3,13 @@
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from jointgap.stages.code_digest import code_digest
 from jointgap.tables import Table
+
+if TYPE_CHECKING:  # loads pydantic
+    from jointgap.config import Scenario
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,10 @@ class Stage:
     def digest(self) -> str:
         """Twelve digits that change with the code that the stage runs."""
         return code_digest(self.function)
+
+    def options(self, scenario: "Scenario") -> str:
+        """What it reads of a scenario, as JSON text in SI: the value of its ``--options``."""
+        return scenario.model_dump_json(include=set(self.sections), by_alias=True)
 
     def outputs(self, part: int | str = 0) -> list[str]:
         """Paths that it writes within its folder of results; of a stage that has parts, those of `part`."""

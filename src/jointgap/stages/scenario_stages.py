@@ -351,7 +351,8 @@ def track(results: "ScenarioResults", name: str, store: Path, published: Path) -
         raise InputError(f"{results.path}: holds no tables, so there is nothing to publish; give a scenario's folder")
     pictures = (path for path in (results.path / "figures").glob("*") if path.suffix in (".svg", ".png", ".gif"))
     costs = sorted((results.path / "benchmarks").rglob("*.tsv"))
-    summary = publish(name, results.scenario, files, sorted(pictures), costs, None, store)
+    sections = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
+    summary = publish(name, results.scenario, sections, files, sorted(pictures), costs, None, store)
     tables.write_text(published, json.dumps(summary, indent=2) + "\n")
 
 

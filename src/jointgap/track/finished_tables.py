@@ -10,7 +10,6 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config import Scenario
-from jointgap.config.scenario import SECTIONS
 from jointgap.errors import InputError
 from jointgap.tables import Table
 from jointgap.track.run_parameters import run_parameters
@@ -27,6 +26,8 @@ class FinishedTables:
     Attributes
     ----------
     options : Scenario
+    sections : mapping of str to sequence of str
+        The sections of a scenario that each stage reads.
     tables : dict of str to Path
         Parquet files by ``table`` or ``table/output``.
     costs : dict of str to dict of str to float
@@ -34,6 +35,7 @@ class FinishedTables:
     """
 
     options: Scenario
+    sections: Mapping[str, Sequence[str]]
     tables: dict[str, Path]
     costs: dict[str, dict[str, float]]
 
@@ -61,7 +63,7 @@ class FinishedTables:
     def configuration(self, stage: str) -> dict[str, Any]:
         """Parameters, and the file of all options that the stage reads, as arguments of a record."""
         # the sections that tracking is not told of would show their defaults, not what was used
-        sections = set(SECTIONS[stage]) & set(SECTIONS["track"]) - {"description"}
+        sections = set(self.sections[stage]) & set(self.sections["track"]) - {"description"}
         text = self.options.model_dump_json(include=sections, indent=2) + "\n"
         parameters = run_parameters(self.options, window="optimise" in sections)
         return {"params": parameters, "files": {"options.json": text.encode()}}

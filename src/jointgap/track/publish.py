@@ -50,6 +50,7 @@ class _Scenario:
 def publish(
     scenario_name: str,
     options: Scenario,
+    sections: Mapping[str, Sequence[str]],
     tables: Mapping[str, Path],
     figures: Sequence[Path],
     benchmarks: Sequence[Path],
@@ -64,6 +65,8 @@ def publish(
         Name of the scenario; with stage and output it is what a run is known by.
     options : Scenario
         The scenario's configuration.
+    sections : mapping of str to sequence of str
+        The sections of it that each stage reads.
     tables : mapping of str to Path
         Parquet files by the name of their table; where there is one per output, ``table/output``, as in ``fit/r2``.
     figures : sequence of Path
@@ -86,7 +89,7 @@ def publish(
     InputError
         A table cannot be read, or the store cannot be reached.
     """
-    content = records(options, tables, figures, benchmarks)
+    content = records(options, sections, tables, figures, benchmarks)
     return publish_records(scenario_name, options.description, content, tracking_uri, results_folder)
 
 

@@ -3,7 +3,7 @@ their own.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,12 +26,20 @@ VERDICTS = {
 }
 
 
-def records(options: Scenario, tables: TablePaths, figures: Sequence[Path], benchmarks: Sequence[Path]) -> list[Record]:
+def records(
+    options: Scenario,
+    sections: Mapping[str, Sequence[str]],
+    tables: TablePaths,
+    figures: Sequence[Path],
+    benchmarks: Sequence[Path],
+) -> list[Record]:
     """The runs that one scenario's finished tables make, a stage's own run before those nested in it.
 
     Parameters
     ----------
     options : Scenario
+    sections : mapping of str to sequence of str
+        The sections of a scenario that each stage reads.
     tables : mapping of str to Path
         Parquet files by ``table`` or ``table/output``. A stage whose tables are missing makes no run.
     figures, benchmarks : sequence of Path
@@ -42,7 +50,7 @@ def records(options: Scenario, tables: TablePaths, figures: Sequence[Path], benc
     InputError
         A file that cannot be read as what it is said to be.
     """
-    finished = FinishedTables(options, dict(tables), read_costs(benchmarks))
+    finished = FinishedTables(options, sections, dict(tables), read_costs(benchmarks))
     stages = (_simulate_records, surrogate_records, _kinematics_records, optimise_records, _compare_records)
     return [record for stage in stages for record in stage(finished)] + _figure_records(finished, figures)
 
