@@ -1,5 +1,6 @@
 """A sweep in plain words: how many designs, what failed, and how far each measure ranges."""
 
+import math
 import re
 from collections import Counter
 from pathlib import Path
@@ -20,6 +21,7 @@ _KINDS = {
     "grid": "on a grid",
 }
 _NUMBER = re.compile(r"[-+]?[0-9][-+.0-9e]*")
+_MOST_DIGITS = 8
 _QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 
 
@@ -101,4 +103,8 @@ def _measure(column: Column, dataset: Path) -> tuple | None:
 
 
 def _numbers(values: np.ndarray, shares: tuple[float, ...]) -> tuple[str, ...]:
-    return tuple(f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}" for value in np.quantile(values, shares))
+    """Quantiles with four digits, or with more where they hardly differ: enough to tell them apart."""
+    shown = np.quantile(values, shares)
+    largest, spread = np.max(np.abs(shown)), np.ptp(shown)
+    digits = min(max(4, math.ceil(math.log10(largest / spread)) + 2), _MOST_DIGITS) if spread else 4
+    return tuple(f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.{digits}g}" for value in shown)

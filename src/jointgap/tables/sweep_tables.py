@@ -61,7 +61,7 @@ MEASURES = (
 )
 """What is measured of each design; over the last revolution unless it says otherwise."""
 
-_BEST = "where the RMS of the transmission angle's error is least, rod and the joints' motion kept"
+_BEST = "where the RMS of the transmission angle's error is least, the rod's length and the joints' motion kept"
 
 BEST_LENGTHS = tuple(
     Column(f"{name}{suffix}", unit, f"{words}, {span}", nullable=True)
@@ -69,7 +69,11 @@ BEST_LENGTHS = tuple(
     for name, unit, words in (
         ("best_crank_length", "m", f"crank's length {_BEST}"),
         ("best_ratio", "1", f"crank's over rod's length {_BEST}"),
-        ("reduction_at_best", "1", f"share by which that RMS falls {_BEST.removeprefix('where the ')}"),
+        (
+            "reduction_at_best",
+            "1",
+            "share by which the RMS of the transmission angle's error falls at the best crank length",
+        ),
     )
 )
 """The best lengths of a design by the paper's method: optima lie in a valley of one ratio, so its rod is kept."""
