@@ -233,7 +233,7 @@ def test_settings_that_the_paper_did_not_print_belong_to_the_run_with_the_shares
     assert metrics[f"{section}/together_percent"] == pytest.approx(100 / 3)
     assert metrics[f"{section}/best_ratio_percent"] == 25
     assert metrics[f"{section}/farthest_off_in_the_nearest_design_percent"] == pytest.approx(4)
-    assert metrics[f"{section}/designs_that_the_weight_is_worth"] == pytest.approx(8 / 3)
+    assert metrics[f"{section}/effective_sample_size"] == pytest.approx(8 / 3)
     assert metrics["training errors of the paper/reached_at_nearest_designs_percent"] == 50
     assert metrics["training errors of the paper/reached_at_random_designs_percent"] == 100
     files = {file.path for file in client.list_artifacts(run.info.run_id, "infer_settings")}

@@ -108,13 +108,13 @@ def _of_infer_settings(options: Scenario, folder: Path) -> Part | None:
     asked = options.infer_settings
     if asked is None:
         return None
-    from jointgap.paper_settings.infer_settings import worth
+    from jointgap.paper_settings.infer_settings import effective_sample_size
 
     designs = tables.read_columns(folder / INFERRED_DESIGNS_PATH, ["together", "farthest", "weight"]).to_pandas()
     metrics = {
         "printed numbers/together_percent": 100 * designs["together"].mean(),
         "printed numbers/farthest_off_in_the_nearest_design_percent": 100 * designs["farthest"].min(),
-        "printed numbers/designs_that_the_weight_is_worth": worth(designs["weight"].to_numpy()),
+        "printed numbers/effective_sample_size": effective_sample_size(designs["weight"].to_numpy()),
     }
     for row in _rows(INFERRED_NUMBERS, folder):
         metrics[f"printed numbers/{row['number']}_percent"] = 100 * row["share"]
