@@ -42,6 +42,14 @@ def test_help_lists_every_stage_and_imports_nothing_heavy():
         assert f"  {stage} " in done.stdout
 
 
+def test_sums_of_matrices_take_one_thread_though_snakemake_allows_the_job_more():
+    libraries = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    code = f"import os, jointgap.cli as it;it.cli = lambda: print([os.environ[name] for name in {libraries}]);it.main()"
+    allowed = os.environ | dict.fromkeys(libraries, "8")
+    done = subprocess.run([sys.executable, "-c", code], env=allowed, capture_output=True, text=True, timeout=60)
+    assert done.stdout == "['1', '1', '1']\n"
+
+
 def test_every_subcommand_stands_in_one_section_of_the_help():
     listed = [name for names in cli.sections.values() for name in names]
     shown = [name for name, command in cli.commands.items() if not command.hidden]

@@ -34,9 +34,10 @@ def main() -> None:
     from jointgap.cli.progress_display import progress_shown
     from jointgap.errors import InputError, SimulationError
 
-    # One thread: the matrices are small, jobs run side by side, and sums in another order would change the last bits.
+    # One thread, though Snakemake says as many as the job has: matrices are small, so that further threads cost more
+    # processor time than they save, and sums in another order would change the last bits.
     for library in ("OPENBLAS", "OMP", "MKL"):
-        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+        os.environ[f"{library}_NUM_THREADS"] = "1"
     try:
         with progress_shown():
             cli()
