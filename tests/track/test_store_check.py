@@ -18,7 +18,11 @@ def closed_port():
         yield closed.getsockname()[1]
 
 
-@pytest.mark.parametrize("kind", ["http://{}", "postgresql://joe:secret@{}/runs"])
+@pytest.mark.parametrize(
+    "kind",
+    # its driver is among the packages of the cluster
+    ["http://{}", pytest.param("postgresql://joe:secret@{}/runs", marks=pytest.mark.cluster)],
+)
 def test_a_server_that_is_not_there_is_told_at_once(closed_port, kind):
     begun = time.monotonic()
     with pytest.raises(InputError, match=r"MLflow store .* cannot be reached .*start the server") as refused:
