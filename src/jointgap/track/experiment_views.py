@@ -88,7 +88,7 @@ class View:
         if any(self.parallel):
             sections.append(_section("section-parallel", "All at once", True, 1))
             charts.append(_parallel("chart-parallel", "section-parallel", *self.parallel))
-        sections += [_section(f"opened-{name}", name, True, 3) for name in self.opened]
+        sections += [_section(f"opened-{name}", name, True, 2) for name in self.opened]
         sections += [_section(f"closed-{name}", name, False, 3) for name in self.closed]
         columns = [_column(name) for name in self.columns]
         state: dict[str, Any] = {
@@ -238,7 +238,7 @@ VIEWS = {
         columns=(
             *("metrics.designs", "metrics.failed_percent"),
             *("metrics.angle_error_rms_mdeg/mean", "metrics.angle_error_rms_mdeg/deviation"),
-            "metrics.printed numbers/together_percent",
+            "metrics.printed/together_percent",
             *("metrics.robust/crank_length_mm", "metrics.robust/rod_length_mm"),
             "metrics.robust beside original/probability_percent",
             *("metrics.network misses/RMS_error_mdeg", "metrics.frozen motion misses/RMS_error_mdeg"),
@@ -254,10 +254,10 @@ VIEWS = {
                 columns=2,
             ),
         ),
-        opened=("printed numbers", "gain in percent", "network misses", "frozen motion misses"),
+        opened=("printed", "gain_percent", "network misses", "frozen motion misses"),
         closed=(
             *(name_and_factor(column)[0] for column in MEASURES),
-            *("first_order", "total", "q2", *_ROBUST),
+            *("first_order", "total", "q2", "gain_percent_low", "gain_percent_high", *_ROBUST),
             *(f"{one} beside {other}" for one, other in combinations(reversed(_ROBUST), 2)),
         ),
     ),

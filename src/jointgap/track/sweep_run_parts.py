@@ -112,12 +112,12 @@ def _of_infer_settings(options: Scenario, folder: Path) -> Part | None:
 
     designs = tables.read_columns(folder / INFERRED_DESIGNS_PATH, ["together", "farthest", "weight"]).to_pandas()
     metrics = {
-        "printed numbers/together_percent": 100 * designs["together"].mean(),
-        "printed numbers/farthest_off_in_the_nearest_design_percent": 100 * designs["farthest"].min(),
-        "printed numbers/effective_sample_size": effective_sample_size(designs["weight"].to_numpy()),
+        "printed/together_percent": 100 * designs["together"].mean(),
+        "printed/farthest_off_in_nearest_percent": 100 * designs["farthest"].min(),
+        "printed/effective_sample_size": effective_sample_size(designs["weight"].to_numpy()),
     }
     for row in _rows(INFERRED_NUMBERS, folder):
-        metrics[f"printed numbers/{row['number']}_percent"] = 100 * row["share"]
+        metrics[f"printed/{row['number']}_percent"] = 100 * row["share"]
     training = pd.DataFrame(_rows(INFERRED_TRAINING, folder))
     for drawn, rows in training.groupby("drawn") if len(training) else ():
         reached = 100 * (rows["training_mse"] <= rows["paper_mse"]).mean()
@@ -180,15 +180,15 @@ def _of_compare_searches(options: Scenario, folder: Path) -> Part | None:
     metrics = {}
     for row in _rows(COMPARE_SEARCHES_SUMMARY, folder):
         way = row["way"] if pd.isna(row["budget"]) else f"{row['way']}_{row['budget']:g}s"
-        metrics |= {f"gain in percent/{way}{end}": 100 * row[f"gain{end}"] for end in _ENDS}
-        metrics[f"CPU seconds for each optimum/{way}"] = row["cpu_time"]
-        metrics[f"misses the error on held-out designs in mdeg/{way}"] = MDEG * row["missed"]
+        metrics |= {f"gain_percent{end}/{way}": 100 * row[f"gain{end}"] for end in _ENDS}
+        metrics[f"cpu_time_s/{way}"] = row["cpu_time"]
+        metrics[f"missed_mdeg/{way}"] = MDEG * row["missed"]
     break_even = pd.DataFrame(_rows(COMPARE_SEARCHES_BREAK_EVEN, folder))
     for way in (NETWORKS, SURROGATE):
         for against in (SIMULATION, FROZEN):
             costs = pays_from(break_even, way, against, asked.optima)
             if costs is not None:
-                name = f"ms of a simulation from which on it pays to learn/{way}_against_{against}"
+                name = f"pays_from_ms_of_a_simulation/{way}_against_{against}"
                 metrics[name] = 1e3 * costs.mean()
     params = {
         "compare_searches/optima": str(asked.optima),
