@@ -13,6 +13,9 @@ from benchmarks import services
 from benchmarks.project import copy_project, environment, in_venv
 from benchmarks.services import Slurm
 
+CORES = 2
+"""Of the node, whatever the machine has: of the four parts of the sweep some wait while others run."""
+
 PROFILE = ("--workflow-profile", "workflow/profiles/slurm", "--slurm-init-seconds-before-status-checks", "2")
 """As PROFILE=slurm has it, but that the jobs are looked at more often."""
 
@@ -67,7 +70,7 @@ def begun_on(slurm: Slurm, project: Path, *asked: str) -> Iterator[subprocess.Po
 def slurm() -> Iterator[Slurm]:
     """A SLURM that takes jobs; where its packages are missing the test fails with their names."""
     try:
-        with services.slurm() as started:
+        with services.slurm(CORES) as started:
             yield started
     except services.ServiceError as error:
         pytest.fail(str(error), pytrace=False)
@@ -97,7 +100,7 @@ def swept_here(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 def dataset(project: Path) -> dict[str, bytes]:
     """Files of the dataset of a project's sweep, by name."""
-    return {path.name: path.read_bytes() for path in (project / "results/sweep/sweep/designs").glob("*.parquet")}
+    return {path.name: path.read_bytes() for path in (project / "results/sweep/sweep/designs").glob("part_*.parquet")}
 
 
 @pytest.fixture

@@ -6,27 +6,32 @@ import re
 import signal
 import subprocess
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 
 from benchmarks.project import SMOKE_REPORT, copy_project
-from benchmarks.services import services
+from benchmarks.services import Slurm, services
 from tests.cluster.conftest import SWEEP, begun_on, dataset, run_on, workflow
 
 pytestmark = [pytest.mark.cluster, pytest.mark.xdist_group("slurm")]
 
 SWEPT = ("swept", "--configfile", "sweep.yaml")
-PATIENCE = 300  # seconds until something that has to happen is given up
+PATIENCE = 600  # seconds until something that has to happen is given up: a machine may be busy with other things
+
+Found = TypeVar("Found")
 
 
-def wait_for(something, run: subprocess.Popen | None = None):
-    """What the function `something` finds, as soon as it finds it; a `run` has to go on meanwhile."""
+def wait_for(something: Callable[[], Found], run: subprocess.Popen | None = None, project: Path = Path()) -> Found:
+    """What the function `something` finds, as soon as it finds it; a `run` in a `project` has to go on meanwhile."""
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         if found := something():
             return found
-        assert run is None or run.poll() is None
+        assert run is None or run.poll() is None, (project / "said.txt").read_text()[-6000:]
         time.sleep(0.05)
     raise AssertionError(f"nothing within {PATIENCE} s")
 
@@ -48,6 +53,27 @@ def processes_with(*words: str) -> list[int]:
 def simulating(project: Path) -> list[int]:
     """Ids of the processes that simulate designs of a project."""
     return processes_with("sweep-designs\0", str(project))
+
+
+def kill(processes: list[int]) -> None:
+    """End processes at once, those that have not ended meanwhile."""
+    for process in processes:
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
+
+
+def cancelled(slurm: Slurm) -> bool:
+    """Whether a job that runs could be cancelled, the last of those that SLURM lists."""
+    running = slurm.says("squeue", "--noheader", "--states=R", "--format=%i").split()
+    try:
+        return bool(running) and slurm.says("scancel", running[-1]) == ""
+    except subprocess.CalledProcessError:  # it has ended meanwhile
+        return False
+
+
+def queued(slurm: Slurm) -> int:
+    """Jobs that have not ended; each task of an array is one."""
+    return len(slurm.says("squeue", "--noheader", "--array", "--format=%i").split())
 
 
 def finished(run: subprocess.Popen, project: Path) -> str:
@@ -83,9 +109,8 @@ def test_a_sweep_has_the_bytes_that_it_has_on_one_machine_and_goes_in_an_array(s
 
 def test_a_killed_and_a_cancelled_job_are_made_again(slurm, project, swept_here):
     with begun_on(slurm, project, *SWEPT) as run:
-        os.kill(wait_for(lambda: simulating(project), run)[0], signal.SIGKILL)
-        running = ("squeue", "--noheader", "--states=R", "--format=%i")
-        slurm.says("scancel", wait_for(lambda: slurm.says(*running).split(), run)[-1])
+        kill(wait_for(lambda: simulating(project), run, project)[:1])
+        wait_for(lambda: cancelled(slurm), run, project)
         said = finished(run, project)
     assert "Trying to restart job" in said
     assert dataset(project) == swept_here
@@ -93,9 +118,8 @@ def test_a_killed_and_a_cancelled_job_are_made_again(slurm, project, swept_here)
 
 def test_a_node_that_goes_down_with_its_jobs_and_comes_back_does_them_again(slurm, project, swept_here):
     with begun_on(slurm, project, *SWEPT) as run:
-        wait_for(lambda: simulating(project), run)
-        for process in [*processes_with(f"slurmd\0-f\0{slurm.folder}/"), *simulating(project)]:
-            os.kill(process, signal.SIGKILL)
+        wait_for(lambda: simulating(project), run, project)
+        kill([*processes_with(f"slurmd\0-f\0{slurm.folder}/"), *simulating(project)])
         services("start", slurm.folder)
         finished(run, project)
     assert dataset(project) == swept_here
@@ -103,9 +127,10 @@ def test_a_node_that_goes_down_with_its_jobs_and_comes_back_does_them_again(slur
 
 def test_a_run_that_is_killed_itself_goes_on_when_it_is_called_again(slurm, project, swept_here):
     with begun_on(slurm, project, *SWEPT) as run:
-        wait_for(lambda: "Finished jobid" in (project / "said.txt").read_text(), run)
+        # The last two parts wait for the cores of the first.
+        wait_for(lambda: dataset(project) and queued(slurm) < len(swept_here), run, project)
     slurm.says("scancel", "--user", str(os.geteuid()))
-    wait_for(lambda: not slurm.says("squeue", "--noheader"))
+    wait_for(lambda: queued(slurm) == 0)
     assert 0 < len(dataset(project)) < len(swept_here)
     done = run_on(slurm, project, *SWEPT)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
@@ -116,11 +141,13 @@ def test_stopping_slurm_ends_its_jobs_and_daemons(tmp_path_factory):
     folder = tmp_path_factory.mktemp("s")
     variables = services("start", folder)
     subprocess.run(
-        ["bash", "-c", 'eval "$1"; sbatch --wrap "sleep 4321"', "bash", variables], check=True, capture_output=True
+        ["bash", "-c", 'eval "$1"; sbatch --wrap "sleep 4321"', "bash", variables],
+        cwd=folder,  # where its job works and writes what it says
+        check=True,
+        capture_output=True,
     )
-    wait_for(lambda: processes_with("sleep\x004321"))
+    wait_for(lambda: processes_with("sleep\x004321", str(folder)))
     services("stop", folder)
-    assert not processes_with("sleep\x004321")
     assert not processes_with(str(folder))
 
 
