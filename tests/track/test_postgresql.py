@@ -13,7 +13,8 @@ import time
 import urllib.request
 import uuid
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -27,13 +28,14 @@ from tests.track.writers import KINDS
 pytestmark = pytest.mark.cluster
 
 WRITERS = 16
+PATIENCE = 600  # seconds until something that has to happen is given up: a machine may be busy with other things
 SERVICES = ROOT / "scripts/services"
 
 
 def service(verb: str, folder: Path) -> str:
     """What scripts/services prints; a test fails where it does, as where PostgreSQL is not installed."""
     done = subprocess.run(
-        [SERVICES, verb, folder, "postgresql"], capture_output=True, text=True, timeout=120, check=False
+        [SERVICES, verb, folder, "postgresql"], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     if done.returncode != 0:
         pytest.fail(done.stderr, pytrace=False)
@@ -61,19 +63,23 @@ def address_in(folder: Path) -> str:
 @pytest.fixture
 def database(services) -> Iterator[str]:
     """Address of a database in which nothing is, not even tables."""
+    name, server = f"runs_{uuid.uuid4().hex[:8]}", address_in(services)
+    said_by(server, f"CREATE DATABASE {name}")
+    yield f"{server.rpartition('/')[0]}/{name}"
+    said_by(server, f"DROP DATABASE {name} WITH (FORCE)")
+
+
+def said_by(server: str, command: str) -> list[tuple]:
+    """Rows that a command of SQL gives."""
     import psycopg2
 
-    name, server = f"runs_{uuid.uuid4().hex[:8]}", address_in(services)
-
-    def say(command: str) -> None:
-        connection = psycopg2.connect(server)
-        connection.autocommit = True
-        connection.cursor().execute(command)
-        connection.close()
-
-    say(f"CREATE DATABASE {name}")
-    yield f"{server.rpartition('/')[0]}/{name}"
-    say(f"DROP DATABASE {name} WITH (FORCE)")
+    connection = psycopg2.connect(server)
+    connection.autocommit = True
+    with connection.cursor() as cursor:
+        cursor.execute(command)
+        rows = cursor.fetchall() if cursor.description else []
+    connection.close()
+    return rows
 
 
 @pytest.fixture
@@ -86,13 +92,20 @@ def mlflow_server(database, tmp_path) -> Iterator[str]:
         quiet = os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
         server = subprocess.Popen(command, stdout=log, stderr=log, env=quiet, start_new_session=True)
     try:
-        deadline = time.monotonic() + 180
-        while not answers(address) and time.monotonic() < deadline:
-            time.sleep(0.2)
+        wait_until(lambda: server.poll() is not None or answers(address))
+        assert server.poll() is None, (tmp_path / "server.log").read_text()[-3000:]
         yield address
     finally:
-        os.killpg(server.pid, signal.SIGTERM)
-        server.wait(timeout=60)
+        with suppress(ProcessLookupError):
+            os.killpg(server.pid, signal.SIGKILL)  # nothing that it holds is needed any more
+        server.wait()
+
+
+def wait_until(happened: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline, f"nothing within {PATIENCE} s"
+        time.sleep(0.1)
 
 
 def answers(address: str) -> bool:
@@ -116,7 +129,7 @@ def published_by_all(address: str, folder: Path, kind: str, writers: int = WRITE
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=500,
+        timeout=PATIENCE,
         check=False,
     )
     assert (done.returncode, done.stdout) == (0, ""), done.stdout + done.stderr
@@ -160,12 +173,12 @@ with locked(sys.argv[1]):
 
 def test_a_writer_that_is_killed_lets_the_next_one_in(database):
     command = [sys.executable, "-c", HOLD, database]
+    waiting = "SELECT count(*) FROM pg_locks WHERE locktype = 'advisory' AND NOT granted"
     first = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert first.stdout.readline() == "held\n"
     second = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
-        with pytest.raises(subprocess.TimeoutExpired):
-            second.wait(timeout=3)
+        wait_until(lambda: said_by(database, waiting) == [(1,)])
         first.kill()
         assert second.stdout.readline() == "held\n"
     finally:
@@ -184,11 +197,11 @@ def test_artifacts_of_a_database_lie_in_the_results_folder(database, tmp_path):
 def test_a_wrong_password_and_a_database_that_is_not_there_are_told_at_once(database, changed, into):
     password, name = database.partition("@")[0].rpartition(":")[2], database.rpartition("/")[2]
     wrong = database.replace(changed.format(password=password, name=name), into)
+    check(database)  # loads what it needs
     begun = time.monotonic()
     with pytest.raises(InputError, match=r"cannot be reached or refuses .*FATAL") as refused:
         check(wrong)
-    assert time.monotonic() - begun < 10 and password not in str(refused.value)
-    check(database)
+    assert time.monotonic() - begun < 60 and password not in str(refused.value)  # MLflow itself: 100 s
 
 
 def test_a_crashed_server_leaves_no_process_and_keeps_its_address():

@@ -37,11 +37,14 @@ def write(number: int, address: str, folder: Path, kind: str, begin, failed) -> 
     of, name = (KINDS[0], "same") if kind == "same" else (KINDS[number % len(KINDS)], f"writer_{number}")
     content = records(of, folder / f"results_{number}")
     begin.wait()
+    said = "ended without a word"
     try:
         publish_records(name, "made up", content, address, folder / "results")
-        failed.put(None)
+        said = None
     except InputError as error:
-        failed.put(str(error))
+        said = str(error)
+    finally:  # whoever waits for its word gets one
+        failed.put(said)
 
 
 def main(address: str, folder: Path, number: int, kind: str) -> None:
