@@ -18,6 +18,7 @@ from jointgap.designs import designs_to_parquet
 from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.designs_to_parquet import check_dataset, simulate_designs, table_of, write_designs
 from jointgap.dynamics import simulate
+from jointgap.dynamics.simulation import crank_angles
 from jointgap.ensembles.cycle_statistics import clearance_vectors
 from jointgap.errors import InputError
 from jointgap.stages.scenario_stages import sweep
@@ -165,6 +166,17 @@ def test_a_design_is_measured_as_its_simulation_alone_says(measured):
     vectors = np.hstack([clearance_vectors(alone.samples, joint) for joint in ("crank_pin", "piston_pin")])
     apart = np.linalg.norm(vectors[-361:] - vectors[-721:-360], axis=1).max()
     assert row["repeat_distance"] == pytest.approx(apart / own.mechanism.clearance("crank_pin"), rel=1e-9)
+
+
+def test_a_sample_that_lies_short_of_a_turn_by_rounding_counts_at_the_beginning_of_the_next():
+    turned = options(revolutions=2, samples_per_revolution=360, tolerance=1e-8, start_angle=282 * 2.0 * math.pi / 360)
+    assert 0.0 < 2.0 * math.pi - crank_angles(turned)[78] < 1e-14
+    sweep = {"parameters": {"friction": [0.1]}, "number": 1, "window": ["0 deg", "0.5 deg"]}
+    (row,) = simulate_designs(designs_of(Scenario(mechanism=MADE, simulate=turned, sweep=sweep)), 0, 1).to_dict(
+        "records"
+    )
+    there = simulate(MADE, turned).samples.iloc[78]
+    assert row["angle_error_peak_in_window"] == pytest.approx(abs(there["transmission_angle"] - math.pi / 2), rel=1e-9)
 
 
 def test_a_mechanism_without_clearance_has_no_error_and_the_stroke_and_dead_centres_of_geometry():

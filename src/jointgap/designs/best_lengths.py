@@ -11,12 +11,11 @@ from scipy.optimize import newton
 
 from jointgap.designs.paper_optima import Counting
 from jointgap.dynamics.parallel_runs import Outcome, rod_and_slider
+from jointgap.dynamics.solver.sample_sums import ROUNDING
 from jointgap.link_lengths.objective import Objective, objective_of_motion
 
 _NO_ERROR = 1e-12
 """RMS [rad] below which an error is rounding, of which no share is told."""
-
-_ROUNDING = 1e-9  # [rad] of crank angles
 
 _NEAR = 1e-4
 """Share of the crank's length between the first two lengths that are tried: less than what clearances ask for."""
@@ -57,8 +56,8 @@ def counted_objective(outcome: Outcome, counting: Counting) -> Objective | None:
 def _objective(outcome: Outcome, turn: slice, window: tuple[float, float] = (0.0, 2.0 * math.pi)) -> Objective | None:
     angle, result = outcome.crank_angle[turn], outcome.result
     # A sample at the beginning of a later revolution may lie short of it by rounding.
-    place = (angle + _ROUNDING) % (2.0 * math.pi)
-    inside = (place >= window[0]) & (place <= window[1] + 2.0 * _ROUNDING)
+    place = (angle + ROUNDING) % (2.0 * math.pi)
+    inside = (place >= window[0]) & (place <= window[1] + 2.0 * ROUNDING)
     if not inside.any():
         return None
     rod, _ = rod_and_slider(outcome.parameters, angle, result.states[turn], result.auxiliary_states[turn])

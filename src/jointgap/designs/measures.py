@@ -14,7 +14,6 @@ from jointgap.joints import JOINTS
 
 _SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins")
 _ERRORS = tuple(f"angle_error_{size}{span}" for span in ("", "_in_window") for size in ("rms", "mean", "peak"))
-_ROUNDING = 1e-9  # [rad] of crank angles
 _COLUMN = {name: number for number, name in enumerate(EVENT)}
 
 
@@ -40,7 +39,7 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     position, acceleration, peaks, sizes = slider_and_forces(p, *(getattr(result, name)[last] for name in _SAMPLED))
     # The last revolution's end is its beginning again.
     *errors, least = _angle_errors(outcome, slice(-per_turn - 1, -1), (-math.inf, math.inf))
-    *errors_in_window, _ = _angle_errors(outcome, slice(0, per_turn), (window[0] - _ROUNDING, window[1] + _ROUNDING))
+    *errors_in_window, _ = _angle_errors(outcome, slice(0, per_turn), window)
     found = dict(zip(_ERRORS, (*errors, *errors_in_window), strict=True))
     found |= {"least_transmission_angle": least}
     found |= _travel(position[:-1], outcome.crank_angle[last][:-1])

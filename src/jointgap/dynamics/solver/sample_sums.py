@@ -12,6 +12,9 @@ from jointgap.dynamics.model.equations import accelerations, pose
 from jointgap.dynamics.solver.runge_kutta import crank_at, damping_factors
 from jointgap.dynamics.solver.sampling import joint_forces_at
 
+ROUNDING = 1e-9
+"""Crank angles closer than this are the same [rad]."""
+
 
 @compiled
 def angle_errors(p, angles, states, auxiliary_states, low, high):
@@ -33,14 +36,15 @@ def angle_errors(p, angles, states, auxiliary_states, low, high):
         RMS, mean size and largest size of the error, NaN where no sample counts; smallest transmission angle of all
         samples, as an acute one [rad].
     """
-    b, everywhere = p.bodies, low <= 0.0 and high >= 2.0 * math.pi
+    b, everywhere = p.bodies, low <= 0.0 and high >= 2.0 * math.pi - ROUNDING
     count, squares, total, peak, steepest = 0, 0.0, 0.0, 0.0, 0.0
     for n in range(angles.size):
         rise = b.crank_length * math.sin(angles[n])
         end = rise + states[n, 1] + auxiliary_states[n, 1]
         rod, ideal = (b.slider_offset + states[n, 3] - end) / b.rod_length, (b.slider_offset - rise) / b.rod_length
         steepest = max(steepest, abs(rod))
-        if everywhere or low <= angles[n] % (2.0 * math.pi) <= high:
+        # A sample at the beginning of a later revolution may lie short of it by rounding.
+        if everywhere or low <= (angles[n] + ROUNDING) % (2.0 * math.pi) <= high + 2.0 * ROUNDING:
             # The difference of two angles by their sines: one inverse sine instead of two.
             size = abs(math.asin(ideal * math.sqrt(1.0 - rod * rod) - rod * math.sqrt(1.0 - ideal * ideal)))
             count += 1
