@@ -1,5 +1,5 @@
-# Before the first job: nobody else works in the folder, SLURM takes the jobs, and what is to be published will find its store. Dry runs and the
-# processes of single jobs leave both alone. Snakemake obeys one onstart alone, so there is no other.
+# Before the first job: nobody else works in the folder, SLURM takes the jobs, and what is to be published will find its store.
+# Dry runs and the processes of single jobs leave all of them alone. Snakemake obeys one onstart alone, so there is no other.
 
 import os
 import sys

@@ -61,6 +61,20 @@ def options_file(scenario, stage):
     return kept_options(scenario, SCENARIO_STAGES[stage].options(SCENARIOS[scenario]))
 
 
+def check_as_its_job(stage, name, check):
+    """End here where a stage cannot do what a scenario asks, by the function `check` of what its job reads: sections that are left
+    to their defaults have to go with the others too.
+    """
+    from jointgap.config import Scenario
+    from jointgap.config.load import validate
+
+    try:
+        read = json.loads(SCENARIO_STAGES[stage].options(SCENARIOS[name]))
+        check(validate(Scenario, read, "its configuration"))
+    except InputError as error:
+        refuse(f"scenario {name}: {error}")
+
+
 def kept_options(scenario, text):
     """`text`, JSON, as a file of that name."""
     path = Path(".snakemake", "options", f"{scenario}-{sha256(text.encode()).hexdigest()[:12]}.json")
