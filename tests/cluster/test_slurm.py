@@ -15,7 +15,7 @@ import pytest
 
 from benchmarks.project import SMOKE_REPORT, copy_project
 from benchmarks.services import Slurm, services
-from tests.cluster.conftest import SWEEP, begun_on, dataset, run_on, workflow
+from tests.cluster.conftest import CORES, SWEEP, begun_on, dataset, run_on, workflow
 
 pytestmark = [pytest.mark.cluster, pytest.mark.xdist_group("slurm")]
 
@@ -185,6 +185,11 @@ def test_jobs_that_would_wait_for_ever_are_refused(slurm, project):
     assert "4 jobs of sweep_designs are submitted in arrays, all at once, and jobs allows 3" in refused(
         slurm.environment, project, "--jobs", "3"
     )
+
+
+def test_a_job_for_which_no_node_has_the_cores_is_refused(slurm, project):
+    said = refused(slurm.environment, project, "--set-threads", f"sweep_designs={CORES + 1}")
+    assert f"sweep_designs asks for {CORES + 1} cores, and no node has more than {CORES}" in said
 
 
 def test_more_jobs_than_an_array_takes_are_refused(slurm, project):

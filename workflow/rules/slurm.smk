@@ -32,6 +32,7 @@ def check_slurm():
             refuse_slurm(
                 f'{path} has a sign in its path that the shell of a job would change (one of " $ ` and the backslash); rename it'
             )
+    check_cores()
     check_arrays()
 
 
@@ -45,6 +46,19 @@ def asked_of_slurm(*question):
         so_far = (error.stderr or b"").decode(errors="replace")
         return " ".join([*so_far.split(), f"nothing more within {SLURM_PATIENCE} s"]), False
     return " ".join((done.stdout + done.stderr).split()), done.returncode == 0
+
+
+def check_cores():
+    """Whether there is a node for each job: SLURM may let one wait for ever that asks for more cores than any node has."""
+    cores = [
+        int(one) for one in re.findall(r"CPUTot=(\d+)", asked_of_slurm("show", "nodes", "--oneliner")[0])
+    ]
+    asked = max(workflow.dag.needrun_jobs(), key=lambda job: job.threads, default=None)
+    if cores and asked is not None and asked.threads > max(cores):
+        refuse_slurm(
+            f"{asked.rule.name} asks for {asked.threads} cores, and no node has more than {max(cores)}; add --max-threads "
+            f"{max(cores)} (make: ARGS='--max-threads {max(cores)}')"
+        )
 
 
 def check_arrays():
