@@ -104,22 +104,22 @@ def compare_searches(
             "give narrower ranges in design_networks.parameters"
         )
     held = held_out(motion, list(space.fresh(options.held_out, [options.seed, _HELD_OUT])), workers)
-    race = _Race(scenario, motion, wanted, held, workers, clock)
+    comparison = _Comparison(scenario, motion, wanted, held, workers, clock)
     tell("repetitions of the searches", 0, options.repetitions)
     for repetition in range(options.repetitions):
-        race.repeat(repetition)
+        comparison.repeat(repetition)
         tell("repetitions of the searches", repetition + 1, options.repetitions)
-    searches = pd.DataFrame(race.searches)
+    searches = pd.DataFrame(comparison.searches)
     found = [(wanted[row.optimum], (row.crank_length, row.rod_length)) for row in searches.itertuples()]
     error = errors_at(motion, found, workers)
     before = original[searches["optimum"]]
     # lengths that cannot be simulated are no gain: the original ones stay
     searches["error"], searches["original_error"] = np.where(np.isnan(error), before, error), before
     searches["gain"] = 1.0 - searches["error"] / before
-    progress = pd.DataFrame(race.progress)
+    progress = pd.DataFrame(comparison.progress)
     progress["gain"] = 1.0 - progress["error"] / original[progress["optimum"]]
     return Compared(
-        space, searches, pd.DataFrame(race.predictions), progress, float(np.mean(race.costs)), tuple(wanted)
+        space, searches, pd.DataFrame(comparison.predictions), progress, float(np.mean(comparison.costs)), tuple(wanted)
     )
 
 
@@ -143,7 +143,7 @@ def errors_at(
     ])  # fmt: skip
 
 
-class _Race:
+class _Comparison:
     """The four ways, one repetition after the other; keeps rows of the tables."""
 
     def __init__(
