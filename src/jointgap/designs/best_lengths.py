@@ -9,7 +9,7 @@ import math
 import numpy as np
 from scipy.optimize import newton
 
-from jointgap.designs.paper_optima import Counting
+from jointgap.designs.paper_optima import ErrorCounting
 from jointgap.dynamics.parallel_runs import Outcome, rod_and_slider
 from jointgap.dynamics.solver.sample_sums import ROUNDING
 from jointgap.link_lengths.objective import Objective, objective_of_motion
@@ -39,14 +39,14 @@ def best_lengths(outcome: Outcome, counted: Objective | None) -> dict[str, float
     return _best("", last) | _best("_in_window", counted)
 
 
-def counted_objective(outcome: Outcome, counting: Counting) -> Objective | None:
+def counted_objective(outcome: Outcome, counting: ErrorCounting) -> Objective | None:
     """The error of a run as a function of the lengths, in the window that counts; None where no sample lies in it.
 
     Parameters
     ----------
     outcome : Outcome
         As `best_lengths` wants it; of a revolution between the first and the last one, sampled evenly over all.
-    counting : Counting
+    counting : ErrorCounting
     """
     per_turn = outcome.run.options.samples_per_revolution
     turn = slice((counting.revolution - 1) * per_turn, counting.revolution * per_turn)

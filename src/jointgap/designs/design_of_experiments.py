@@ -16,7 +16,7 @@ from scipy.stats import qmc
 from jointgap.config import DrivenMechanism, Scenario
 from jointgap.config.sweep_config import LogUniform, Normal, Triangular, Uniform, Values
 from jointgap.config.varied_values import unit_of, with_values
-from jointgap.designs.paper_optima import COUNTING, Counting, check_counting
+from jointgap.designs.paper_optima import COUNTING, ErrorCounting, check_counting
 from jointgap.errors import InputError
 from jointgap.joints import JOINTS
 from jointgap.paper.printed import departures
@@ -113,9 +113,9 @@ class Designs:
             self.counting(values)  # complains where it is impossible
         return with_values(self.base, {key: value for key, value in values.items() if key not in COUNTING}, SOURCE)
 
-    def counting(self, values: Mapping[str, Any]) -> Counting:
+    def counting(self, values: Mapping[str, Any]) -> ErrorCounting:
         """How the error of a design is counted for the printed numbers; InputError where that is impossible."""
-        return Counting.of(values, self.window, self.base.simulate, SOURCE)
+        return ErrorCounting.of(values, self.window, self.base.simulate, SOURCE)
 
     @cached_property
     def digest(self) -> str:

@@ -25,7 +25,7 @@ _ROUNDING = 1e-9  # [rad]
 
 
 @dataclass(frozen=True)
-class Counting:
+class ErrorCounting:
     """How the error of the transmission angle is counted.
 
     Attributes
@@ -43,7 +43,9 @@ class Counting:
     revolution: int = 1
 
     @classmethod
-    def of(cls, values: Mapping[str, Any], window: tuple[float, float], simulate: Simulate, source: str) -> "Counting":
+    def of(
+        cls, values: Mapping[str, Any], window: tuple[float, float], simulate: Simulate, source: str
+    ) -> "ErrorCounting":
         """Of a design.
 
         Parameters
@@ -103,7 +105,7 @@ def check_counting(sweep: Sweep, simulate: Simulate, source: str) -> None:
         if values is None:
             raise InputError(f"{source}.{key}: has no range; list its values, such as {key}: [...]")
         for value in values:
-            Counting.of({key: value}, sweep.window, simulate, source)
+            ErrorCounting.of({key: value}, sweep.window, simulate, source)
 
 
 def printed_optima(counted: Objective | None, measure: str) -> dict[str, float]:

@@ -22,7 +22,7 @@ _FAILED = 1e6
 
 
 @dataclass(frozen=True)
-class Step:
+class Generation:
     """Where a search stands after a generation.
 
     Attributes
@@ -71,7 +71,7 @@ def cma_search(
     settings: SearchSettings,
     spent: Callable[[], float],
     budget: float,
-) -> tuple[Step, ...]:
+) -> tuple[Generation, ...]:
     """Search lengths with a small error until a budget is spent.
 
     Parameters
@@ -90,16 +90,16 @@ def cma_search(
 
     Returns
     -------
-    tuple of Step
+    tuple of Generation
         One for each generation, the first of them that of the start.
     """
     problem = _Lengths(region, error)
     scaled = np.clip((np.asarray(start) - region.lower) / region.size, 0.0, 1.0)
     algorithm = CMAES(x0=scaled, sigma=settings.first_width, normalize=False, restarts=settings.restarts)
     algorithm.setup(problem, seed=seed)
-    steps: list[Step] = []
-    while algorithm.has_next() and not (steps and spent() >= budget):
+    generations: list[Generation] = []
+    while algorithm.has_next() and not (generations and spent() >= budget):
         algorithm.next()
         best, lengths = problem.best
-        steps.append(Step(problem.evaluations, spent(), tuple(map(float, lengths)), best))
-    return tuple(steps)
+        generations.append(Generation(problem.evaluations, spent(), tuple(map(float, lengths)), best))
+    return tuple(generations)
