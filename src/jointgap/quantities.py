@@ -62,6 +62,8 @@ def to_si(value: Any, unit: str) -> float:
     ValueError
         Not one number with one unit, not finite, with a decimal comma, or a unit of another dimension.
     """
+    if type(value) is float and math.isfinite(value):  # most are: a design of a sweep has dozens
+        return value
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(f"must be a number{f' in {unit}' if unit else ''} or text like '1.5 {unit}'")
     try:

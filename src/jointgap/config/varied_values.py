@@ -108,7 +108,7 @@ def _paths(data: dict, key: str, source: str) -> list[tuple[str, ...]]:
         return [("mechanism", _LINKS[key], "length")]
     if key in VARIED_BY_WORD:
         joints = _inside(_inside(data, "mechanism"), "joints")
-        loose = [name for name in FROM_FRAME if joints[name] != "ideal" and dict(joints[name])["loose"]]
+        loose = [name for name in FROM_FRAME if _is_loose(joints[name])]
         inside = loose_paths(loose, key, f"{source}.{key}")
         return [("mechanism", *path[:-1], "bearing_radius" if key == "clearance" else key) for path in inside]
     path = tuple(key.split("."))
@@ -119,6 +119,11 @@ def _paths(data: dict, key: str, source: str) -> list[tuple[str, ...]]:
     if len(path) < 2:
         raise InputError(f"{source}.{key}: no such word; {did_you_mean(key, VARIED_BY_WORD)} Else give a path of keys")
     return [path]
+
+
+def _is_loose(joint: Any) -> bool:
+    """Of a joint as `_inside` has it: the word ideal, a section or a mapping."""
+    return joint != "ideal" and (joint["loose"] if isinstance(joint, dict) else joint.loose)
 
 
 def _holder(data: Any, path: tuple[str, ...], key: str, source: str) -> tuple[dict, str]:

@@ -7,14 +7,12 @@ import numpy as np
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.parallel_runs import Outcome
 from jointgap.dynamics.simulation import IntegrationResult, crank_angles
-from jointgap.dynamics.solver.contact_episodes import EVENT
-from jointgap.dynamics.solver.sample_sums import angle_errors, largest_change, slider_and_forces
+from jointgap.dynamics.solver.sample_sums import angle_errors, contact_sums, largest_change, slider_and_forces
 from jointgap.ensembles.orders import high_order_rms
 from jointgap.joints import JOINTS
 
 _SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins")
 _ERRORS = tuple(f"angle_error_{size}{span}" for span in ("", "_in_window") for size in ("rms", "mean", "peak"))
-_COLUMN = {name: number for number, name in enumerate(EVENT)}
 
 
 def angles_to_measure(options: Simulate) -> np.ndarray:
@@ -48,11 +46,17 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     found |= {"acceleration_rms": rms, "noise_share": noise}
     found |= {"repeat_distance": _repeat_distance(result, mechanism, per_turn)}
     begin, end = float(result.times[last.start]), float(result.times[-1])
+    touching, impacts, peaks_of_contacts = contact_sums(result.events, begin, end)
+    loose = mechanism.loose
     for number, joint in enumerate(JOINTS):
-        own = result.events[result.events[:, _COLUMN["joint"]] == number] if joint in mechanism.loose else None
-        share, impacts, peak = _contacts(own, begin, end)
-        found |= {f"{joint}_contact_share": share, f"{joint}_impacts": impacts}
-        found |= {f"{joint}_peak_force": max(float(peaks[number]), peak), f"{joint}_rms_force": float(sizes[number])}
+        moves = joint in loose
+        found |= {
+            f"{joint}_contact_share": float(touching[number]) / (end - begin) if moves else math.nan,
+            f"{joint}_impacts": float(impacts[number]) if moves else math.nan,
+            # A sample may miss the peak of a short contact.
+            f"{joint}_peak_force": float(max(peaks[number], peaks_of_contacts[number])),
+            f"{joint}_rms_force": float(sizes[number]),
+        }
     return found
 
 
@@ -89,30 +93,9 @@ def _repeat_distance(result: IntegrationResult, mechanism: Mechanism, per_turn: 
     """Largest distance of the clearance vectors over the last revolution from those of the one before, as a share of
     the smallest clearance; NaN with one revolution, or without clearance.
     """
-    if len(result.times) < 2 * per_turn + 1 or not mechanism.loose:
+    loose = mechanism.loose
+    if len(result.times) < 2 * per_turn + 1 or not loose:
         return math.nan
     two = slice(-2 * per_turn - 1, None)
-    smallest = min(mechanism.clearance(joint) for joint in mechanism.loose)
+    smallest = min(mechanism.clearance(joint) for joint in loose)
     return largest_change(result.states[two], result.auxiliary_states[two], per_turn) / smallest
-
-
-def _contacts(events: np.ndarray | None, begin: float, end: float) -> tuple[float, float, float]:
-    """Share of the time in contact, impacts, and the largest force of whole contacts [N], which samples may miss.
-
-    Parameters
-    ----------
-    events : (n, ...) array or None
-        The joint's own, columns as `EVENT`; None of an ideal joint, whose share and impacts are NaN.
-    begin, end : float
-        Of the time that counts [s].
-    """
-    if events is None:
-        return math.nan, math.nan, 0.0
-    hits = events[:, _COLUMN["begins"]] == 1.0
-    begins, separations = events[hits, _COLUMN["time"]], events[~hits]
-    ends = np.full(len(begins), np.inf)
-    ends[: len(separations)] = separations[:, _COLUMN["time"]]
-    touching = np.clip(np.minimum(ends, end) - np.maximum(begins, begin), 0.0, None).sum() / (end - begin)
-    whole = (begins[: len(separations)] >= begin) & (separations[:, _COLUMN["time"]] <= end)
-    impacts = np.count_nonzero((begins >= begin) & (begins <= end))
-    return float(touching), float(impacts), separations[whole, _COLUMN["peak_force"]].max(initial=0.0)

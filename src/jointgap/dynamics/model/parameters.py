@@ -213,6 +213,27 @@ class Switches(NamedTuple):
     bristles: bool
 
 
+class Record(np.void):
+    """Numbers by name, as compiled code receives them.
+
+    Attributes
+    ----------
+    data : memoryview
+        Where the numbers are. Compiled code asks for it at each call, and numpy's own, which describes every field in
+        words, takes more than a microsecond.
+    """
+
+    __slots__ = ("data",)
+
+    def __getattr__(self, name: str):
+        if name == "data":  # of a copy, which has only numpy's own
+            return np.void.data.__get__(self)
+        try:
+            return self[name]
+        except ValueError as error:
+            raise AttributeError(f"there is no {name}; there are {', '.join(self.dtype.names)}") from error
+
+
 class Parameters(NamedTuple):
     """Everything that the equations of motion know.
 
@@ -231,55 +252,61 @@ class Parameters(NamedTuple):
         A measured crank angle: see `knots_record`.
     """
 
-    bodies: np.record
-    crank_pin: np.record
-    piston_pin: np.record
-    crank_pivot: np.record
-    drive: np.record
-    effects: np.record
-    switches: np.record
-    slider_formula: np.record
-    crank_formula: np.record
-    knots: np.record
+    bodies: Record
+    crank_pin: Record
+    piston_pin: Record
+    crank_pivot: Record
+    drive: Record
+    effects: Record
+    switches: Record
+    slider_formula: Record
+    crank_formula: Record
+    knots: Record
 
 
-def record(numbers: NamedTuple) -> np.record:
+def record(numbers: NamedTuple) -> Record:
     """A group of numbers as a record of floats and integers."""
-    return np.array([tuple(numbers)], _kind(type(numbers)))[0]
+    return _with_data(np.array([tuple(numbers)], _kind(type(numbers))))
+
+
+def _with_data(one: np.ndarray) -> Record:
+    found = one[0]
+    found.data = memoryview(one.view(np.uint8))
+    return found
 
 
 @cache
 def _kind(group: type) -> np.dtype:
     kinds = {float: "f8", int: "i8", bool: "i8"}
-    return np.dtype((np.record, [(name, kinds[kind]) for name, kind in group.__annotations__.items()]))
+    return np.dtype((Record, [(name, kinds[kind]) for name, kind in group.__annotations__.items()]))
 
 
 _PROGRAM = np.dtype(
-    (np.record, [("length", "i8"), ("codes", "i8", (LONGEST_PROGRAM, 2)), ("numbers", "f8", (LONGEST_PROGRAM,))])
+    (Record, [("length", "i8"), ("codes", "i8", (LONGEST_PROGRAM, 2)), ("numbers", "f8", (LONGEST_PROGRAM,))])
 )
-_KNOTS = np.dtype((np.record, [("count", "i8"), ("end", "f8"), ("pieces", "f8", (MOST_KNOTS, 7))]))
+_KNOTS = np.dtype((Record, [("count", "i8"), ("end", "f8"), ("pieces", "f8", (MOST_KNOTS, 7))]))
 
 
-def program_record(program: Program) -> np.record:
+def program_record(program: Program) -> Record:
     """The program of a formula: its length, its codes and its numbers."""
     if not len(program.codes):
         return NO_PROGRAM
-    found = np.zeros(1, _PROGRAM)[0]
-    found.length = len(program.codes)
+    found = _with_data(np.zeros(1, _PROGRAM))
+    found["length"] = len(program.codes)
     found.codes[: len(program.codes)] = program.codes
     found.numbers[: len(program.numbers)] = program.numbers
     return found
 
 
-def knots_record(pieces: np.ndarray, end: float = math.inf) -> np.record:
+def knots_record(pieces: np.ndarray, end: float = math.inf) -> Record:
     """A measured crank angle as pieces (k, 7): begin [s] and quintic polynomial of the time since, highest power first.
 
     `end` [s] is where the last piece ends.
     """
-    found = np.zeros(1, _KNOTS)[0]
-    found.count, found.end = len(pieces), end
+    found = _with_data(np.zeros(1, _KNOTS))
+    found["count"], found["end"] = len(pieces), end
     found.pieces[: len(pieces)] = pieces
     return found
 
 
-NO_PROGRAM, NO_KNOTS = np.zeros(1, _PROGRAM)[0], np.zeros(1, _KNOTS)[0]
+NO_PROGRAM, NO_KNOTS = (_with_data(np.zeros(1, kind)) for kind in (_PROGRAM, _KNOTS))

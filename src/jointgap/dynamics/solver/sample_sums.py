@@ -9,11 +9,14 @@ import numpy as np
 
 from jointgap.dynamics.compilation import compiled
 from jointgap.dynamics.model.equations import accelerations, pose
+from jointgap.dynamics.solver.contact_episodes import EVENT
 from jointgap.dynamics.solver.runge_kutta import crank_at, damping_factors
 from jointgap.dynamics.solver.sampling import joint_forces_at
 
 ROUNDING = 1e-9
 """Crank angles closer than this are the same [rad]."""
+
+_TIME, _JOINT, _BEGINS, _PEAK_FORCE = (EVENT.index(name) for name in ("time", "joint", "begins", "peak_force"))
 
 
 @compiled
@@ -44,7 +47,10 @@ def angle_errors(p, angles, states, auxiliary_states, low, high):
         rod, ideal = (b.slider_offset + states[n, 3] - end) / b.rod_length, (b.slider_offset - rise) / b.rod_length
         steepest = max(steepest, abs(rod))
         # A sample at the beginning of a later revolution may lie short of it by rounding.
-        if everywhere or low <= (angles[n] + ROUNDING) % (2.0 * math.pi) <= high + 2.0 * ROUNDING:
+        turned = angles[n] + ROUNDING
+        if not 0.0 <= turned < 2.0 * math.pi:  # a remainder takes longer than all else here
+            turned %= 2.0 * math.pi
+        if everywhere or low <= turned <= high + 2.0 * ROUNDING:
             # The difference of two angles by their sines: one inverse sine instead of two.
             size = abs(math.asin(ideal * math.sqrt(1.0 - rod * rod) - rod * math.sqrt(1.0 - ideal * ideal)))
             count += 1
@@ -120,3 +126,36 @@ def largest_change(states, auxiliary_states, apart):
             square += (auxiliary_states[n, column] - auxiliary_states[n - apart, column]) ** 2
         largest = max(largest, square)
     return math.sqrt(largest)
+
+
+@compiled
+def contact_sums(events, begin, end):
+    """How long the joints are in contact between two times, how often they come into it, and how hard.
+
+    Parameters
+    ----------
+    events : (n, 9) array
+        Columns as `jointgap.dynamics.solver.contact_episodes.EVENT`, from the start of the motion on.
+    begin, end : float
+        [s].
+
+    Returns
+    -------
+    touching, impacts, peaks : (3,) arrays
+        By joint: time in contact [s]; contacts that begin; largest force of whole contacts [N], which samples may miss.
+    """
+    touching, impacts, peaks = np.zeros(3), np.zeros(3), np.zeros(3)
+    begun = np.full(3, math.inf)  # of contacts that have not ended
+    for n in range(len(events)):
+        time, joint = events[n, _TIME], int(events[n, _JOINT])
+        if events[n, _BEGINS] == 1.0:
+            begun[joint] = time
+            impacts[joint] += 1.0 if begin <= time <= end else 0.0
+        else:
+            touching[joint] += max(min(time, end) - max(begun[joint], begin), 0.0)
+            if begin <= begun[joint] and time <= end:
+                peaks[joint] = max(peaks[joint], events[n, _PEAK_FORCE])
+            begun[joint] = math.inf
+    for joint in range(3):
+        touching[joint] += max(end - max(begun[joint], begin), 0.0)
+    return touching, impacts, peaks
