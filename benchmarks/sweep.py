@@ -28,6 +28,9 @@ OF_REACH, REACH_S = 100_000, 600.0
 RATIO, MEMORY, READ_S = 1.15, 1.1, 1.0
 POWER = 1.03
 SLURM_JOBS, SLURM_RATIO = 40, 1.25
+SUMMARY = "results/sweep/sweep/summary.md"
+"""What the workflow is asked for: the sweep, and nothing that is found from it."""
+
 FEW = 1000
 """Designs beside which memory is held, and the fewest that growth is measured with."""
 
@@ -106,7 +109,7 @@ def of_workflow(designs: int, cores: int) -> dict[str, float]:
         (place / "sweep.json").write_text(json.dumps(config(designs)))
         profile = ("--workflow-profile", "workflow/profiles/local", "--cores", str(cores))
         before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        done = run(place, "snakemake", "swept", "--configfile", "sweep.json", *profile)
+        done = run(place, "snakemake", SUMMARY, "--configfile", "sweep.json", *profile)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode:
             raise RuntimeError(done.stderr[-2000:])
@@ -122,7 +125,7 @@ def of_slurm(designs: int, cores: int, jobs: int = SLURM_JOBS) -> dict[str, floa
         asked["scenarios"]["sweep"]["sweep"] |= {"designs_per_job": -(-designs // jobs)}
         (place / "sweep.json").write_text(json.dumps(asked))
         profile = ("--workflow-profile", "workflow/profiles/slurm")
-        command = in_venv("snakemake", "swept", "--configfile", "sweep.json", *profile)
+        command = in_venv("snakemake", SUMMARY, "--configfile", "sweep.json", *profile)
         began = time.perf_counter()
         done = subprocess.run(command, cwd=place, env=slurm.environment, capture_output=True, text=True, check=False)
         if done.returncode:
