@@ -233,6 +233,12 @@ class Record(np.void):
         except ValueError as error:
             raise AttributeError(f"there is no {name}; there are {', '.join(self.dtype.names)}") from error
 
+    def __setattr__(self, name: str, value) -> None:
+        if name == "data":
+            super().__setattr__(name, value)
+        else:
+            self[name] = value
+
 
 class Parameters(NamedTuple):
     """Everything that the equations of motion know.
@@ -292,7 +298,7 @@ def program_record(program: Program) -> Record:
     if not len(program.codes):
         return NO_PROGRAM
     found = _with_data(np.zeros(1, _PROGRAM))
-    found["length"] = len(program.codes)
+    found.length = len(program.codes)
     found.codes[: len(program.codes)] = program.codes
     found.numbers[: len(program.numbers)] = program.numbers
     return found
@@ -304,7 +310,7 @@ def knots_record(pieces: np.ndarray, end: float = math.inf) -> Record:
     `end` [s] is where the last piece ends.
     """
     found = _with_data(np.zeros(1, _KNOTS))
-    found["count"], found["end"] = len(pieces), end
+    found.count, found.end = len(pieces), end
     found.pieces[: len(pieces)] = pieces
     return found
 
