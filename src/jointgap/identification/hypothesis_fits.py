@@ -23,6 +23,7 @@ from jointgap.identification.nesting import labels_of, moved, not_above_its_part
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
+from jointgap.identification.scattered_starts import fit_from_scattered_starts
 from jointgap.identification.screening import LinearizedFit, Signatures, is_searched
 from jointgap.identification.smoother import smoothers_of
 from jointgap.identification.thresholds import Thresholds
@@ -68,11 +69,11 @@ def fit_pairs(
     part searches these too.
 
     Where no single effect is sufficient the first part searches for one, or for a pair, the cheapest way first: from
-    the nuisances of the best one; pairs on samples, where these can be followed; if no law of a family is sufficient,
-    effects on which motion depends roughly, if what is left is rough; by smoothed residuals. These last two are not
-    tried on doubted data, which would lead anywhere. No step of it begins once
-    it has simulated as many runs as the settings say. How far each one goes depends on all others, so it is not
-    shared out. Single effects that it finds are among the fits then.
+    the nuisances of the best one; from scattered starts; pairs on samples, where these can be followed; if no law of a
+    family is sufficient, effects on which motion depends roughly, if what is left is rough; by smoothed residuals.
+    Scattered starts and these last two are not tried on doubted data, which would lead anywhere. No step of it begins
+    once it has simulated as many runs as the settings say, those of scattered starts apart. How far each one goes
+    depends on all others, so it is not shared out. Single effects that it finds are among the fits then.
 
     Parameters
     ----------
@@ -124,6 +125,10 @@ def _search(
     start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
     fits = _from_nuisances_of_best(baseline, alone, limits, until)
+    if not doubted:
+        before = baseline.problem.simulations
+        fits += _from_scattered_starts(baseline, [*alone, *fits], limits)
+        until += baseline.problem.simulations - before  # these are few and bounded
     singles, leaders = [*alone, *fits], []
     if _insufficient(baseline, singles, limits):
         pairs = search_pairs(baseline, singles, limits, (), until) if _follows_samples(baseline, singles) else []
@@ -220,6 +225,26 @@ def _from_nuisances_of_best(
             if any(fit.chi2 < least - problem.settings.decision.min_delta_bic for fit in better.values()):
                 break
     return list(again.values())
+
+
+def _from_scattered_starts(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> list[Fit]:
+    """Deeper fits of the leading single effects from scattered starts, where none is sufficient and chi2 has valleys;
+    and of the others from the nuisances that these end at.
+    """
+    settings = baseline.problem.settings
+    if limits.numerical_noise <= settings.selection.smooth_numerical_noise or not smoothers_of(baseline.problem):
+        return []
+    leading: dict[str, Fit] = {}
+    for fit in sorted((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.chi2):
+        leading.setdefault(fit.label, fit)
+    deeper = []
+    for fit in list(leading.values())[: settings.scattered_starts.leading_singles]:
+        if not _insufficient(baseline, [*alone, *deeper], limits):
+            break
+        found = fit_from_scattered_starts(baseline, fit, limits.omnibus * baseline.problem.size)
+        if found is not fit:
+            deeper.append(found)
+    return [*deeper, *_from_nuisances_of_best(baseline, [*alone, *deeper], limits)] if deeper else []
 
 
 def _moved(baseline: Baseline, fits: Sequence[Fit], best: Fit, limits: Thresholds, until: float = np.inf) -> list[Fit]:

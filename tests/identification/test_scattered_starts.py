@@ -1,0 +1,80 @@
+"""Effects are fitted from the best of many points where chi2 has many valleys."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.identification import hypothesis_fits
+from jointgap.identification.baseline import Baseline, other_numerics, recalibrate, shared_nuisances
+from jointgap.identification.fit import FAILED, fit_hypothesis
+from jointgap.identification.problem import Problem
+from jointgap.identification.protocol import FAST
+from jointgap.identification.scattered_starts import fit_from_scattered_starts
+from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.thresholds import thresholds
+from tests.identification.knocks import knocking
+from tests.identification.toy import stated_noise
+
+FORCE = 0.4
+
+
+def caught(clearance):
+    """A baseline of the toy with knocks and friction, and the fit of friction that is caught in the base's valley."""
+    model = knocking({"coulomb": {"force_N": FORCE}}, clearance, seed=2)
+    base: Baseline = recalibrate(model, stated_noise(model))
+    coulomb = next(one for one in model.candidates if one.label == "coulomb")
+    start = {"clearance": 1.0, "coulomb.force_N": 0.5 * FORCE}
+    return base, fit_hypothesis(base.problem, (coulomb,), start, differences=base.differences)
+
+
+@pytest.mark.parametrize("clearance", [0.93, 1.07])
+def test_they_lead_to_the_valley_that_descent_from_the_base_misses(clearance):
+    base, fit = caught(clearance)
+    assert fit.chi2 > 2.0 * base.problem.size
+    found = fit_from_scattered_starts(base, fit, 1.1 * base.problem.size)
+    assert found.chi2 < 1.1 * base.problem.size
+    assert found.mapping["clearance"] == pytest.approx(clearance, abs=1e-3)
+    assert found.mapping["coulomb.force_N"] == pytest.approx(FORCE, rel=0.05)
+
+
+def test_a_fit_that_nothing_is_better_than_stays_as_it_is():
+    base, fit = caught(1.07)
+    best = fit_from_scattered_starts(base, fit, 1.1 * base.problem.size)
+    again = fit_from_scattered_starts(base, best, 0.0)
+    assert again.chi2 <= best.chi2
+    assert fit_from_scattered_starts(base, best, best.chi2) is best
+
+
+def test_points_are_spread_over_the_ranges_of_the_nuisances_and_sizes_about_the_fit(monkeypatch):
+    base, fit = caught(1.07)
+    seen, usual = [], Problem.residual
+
+    def watched(problem, values, hypothesis=(), runs=None, out=None, numerics=0):
+        if numerics == FAST:
+            seen.append(dict(values))
+        return usual(problem, values, hypothesis, runs, out, numerics)
+
+    monkeypatch.setattr(Problem, "residual", watched)
+    fit_from_scattered_starts(base, fit, 1.1 * base.problem.size)
+    settings = base.problem.settings.scattered_starts
+    points = seen[: 2**settings.points_log2]
+    for p in shared_nuisances(base.problem, fit.hypothesis):
+        shares = np.sort([(values[p.key] - p.low) / (p.high - p.low) for values in points])
+        assert np.abs(shares - (np.arange(len(shares)) + 0.5) / len(shares)).max() < 1.5 / len(shares)
+    factors = [values["coulomb.force_N"] / fit.mapping["coulomb.force_N"] for values in points]
+    assert min(factors) == pytest.approx(1.0 / settings.size_factor, rel=0.02)
+    assert max(factors) == pytest.approx(settings.size_factor, rel=0.02)
+
+
+@pytest.mark.parametrize(("noise", "is_tried"), [(0.0, False), (1.0, True)])
+def test_they_are_tried_where_the_numerics_say_that_chi2_has_valleys(noise, is_tried, monkeypatch):
+    base, fit = caught(1.07)
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = replace(
+        thresholds(base.problem, signatures, other_numerics(base.problem, base.base)), numerical_noise=noise
+    )
+    failed, tried = replace(fit, status=FAILED), []
+    monkeypatch.setattr(hypothesis_fits, "fit_from_scattered_starts", lambda _, one, __: tried.append(one) or one)
+    assert hypothesis_fits._from_scattered_starts(base, [failed, fit], limits) == []
+    assert tried == ([fit] if is_tried else [])
