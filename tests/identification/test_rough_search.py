@@ -107,17 +107,36 @@ def test_an_effect_of_which_no_first_point_explains_anything_is_dropped_after_th
     assert base.problem.simulations - before <= points * len(base.problem.runs)
 
 
+@pytest.mark.parametrize(("min_behind", "stays"), [(0.0, False), (np.inf, True)])
+def test_one_that_may_still_catch_up_is_not_dropped(monkeypatch, min_behind, stays):
+    base, rounds = rough(0.2, 5), []
+    settings = replace(base.problem.settings.rough_search, min_behind=min_behind, matched_misfit=0.0)
+    model = base.problem.model
+    problem = Problem(model, stated_noise(model), settings=replace(base.problem.settings, rough_search=settings))
+    never = replace(RINGING, name="spring", coordinates=(replace(RINGING.coordinates[0], name="stiffness_N_m"),))
+    never = replace(never, amplitudes=("stiffness_N_m",), initial_guesses=({"stiffness_N_m": 0.1},))
+    go_on = rough_search._Contestant.go_on
+    monkeypatch.setattr(
+        rough_search._Contestant,
+        "go_on",
+        lambda self, features: rounds.append(self.hypothesis[-1].label) or go_on(self, features),
+    )
+    blind_to_samples(replace(base, problem=problem), monkeypatch, candidates=[RINGING, never])
+    assert rounds.count("ringing") == POPULATIONS * settings.rounds
+    assert rounds.count("spring") == (POPULATIONS * settings.rounds if stays else settings.rounds_for_all)
+
+
 def test_the_same_search_finds_the_same():
     base = rough(0.2, 5)
     first, second = (search_rough(base, base.base, [RINGING], 1.2, POPULATIONS)[0] for _ in range(2))
     assert np.array_equal(first.values, second.values)
 
 
-def blind_to_samples(base, monkeypatch, origin=None):
+def blind_to_samples(base, monkeypatch, origin=None, candidates=(RINGING,)):
     """The search where no point of samples' valley is met: fits of samples end where they begin."""
     monkeypatch.setattr(rough_search._Contestant, "reached", lambda self, chi2: False)
     monkeypatch.setattr(rough_search._Contestant, "_fitted", lambda self, start, known, sufficient: base.base)
-    return search_rough(base, origin or base.base, [RINGING], 1.2, POPULATIONS)
+    return search_rough(base, origin or base.base, candidates, 1.2, POPULATIONS)
 
 
 def test_where_samples_are_not_met_the_best_features_are_the_answer_with_an_interval_that_holds_the_truth(monkeypatch):

@@ -334,13 +334,14 @@ def search_rough(
                 break
             for one in contestants:
                 one.begin(features)
-            contestants = [one for one in contestants if one.least <= most_misfit]
+            if min((one.least for one in contestants), default=np.inf) > most_misfit:
+                contestants = []  # nothing rings; else all go on, for a narrow minimum may lie between the first points
         for one in contestants:
             one.go_on(features)
         if population or since + 1 >= settings.rounds_for_all:
             least = min((one.least for one in contestants), default=np.inf)
-            limit = min(least + settings.eliminated_share * (absent - least), most_misfit)
-            contestants = [one for one in contestants if one.least <= limit]
+            behind = max(settings.eliminated_share * (absent - least), settings.min_behind)
+            contestants = [one for one in contestants if one.least <= least + behind]
         for one in sorted(contestants, key=lambda one: one.deepest.chi2)[:1]:
             point = one.deepest
             if one.reached(point.chi2) and point.chi2 < settings.deeper * fitted.get(id(one), np.inf):

@@ -276,8 +276,11 @@ class RoughSearchSettings:
         [1, of what the features of the best candidate explain] One that explains so much less is dropped
         (experience).
     least_explained_share : float
-        [1, of the misfit of features] One that explains less is dropped too, after the first points already: the best
-        of these explained 0.15 and more where the joint is the true one, and 0.1 or less where nothing rings.
+        [1, of the misfit of features] Candidates that all explain less are dropped after the first points already: the
+        best of these explained 0.15 and more where a joint is loose, and 0.1 or less where nothing rings.
+    min_behind : float
+        [1] By which the misfit of a candidate has to be above that of the best one for it to be dropped: twice what a
+        name asks. One that was 31 behind after two rounds was 5 ahead in the end.
     reached_share : float
         [1, of the misfit of samples] A point that explains so much of them lies in a valley: it is fitted at once.
     deeper : float
@@ -313,6 +316,7 @@ class RoughSearchSettings:
     least_spread: float = 0.01
     eliminated_share: float = 0.3
     least_explained_share: float = 0.1
+    min_behind: float = 40.0
     reached_share: float = 0.5
     deeper: float = 0.7
     refinements: int = 5
