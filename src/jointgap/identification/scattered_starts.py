@@ -3,7 +3,7 @@
 A fit that starts where the base ended stays in the base's valley, which is not the truth's where an effect was missing.
 Derivatives do not lead from one valley to another, points do: of a Sobol sequence over the ranges of the nuisances and
 a range of the effect's size the best are starts. A constant force in a rig with two loose pins left chi2 of 4.3 for
-each sample by descent from the base, and 1.04 from the third best of 256 points.
+each sample by descent from the base, and in a prototype 1.04 from the third best of 200 points.
 """
 
 import numpy as np
