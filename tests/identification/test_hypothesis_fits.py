@@ -83,16 +83,29 @@ def test_fits_that_ended_early_start_again_from_each_new_best_one_until_one_is_s
     assert tried == [("coulomb", "viscous", False), ("spring", "viscous", True), ("quadratic", "viscous", True)]
 
 
-def test_effects_that_are_never_small_start_again_last_and_not_at_all_once_one_is_sufficient(analysed, monkeypatch):
-    base, _, limits = analysed
+def with_film(base, chi2: float):
+    """A base that leaves 30 for each sample, and a film, which is never small, that leaves `chi2`."""
     film = replace(candidate_of("spring"), name="film", initial_guesses=({"stiffness_N_m": 2.0},))
-    never_small = replace(fit_of(base, "spring", chi2=11.0), hypothesis=(film,))
-    alone = [fit_of(base, "viscous", chi2=10.0, status=CONVERGED), never_small, fit_of(base, "coulomb", chi2=20.0)]
+    return replace(base, base=fit_of(base, chi2=30.0)), replace(fit_of(base, "spring", chi2=chi2), hypothesis=(film,))
+
+
+def test_effects_that_are_never_small_start_again_last_and_not_at_all_once_one_is_sufficient(analysed, monkeypatch):
+    base, film = with_film(analysed[0], chi2=11.0)
+    limits = analysed[-1]
+    alone = [fit_of(base, "viscous", chi2=10.0, status=CONVERGED), film, fit_of(base, "coulomb", chi2=20.0)]
     tried = moved_to(monkeypatch, base, coulomb=5.0)
     hypothesis_fits._from_nuisances_of_best(base, alone, limits)
-    assert [label for label, *_ in tried] == ["coulomb", never_small.label]
+    assert [label for label, *_ in tried] == ["coulomb", film.label]
     tried = moved_to(monkeypatch, base, coulomb=1.0)
     hypothesis_fits._from_nuisances_of_best(base, alone, limits)
+    assert [label for label, *_ in tried] == ["coulomb"]
+
+
+def test_effects_that_are_never_small_do_not_start_again_where_they_explain_little(analysed, monkeypatch):
+    base, film = with_film(analysed[0], chi2=25.0)
+    alone = [fit_of(base, "viscous", chi2=10.0, status=CONVERGED), film, fit_of(base, "coulomb", chi2=20.0)]
+    tried = moved_to(monkeypatch, base, coulomb=9.99)
+    hypothesis_fits._from_nuisances_of_best(base, alone, analysed[-1])
     assert [label for label, *_ in tried] == ["coulomb"]
 
 

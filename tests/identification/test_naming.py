@@ -318,9 +318,9 @@ def test_before_a_pair_is_named_one_effect_on_which_motion_depends_roughly_is_tr
     """It may do alone, and better, what two smooth effects do together."""
     tried, search = [], hypothesis_fits.search_rough
 
-    def recorded(baseline, origin, candidates, *rest):
-        tried.append((origin.label, [candidate.label for candidate in candidates]))
-        return search(baseline, origin, candidates, *rest)
+    def recorded(baseline, origins, candidates, *rest):
+        tried.extend((origin.label, [candidate.label for candidate in candidates]) for origin in origins)
+        return search(baseline, origins, candidates, *rest)
 
     monkeypatch.setattr(hypothesis_fits, "search_rough", recorded)
     decision, _ = named(hidden, more=[RINGING], seed=3)

@@ -81,7 +81,7 @@ def test_ringing_is_rough_and_a_smooth_force_is_not():
 @pytest.mark.parametrize("size", [0.05, 0.2, 0.6])
 def test_the_search_ends_at_the_bottom_of_the_valley(size):
     base = rough(size, 5)
-    (found,) = search_rough(base, base.base, [RINGING], 1.2, POPULATIONS)
+    (found,) = search_rough(base, [base.base], [RINGING], 1.2, POPULATIONS)
     assert found.mapping["ringing.size"] == pytest.approx(size, rel=0.01)
     assert found.chi2 < 1.2 * base.problem.size
 
@@ -91,7 +91,7 @@ def test_an_effect_is_searched_beside_one_that_is_fitted():
     viscous = next(one for one in CANDIDATES if one.label == "viscous")
     beside = fit_hypothesis(base.problem, (viscous,), refresh=True)
     beside = replace(beside, jacobian=beside.jacobian[:30])  # in fewer rows, as fits come from files
-    (found,) = search_rough(base, beside, [RINGING], 1.2, POPULATIONS)
+    (found,) = search_rough(base, [beside], [RINGING], 1.2, POPULATIONS)
     assert found.label == "viscous + ringing"
     assert found.mapping["ringing.size"] == pytest.approx(0.2, rel=0.01)
     assert found.mapping["viscous.damping_N_s_m"] == pytest.approx(0.5, rel=0.05)
@@ -102,33 +102,45 @@ def test_an_effect_of_which_no_first_point_explains_anything_is_dropped_after_th
     never = replace(RINGING, name="spring", coordinates=(replace(RINGING.coordinates[0], name="stiffness_N_m"),))
     never = replace(never, amplitudes=("stiffness_N_m",), initial_guesses=({"stiffness_N_m": 0.1},))
     before = base.problem.simulations
-    assert search_rough(base, base.base, [never], 1.2, 1) == []
+    assert search_rough(base, [base.base], [never], 1.2, 1) == []
     points = 2**base.problem.settings.rough_search.first_points_log2
     assert base.problem.simulations - before <= points * len(base.problem.runs)
 
 
-@pytest.mark.parametrize(("min_behind", "stays"), [(0.0, False), (np.inf, True)])
-def test_one_that_may_still_catch_up_is_not_dropped(monkeypatch, min_behind, stays):
+def rounds_of(monkeypatch, candidates, **changed):
+    """Of which candidates points were drawn, one label a round, in a search that samples do not end; its settings."""
     base, rounds = rough(0.2, 5), []
-    settings = replace(base.problem.settings.rough_search, min_behind=min_behind, matched_misfit=0.0)
+    settings = replace(base.problem.settings.rough_search, matched_misfit=0.0, **changed)
     model = base.problem.model
     problem = Problem(model, stated_noise(model), settings=replace(base.problem.settings, rough_search=settings))
-    never = replace(RINGING, name="spring", coordinates=(replace(RINGING.coordinates[0], name="stiffness_N_m"),))
-    never = replace(never, amplitudes=("stiffness_N_m",), initial_guesses=({"stiffness_N_m": 0.1},))
     go_on = rough_search._Contestant.go_on
     monkeypatch.setattr(
         rough_search._Contestant,
         "go_on",
         lambda self, features: rounds.append(self.hypothesis[-1].label) or go_on(self, features),
     )
-    blind_to_samples(replace(base, problem=problem), monkeypatch, candidates=[RINGING, never])
+    blind_to_samples(replace(base, problem=problem), monkeypatch, candidates=candidates)
+    return rounds, settings
+
+
+@pytest.mark.parametrize(("min_behind", "stays"), [(0.0, False), (np.inf, True)])
+def test_one_that_may_still_catch_up_is_not_dropped(monkeypatch, min_behind, stays):
+    never = replace(RINGING, name="spring", coordinates=(replace(RINGING.coordinates[0], name="stiffness_N_m"),))
+    never = replace(never, amplitudes=("stiffness_N_m",), initial_guesses=({"stiffness_N_m": 0.1},))
+    rounds, settings = rounds_of(monkeypatch, [RINGING, never], min_behind=min_behind, stalled_rounds=99)
     assert rounds.count("ringing") == POPULATIONS * settings.rounds
     assert rounds.count("spring") == (POPULATIONS * settings.rounds if stays else settings.rounds_for_all)
 
 
+def test_a_search_that_goes_nowhere_begins_anew_at_once(monkeypatch):
+    monkeypatch.setattr(rough_search._Contestant, "least_of_population", 100.0)
+    rounds, settings = rounds_of(monkeypatch, [RINGING])
+    assert len(rounds) == POPULATIONS * settings.stalled_rounds
+
+
 def test_the_same_search_finds_the_same():
     base = rough(0.2, 5)
-    first, second = (search_rough(base, base.base, [RINGING], 1.2, POPULATIONS)[0] for _ in range(2))
+    first, second = (search_rough(base, [base.base], [RINGING], 1.2, POPULATIONS)[0] for _ in range(2))
     assert np.array_equal(first.values, second.values)
 
 
@@ -136,7 +148,7 @@ def blind_to_samples(base, monkeypatch, origin=None, candidates=(RINGING,)):
     """The search where no point of samples' valley is met: fits of samples end where they begin."""
     monkeypatch.setattr(rough_search._Contestant, "reached", lambda self, chi2: False)
     monkeypatch.setattr(rough_search._Contestant, "_fitted", lambda self, start, known, sufficient: base.base)
-    return search_rough(base, origin or base.base, candidates, 1.2, POPULATIONS)
+    return search_rough(base, [origin or base.base], candidates, 1.2, POPULATIONS)
 
 
 def test_where_samples_are_not_met_the_best_features_are_the_answer_with_an_interval_that_holds_the_truth(monkeypatch):

@@ -51,7 +51,7 @@ def test_points_are_spread_over_the_ranges_of_the_nuisances_and_sizes_about_the_
     seen, usual = [], Problem.residual
 
     def watched(problem, values, hypothesis=(), runs=None, out=None, numerics=0):
-        if numerics == FAST:
+        if numerics == FAST and tuple(runs) == problem.runs[:1]:
             seen.append(dict(values))
         return usual(problem, values, hypothesis, runs, out, numerics)
 
@@ -65,6 +65,22 @@ def test_points_are_spread_over_the_ranges_of_the_nuisances_and_sizes_about_the_
     factors = [values["coulomb.force_N"] / fit.mapping["coulomb.force_N"] for values in points]
     assert min(factors) == pytest.approx(1.0 / settings.size_factor, rel=0.02)
     assert max(factors) == pytest.approx(settings.size_factor, rel=0.02)
+
+
+def test_a_point_is_left_after_the_run_that_puts_it_behind_the_best_ones(monkeypatch):
+    base, fit = caught(1.07)
+    simulated, usual = {run: 0 for run in base.problem.runs}, Problem.predict
+
+    def watched(problem, run, values, hypothesis=(), numerics=0):
+        simulated[run] += numerics == FAST
+        return usual(problem, run, values, hypothesis, numerics)
+
+    monkeypatch.setattr(Problem, "predict", watched)
+    fit_from_scattered_starts(base, fit, 0.0)
+    first, *later = simulated.values()
+    settings = base.problem.settings.scattered_starts
+    assert first == 2**settings.points_log2
+    assert settings.starts <= max(later) < first
 
 
 @pytest.mark.parametrize(("noise", "is_tried"), [(0.0, False), (1.0, True)])

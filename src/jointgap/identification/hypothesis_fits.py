@@ -69,8 +69,9 @@ def fit_pairs(
     part searches these too.
 
     Where no single effect is sufficient the first part searches for one, or for a pair, the cheapest way first: from
-    the nuisances of the best one; from scattered starts; pairs on samples, where these can be followed; if no law of a
-    family is sufficient, effects on which motion depends roughly, if what is left is rough; by smoothed residuals.
+    scattered starts, where chi2 has valleys; from the nuisances of the best one; pairs on samples, where these can be
+    followed; if no law of a family is sufficient, effects on which motion depends roughly, if what is left is rough; by
+    smoothed residuals.
     Scattered starts and these last two are not tried on doubted data, which would lead anywhere. No step of it begins
     once it has simulated as many runs as the settings say, those of scattered starts apart. How far each one goes
     depends on all others, so it is not shared out. Single effects that it finds are among the fits then.
@@ -124,11 +125,10 @@ def _search(
     # steps as nobody else left them: the result must not depend on what else ran in this process
     start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
-    fits = _from_nuisances_of_best(baseline, alone, limits, until)
-    if not doubted:
-        before = baseline.problem.simulations
-        fits += _from_scattered_starts(baseline, [*alone, *fits], limits)
-        until += baseline.problem.simulations - before  # these are few and bounded
+    before = baseline.problem.simulations
+    fits = [] if doubted else _from_scattered_starts(baseline, alone, limits)
+    until += baseline.problem.simulations - before  # these are few and bounded
+    fits += _from_nuisances_of_best(baseline, [*alone, *fits], limits, until)
     singles, leaders = [*alone, *fits], []
     if _insufficient(baseline, singles, limits):
         pairs = search_pairs(baseline, singles, limits, (), until) if _follows_samples(baseline, singles) else []
@@ -206,7 +206,8 @@ def _from_nuisances_of_best(
     baseline: Baseline, alone: Sequence[Fit], limits: Thresholds, until: float = np.inf
 ) -> list[Fit]:
     """Fits of the single effects that ended early, from the nuisances of the best one: it may be in a deeper valley,
-    which they share. As long as another one becomes the best, until one is sufficient.
+    which they share. As long as another one becomes the best, until one is sufficient. Those that take long to simulate
+    are left as they are where they explain far less than the best one.
     """
     problem = baseline.problem
     found: dict[str, Fit] = {fit.label: fit for fit in alone if fit.status != FAILED}
@@ -219,6 +220,9 @@ def _from_nuisances_of_best(
         least = best.chi2
         for never_small in (False, True):  # these last: the motion with a film takes long to simulate
             some = [fit for fit in found.values() if fit is not best and _is_never_small(fit) == never_small]
+            if never_small:
+                gained = problem.settings.selection.slow_share * (baseline.base.chi2 - best.chi2)
+                some = [fit for fit in some if fit.chi2 < baseline.base.chi2 - gained]
             better = {fit.label: fit for fit in _moved(baseline, some, best, limits, until)}
             found |= better
             again |= better
@@ -228,9 +232,7 @@ def _from_nuisances_of_best(
 
 
 def _from_scattered_starts(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> list[Fit]:
-    """Deeper fits of the leading single effects from scattered starts, where none is sufficient and chi2 has valleys;
-    and of the others from the nuisances that these end at.
-    """
+    """Deeper fits of the leading single effects, from scattered starts: none is sufficient, and chi2 has valleys."""
     settings = baseline.problem.settings
     if limits.numerical_noise <= settings.selection.smooth_numerical_noise or not smoothers_of(baseline.problem):
         return []
@@ -244,7 +246,7 @@ def _from_scattered_starts(baseline: Baseline, alone: Sequence[Fit], limits: Thr
         found = fit_from_scattered_starts(baseline, fit, limits.omnibus * baseline.problem.size)
         if found is not fit:
             deeper.append(found)
-    return [*deeper, *_from_nuisances_of_best(baseline, [*alone, *deeper], limits)] if deeper else []
+    return deeper
 
 
 def _moved(baseline: Baseline, fits: Sequence[Fit], best: Fit, limits: Thresholds, until: float = np.inf) -> list[Fit]:
@@ -289,15 +291,8 @@ def _is_sufficient(fit: Fit, limits: Thresholds) -> bool:
 
 def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds, until: float) -> list[Fit]:
     """Fits of effects on which motion depends roughly: alone, and beside the best of those that are fitted `alone`."""
-    fits: list[Fit] = []
-    populations = baseline.problem.settings.rough_search.populations
-    for origin in _origins(baseline, alone):
-        taken = {candidate.label for candidate in origin.hypothesis}
-        others = [candidate for candidate in _searched_candidates(baseline.problem) if candidate.label not in taken]
-        fits += search_rough(baseline, origin, others, limits.omnibus, populations, until)
-        if any(_explains(baseline, fit) or fit.status == MATCHED for fit in fits):
-            break
-    return fits
+    populations, candidates = baseline.problem.settings.rough_search.populations, _searched_candidates(baseline.problem)
+    return search_rough(baseline, _origins(baseline, alone), candidates, limits.omnibus, populations, until)
 
 
 def _search_alone(baseline: Baseline, limits: Thresholds, until: float = np.inf) -> list[Fit]:
@@ -307,7 +302,7 @@ def _search_alone(baseline: Baseline, limits: Thresholds, until: float = np.inf)
     found: dict[str, Fit] = {}
     populations = baseline.problem.settings.rough_search.populations_alone
     candidates = _searched_candidates(baseline.problem)
-    for fit in search_rough(baseline, baseline.base, candidates, limits.omnibus, populations, until):
+    for fit in search_rough(baseline, [baseline.base], candidates, limits.omnibus, populations, until):
         if fit.status != MATCHED:
             found[fit.label] = min(found.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
     return list(found.values())
@@ -318,9 +313,11 @@ def _searched_candidates(problem: Problem) -> list[Candidate]:
 
 
 def _origins(baseline: Baseline, alone: Sequence[Fit]) -> list[Fit]:
-    """What effects are searched beside: the base, and the best of those that are fitted `alone` where it is better."""
-    best = min((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.bic, default=baseline.base)
-    return [baseline.base] if best.bic >= baseline.base.bic else [baseline.base, best]
+    """What effects are searched beside: the base, and the best of those that are fitted `alone` if it explains some."""
+    problem, base = baseline.problem, baseline.base
+    best = min((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.bic, default=base)
+    share = problem.settings.rough_search.beside_share
+    return [base, best] if base.chi2 - best.chi2 > share * (base.chi2 - problem.size) else [base]
 
 
 def _explains(baseline: Baseline, fit: Fit) -> bool:

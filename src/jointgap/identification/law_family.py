@@ -72,7 +72,7 @@ def fit_shape(
     """Fit the law of a family, its shape too, beside all else that was `found`, from there on.
 
     It begins at the effect's own shape, or at the next one in use where something of the law is idle at that; there at
-    each of the law's initial guesses. Where no fit converges, at the next shape.
+    each of the law's initial guesses. Where no fit converges, nor is as low as what was found, at the next shape.
 
     Parameters
     ----------
@@ -91,14 +91,16 @@ def fit_shape(
     own = {name.removeprefix(prefix): value for name, value in found.mapping.items() if name.startswith(prefix)}
     start = {name: value for name, value in found.mapping.items() if not name.startswith(prefix)}
     start |= {f"{family.law.label}.{name}": value for name, value in family.values(own).items()}
+    # where motion is rough hardly a fit converges: one as low as that of the effect will do
+    enough = -np.inf if found.status == CONVERGED else found.chi2
     fits: list[Fit] = []
     shapes = [shape for shape in family.in_use if not (family.idle_at_own and shape == family.own)]
     for shape in sorted(shapes, key=lambda shape: abs(shape - family.own)):
         for guess in family.law.initial_guesses or ({},):
             at_guess = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
             fits.append(fit_hypothesis(problem, hypothesis, start | at_guess, differences=differences, refresh=True))
-        if converged := [fit for fit in fits if fit.status == CONVERGED]:
-            return min(converged, key=lambda fit: fit.chi2)
+        if done := [fit for fit in fits if fit.status == CONVERGED or fit.chi2 <= enough]:
+            return min(done, key=lambda fit: fit.chi2)
     return min(fits, key=lambda fit: fit.chi2)
 
 

@@ -131,10 +131,13 @@ def searched_nuisances(problem: Problem, hypothesis: Hypothesis) -> list[Paramet
 
 
 class _Contestant:
-    """A candidate beside the effects of a fit, and the points at which it was simulated."""
+    """A candidate beside the effects of a fit, and the points at which it was simulated.
 
-    def __init__(self, baseline: Baseline, origin: Fit, candidate: Candidate, number: int):
-        self._baseline, self._origin = baseline, origin
+    Features are those of what a `reference` leaves, the same for all that compete.
+    """
+
+    def __init__(self, baseline: Baseline, origin: Fit, reference: Fit, candidate: Candidate, number: int):
+        self._baseline, self._origin, self._reference = baseline, origin, reference
         self._settings: RoughSearchSettings = baseline.problem.settings.rough_search
         self._generator = np.random.default_rng([number, self._settings.seed])
         self.hypothesis: Hypothesis = (*origin.hypothesis, candidate)
@@ -148,6 +151,11 @@ class _Contestant:
     def least(self) -> float:
         """The least misfit of the features."""
         return min((point.misfit for point in self.points), default=np.inf)
+
+    @property
+    def least_of_population(self) -> float:
+        """The least misfit of the features since the search began anew."""
+        return min((point.misfit for point in self._population), default=np.inf)
 
     @property
     def deepest(self) -> _Point:
@@ -171,7 +179,7 @@ class _Contestant:
 
     def _simulate(self, features: CycleFeatures, places: np.ndarray) -> None:
         """Simulate places run by run, each as long as its misfit may still be among the best."""
-        problem, origin = self._baseline.problem, self._origin
+        problem, origin, reference = self._baseline.problem, self._origin, self._reference
         for place in places:
             known = sorted(point.misfit for point in self._population)
             limit = known[self._settings.elite - 1] if len(known) >= self._settings.elite else np.inf
@@ -179,7 +187,7 @@ class _Contestant:
             try:
                 for run in problem.runs:
                     residual = problem.residual(values, self.hypothesis, (run,), residual, FAST)
-                    misfit += features.misfit(origin.residual - residual, run)
+                    misfit += features.misfit(reference.residual - residual, run)
                     if misfit > limit:
                         misfit = np.inf
                         break
@@ -227,7 +235,7 @@ class _Contestant:
                 residual = problem.residual(at, self.hypothesis)
             except (InputError, SimulationError):
                 continue
-            misfit = sum(features.misfit(origin.residual - residual, run) for run in problem.runs)
+            misfit = sum(features.misfit(self._reference.residual - residual, run) for run in problem.runs)
             simulated.append((misfit, at, residual))
         if not simulated:
             return None
@@ -263,8 +271,8 @@ class _Contestant:
 
     def reached(self, chi2: float) -> bool:
         """Whether so little `chi2` says that a valley is reached."""
-        excess = self._origin.chi2 - self._baseline.problem.size
-        return self._origin.chi2 - chi2 > self._settings.reached_share * max(excess, 0.0)
+        excess = self._reference.chi2 - self._baseline.problem.size
+        return self._reference.chi2 - chi2 > self._settings.reached_share * max(excess, 0.0)
 
 
 def _likely(misfits: np.ndarray, count: int) -> np.ndarray:
@@ -291,19 +299,20 @@ def leaves_rough_motion(problem: Problem, fit: Fit) -> bool:
 
 def search_rough(
     baseline: Baseline,
-    origin: Fit,
+    origins: Sequence[Fit],
     candidates: Sequence[Candidate],
     sufficient: float,
     populations: int,
     until: float = np.inf,
 ) -> list[Fit]:
-    """Fits of candidates on which motion depends roughly, each beside the effects of a fit that is there.
+    """Fits of candidates on which motion depends roughly, each beside the effects of fits that are there.
 
     Parameters
     ----------
     baseline : Baseline
-    origin : Fit
-        The base, or a fit whose effects every hypothesis here has too.
+    origins : sequence of Fit
+        The base, fits whose effects hypotheses have too, or both; the last one leaves least. Candidates beside one
+        compete with those beside another.
     candidates : sequence of Candidate
         Those with a `search_range`.
     sufficient : float
@@ -320,35 +329,43 @@ def search_rough(
         none of these is sufficient, but features are met, one to the features of each candidate that was not dropped.
     """
     problem, fits = baseline.problem, []
-    settings, features = problem.settings.rough_search, CycleFeatures(problem, origin.residual)
+    settings, reference = problem.settings.rough_search, origins[-1]
+    features = CycleFeatures(problem, reference.residual)
     absent = sum(features.misfit(np.zeros(problem.size), run) for run in problem.runs)
-    contestants = [_Contestant(baseline, origin, candidate, number) for number, candidate in enumerate(candidates)]
+    contestants = [
+        _Contestant(baseline, origin, reference, candidate, number)
+        for origin in origins
+        for number, candidate in enumerate(candidates)
+        if all(candidate.label != effect.label for effect in origin.hypothesis)
+    ]
     most_misfit = (1.0 - settings.least_explained_share) * absent
     fitted: dict[int, float] = {}  # chi2 of the point from which a contestant was fitted
-    for round_ in range(populations * settings.rounds):
-        population, since = divmod(round_, settings.rounds)
-        if problem.simulations > until:
+    for population in range(populations):
+        met = min((one.least for one in contestants), default=0.0) < settings.matched_misfit * features.size
+        if met or problem.simulations > until:
             break
-        if not since:
-            if min((one.least for one in contestants), default=0.0) < settings.matched_misfit * features.size:
-                break
-            for one in contestants:
-                one.begin(features)
-            if min((one.least for one in contestants), default=np.inf) > most_misfit:
-                contestants = []  # nothing rings; else all go on, for a narrow minimum may lie between the first points
         for one in contestants:
-            one.go_on(features)
-        if population or since + 1 >= settings.rounds_for_all:
-            least = min((one.least for one in contestants), default=np.inf)
-            behind = max(settings.eliminated_share * (absent - least), settings.min_behind)
-            contestants = [one for one in contestants if one.least <= least + behind]
-        for one in sorted(contestants, key=lambda one: one.deepest.chi2)[:1]:
-            point = one.deepest
-            if one.reached(point.chi2) and point.chi2 < settings.deeper * fitted.get(id(one), np.inf):
-                fitted[id(one)] = point.chi2
-                fits.append(one.fit(point, sufficient))
+            one.begin(features)
+        if min((one.least for one in contestants), default=np.inf) > most_misfit:
+            contestants = []  # nothing rings; else all go on, for a narrow minimum may lie between the first points
+        progress = [min((one.least_of_population for one in contestants), default=np.inf)]
+        while contestants and len(progress) <= settings.rounds and problem.simulations <= until:
+            for one in contestants:
+                one.go_on(features)
+            if population or len(progress) >= settings.rounds_for_all:
+                least = min(one.least for one in contestants)
+                behind = max(settings.eliminated_share * (absent - least), settings.min_behind)
+                contestants = [one for one in contestants if one.least <= least + behind]
+            deepest = min(contestants, key=lambda one: one.deepest.chi2)
+            point = deepest.deepest
+            if deepest.reached(point.chi2) and point.chi2 < settings.deeper * fitted.get(id(deepest), np.inf):
+                fitted[id(deepest)] = point.chi2
+                fits.append(deepest.fit(point, sufficient))
                 if reduced_chi2(fits[-1]) <= sufficient:
                     return fits
+            progress.append(min(one.least_of_population for one in contestants))
+            if len(progress) > settings.stalled_rounds and progress[-1] >= progress[-1 - settings.stalled_rounds]:
+                break  # the best points gather about a place that is none of the truth
     ranked = sorted(contestants, key=lambda one: one.least)
     for one in ranked[:1] if problem.simulations > until else ranked:
         if id(one) not in fitted and one.least < np.inf:

@@ -6,6 +6,8 @@ a range of the effect's size the best are starts. A constant force in a rig with
 each sample by descent from the base, and in a prototype 1.04 from the third best of 200 points.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy.stats import qmc
 
@@ -39,7 +41,7 @@ def fit_from_scattered_starts(baseline: Baseline, fit: Fit, sufficient_chi2: flo
 
 
 def _best_points(baseline: Baseline, fit: Fit) -> list[dict[str, float]]:
-    """Values by key [SI] of the points that leave the least chi2, best first."""
+    """Values by key [SI] of the points that leave the least chi2, best first; each is simulated while it may be one."""
     problem, settings = baseline.problem, baseline.problem.settings.scattered_starts
     nuisances = shared_nuisances(problem, fit.hypothesis)
     names = {f"{candidate.label}.{name}" for candidate in fit.hypothesis for name in candidate.amplitudes}
@@ -49,10 +51,23 @@ def _best_points(baseline: Baseline, fit: Fit) -> list[dict[str, float]]:
         factor = settings.size_factor ** (2.0 * place[-1] - 1.0)
         values = fit.mapping | {p.key: float(np.clip(factor * fit.mapping[p.key], p.low, p.high)) for p in sizes}
         values |= {p.key: p.low + s * (p.high - p.low) for p, s in zip(nuisances, place[:-1], strict=True)}
-        try:
-            residual = problem.residual(values, fit.hypothesis, numerics=FAST)
-        except (InputError, SimulationError):
-            continue
-        points.append(values)
-        chi2.append(float(residual @ residual))
+        known = sorted(chi2)
+        limit = known[settings.starts - 1] if len(known) >= settings.starts else np.inf
+        if (left := _chi2_up_to(baseline, fit, values, limit)) < limit:
+            points.append(values)
+            chi2.append(left)
     return [points[i] for i in np.argsort(chi2, kind="stable")[: settings.starts]]
+
+
+def _chi2_up_to(baseline: Baseline, fit: Fit, values: Mapping[str, float], limit: float) -> float:
+    """chi2 of a hypothesis at `values` by key, simulated run by run; infinite once it is above the `limit`."""
+    problem = baseline.problem
+    residual = np.zeros(problem.size)
+    for run in problem.runs:
+        try:
+            residual = problem.residual(values, fit.hypothesis, (run,), residual, FAST)
+        except (InputError, SimulationError):
+            return np.inf
+        if residual @ residual > limit:
+            return np.inf
+    return float(residual @ residual)

@@ -258,6 +258,8 @@ class RoughSearchSettings:
         How often points are drawn anew, and how many each time (experience).
     rounds_for_all : int
         So many before the first candidate is dropped for being behind the best one.
+    stalled_rounds : int
+        After so many in which the best features did not become better the search begins anew, or ends.
     populations : int
         How often the search begins anew, as long as the features are not met: in five dimensions a population may end
         in a valley that is none of the truth.
@@ -278,6 +280,10 @@ class RoughSearchSettings:
     least_explained_share : float
         [1, of the misfit of features] Candidates that all explain less are dropped after the first points already: the
         best of these explained 0.15 and more where a joint is loose, and 0.1 or less where nothing rings.
+    beside_share : float
+        [1, of what the base leaves beyond noise] A single effect that explains so much may be there beside another:
+        both alone and beside it candidates are searched then, at twice the cost. Friction beside a loose crank pin
+        explained 0.13; where a clearance alone was hidden the best other effect explained up to 0.07.
     min_behind : float
         [1] By which the misfit of a candidate has to be above that of the best one for it to be dropped: twice what a
         name asks. One that was 31 behind after two rounds was 5 ahead in the end.
@@ -307,6 +313,7 @@ class RoughSearchSettings:
     max_nuisances: int = 4
     rounds: int = 8
     rounds_for_all: int = 2
+    stalled_rounds: int = 3
     populations: int = 2
     populations_alone: int = 1
     matched_misfit: float = 0.75
@@ -316,6 +323,7 @@ class RoughSearchSettings:
     least_spread: float = 0.01
     eliminated_share: float = 0.3
     least_explained_share: float = 0.1
+    beside_share: float = 0.1
     min_behind: float = 40.0
     reached_share: float = 0.5
     deeper: float = 0.7
@@ -429,6 +437,9 @@ class ModelSelectionSettings:
         Runs that the search for what no fit about the base explains may simulate until no further step of it begins;
         what has begun ends. Two minutes where joints are loose and dry; one of a motion that never repeats takes as
         long as four others (experience).
+    slow_share : float
+        [1, of what the best effect explains] An effect that is never small, such as a film, takes ten times as long to
+        simulate as others: it is fitted once more only where it explains so much.
     smooth_numerical_noise : float
         [chi2] With less numerical noise chi2 has no valleys between which fits could differ.
     min_accounted_share : float
@@ -447,6 +458,7 @@ class ModelSelectionSettings:
     followed_share: float = 0.5
     max_simulations: int = 5000
     max_simulations_of_statistics: int = 1500
+    slow_share: float = 0.5
     smooth_numerical_noise: float = 0.01
     min_accounted_share: float = 0.5
     baseline_starts: int = 4
