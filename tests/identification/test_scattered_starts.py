@@ -13,8 +13,8 @@ from jointgap.identification.protocol import FAST
 from jointgap.identification.scattered_starts import fit_from_scattered_starts
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.thresholds import thresholds
-from tests.identification.knocks import knocking
-from tests.identification.toy import stated_noise
+from tests.identification.knocks import Knocking, knocking
+from tests.identification.toy import stated_noise, toy
 
 FORCE = 0.4
 
@@ -83,14 +83,15 @@ def test_a_point_is_left_after_the_run_that_puts_it_behind_the_best_ones(monkeyp
     assert settings.starts <= max(later) < first
 
 
-@pytest.mark.parametrize(("noise", "is_tried"), [(0.0, False), (1.0, True)])
-def test_they_are_tried_where_the_numerics_say_that_chi2_has_valleys(noise, is_tried, monkeypatch):
-    base, fit = caught(1.07)
+@pytest.mark.parametrize(
+    "model", [knocking({"viscous": {"damping_N_s_m": 0.8}}), toy({"viscous": {"damping_N_s_m": 0.8}})]
+)
+def test_they_are_tried_where_what_nuisances_change_rings(model, monkeypatch):
+    base = recalibrate(model, stated_noise(model))
     signatures = simulate_signatures(base.problem, base.base, base.differences)
-    limits = replace(
-        thresholds(base.problem, signatures, other_numerics(base.problem, base.base)), numerical_noise=noise
-    )
-    failed, tried = replace(fit, status=FAILED), []
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    coulomb = next(one for one in model.candidates if one.label == "coulomb")
+    fit, tried = fit_hypothesis(base.problem, (coulomb,), differences=base.differences), []
     monkeypatch.setattr(hypothesis_fits, "fit_from_scattered_starts", lambda _, one, __: tried.append(one) or one)
-    assert hypothesis_fits._from_scattered_starts(base, [failed, fit], limits) == []
-    assert tried == ([fit] if is_tried else [])
+    assert hypothesis_fits._from_scattered_starts(base, [replace(fit, status=FAILED), fit], limits) == []
+    assert tried == ([fit] if isinstance(model, Knocking) else [])

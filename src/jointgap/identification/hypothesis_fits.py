@@ -22,7 +22,7 @@ from jointgap.identification.model_selection import (
 from jointgap.identification.nesting import labels_of, moved, not_above_its_parts
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate
-from jointgap.identification.rough_search import leaves_rough_motion, search_rough
+from jointgap.identification.rough_search import depends_roughly, leaves_rough_motion, search_rough
 from jointgap.identification.scattered_starts import fit_from_scattered_starts
 from jointgap.identification.screening import LinearizedFit, Signatures, is_searched
 from jointgap.identification.smoother import smoothers_of
@@ -206,8 +206,7 @@ def _from_nuisances_of_best(
     baseline: Baseline, alone: Sequence[Fit], limits: Thresholds, until: float = np.inf
 ) -> list[Fit]:
     """Fits of the single effects that ended early, from the nuisances of the best one: it may be in a deeper valley,
-    which they share. As long as another one becomes the best, until one is sufficient. Those that take long to simulate
-    are left as they are where they explain far less than the best one.
+    which they share. As long as another one becomes the best, until one is sufficient.
     """
     problem = baseline.problem
     found: dict[str, Fit] = {fit.label: fit for fit in alone if fit.status != FAILED}
@@ -220,9 +219,6 @@ def _from_nuisances_of_best(
         least = best.chi2
         for never_small in (False, True):  # these last: the motion with a film takes long to simulate
             some = [fit for fit in found.values() if fit is not best and _is_never_small(fit) == never_small]
-            if never_small:
-                gained = problem.settings.selection.slow_share * (baseline.base.chi2 - best.chi2)
-                some = [fit for fit in some if fit.chi2 < baseline.base.chi2 - gained]
             better = {fit.label: fit for fit in _moved(baseline, some, best, limits, until)}
             found |= better
             again |= better
@@ -234,7 +230,7 @@ def _from_nuisances_of_best(
 def _from_scattered_starts(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> list[Fit]:
     """Deeper fits of the leading single effects, from scattered starts: none is sufficient, and chi2 has valleys."""
     settings = baseline.problem.settings
-    if limits.numerical_noise <= settings.selection.smooth_numerical_noise or not smoothers_of(baseline.problem):
+    if not depends_roughly(baseline.problem, baseline.base):
         return []
     leading: dict[str, Fit] = {}
     for fit in sorted((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.chi2):
@@ -252,10 +248,14 @@ def _from_scattered_starts(baseline: Baseline, alone: Sequence[Fit], limits: Thr
 def _moved(baseline: Baseline, fits: Sequence[Fit], best: Fit, limits: Thresholds, until: float = np.inf) -> list[Fit]:
     """Those of the `fits` that ended early and are lower from the nuisances of the `best`, lowest first.
 
-    Those far above a sufficient one end early once more.
+    Those far above a sufficient one end early once more. Those that take long to simulate do not begin where they
+    explain far less than the best one.
     """
     sufficient, better = best.chi2 if _is_sufficient(best, limits) else np.inf, []
-    for fit in sorted((fit for fit in fits if fit.status == STOPPED), key=lambda fit: fit.chi2):
+    share = baseline.problem.settings.selection.slow_share
+    most = baseline.base.chi2 - share * (baseline.base.chi2 - best.chi2)
+    stopped = (fit for fit in fits if fit.status == STOPPED and not (_is_never_small(fit) and fit.chi2 > most))
+    for fit in sorted(stopped, key=lambda fit: fit.chi2):
         if baseline.problem.simulations > until:
             break
         again = moved(baseline.problem, baseline.differences, fit, best, sufficient)

@@ -23,6 +23,9 @@ from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import FAST, Candidate, Parameter
 from jointgap.identification.settings import RoughSearchSettings
 
+_LOUD = 10.0
+"""[1, of noise] How large a change is made to be before it is asked whether it rings: far above noise."""
+
 
 @dataclass
 class _Point:
@@ -295,6 +298,17 @@ def leaves_rough_motion(problem: Problem, fit: Fit) -> bool:
     if fit.status == FAILED:
         return False
     return CycleFeatures(problem, fit.residual).rough_share > problem.settings.rough_search.min_rough_share
+
+
+def depends_roughly(problem: Problem, fit: Fit) -> bool:
+    """Whether motion depends roughly on nuisances that runs share at a `fit` of a `problem`: what small changes of them
+    do rings, as where joints are loose. chi2 has many valleys then.
+    """
+    shared = (column for p, column in zip(fit.parameters, fit.jacobian.T, strict=True) if p.run is None)
+    # as large as it takes for noise not to count beside it
+    loud = (_LOUD * np.sqrt(problem.size) * column / np.linalg.norm(column) for column in shared if column.any())
+    ringing = (CycleFeatures(problem, column).rough_share for column in loud)
+    return max(ringing, default=0.0) > problem.settings.rough_search.min_rough_share
 
 
 def search_rough(
