@@ -24,7 +24,7 @@ from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import thresholds
-from tests.identification.toy import FALLING_SPEED, Toy, candidate_of, stated_noise, toy
+from tests.identification.toy import FALLING_SPEED, RINGING, Toy, candidate_of, stated_noise, toy
 
 QUADRATIC = candidate_of("quadratic")
 (DRAG,) = QUADRATIC.families
@@ -248,9 +248,9 @@ def test_nothing_is_asked_where_nothing_is_found():
     assert families == ()
 
 
-def test_of_what_features_name_no_shape_is_asked():
-    decision, families = asked(
-        toy({"quadratic": {"drag_N_s2_m2": 1.0}}, seed=3),
-        lambda decision: replace(decision, chosen=replace(decision.chosen, status="matched")),
-    )
-    assert (decision.chosen.label, families) == ("quadratic", ())
+def test_no_shape_is_asked_beside_an_effect_on_which_motion_depends_roughly():
+    def beside(decision):
+        return replace(decision, chosen=replace(decision.chosen, hypothesis=(*decision.chosen.hypothesis, RINGING)))
+
+    decision, families = asked(toy({"quadratic": {"drag_N_s2_m2": 1.0}}, seed=3), beside)
+    assert (decision.verdict, decision.chosen.label, families) == ("named", "quadratic + ringing", ())

@@ -8,9 +8,11 @@ import pytest
 
 from jointgap.errors import SimulationError
 from jointgap.identification import model_selection
-from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.baseline import recalibrate
+from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.model_selection import (
     best_sufficient,
+    fits_beyond_bounds,
     nonlinearity,
     refit_jacobian,
     shortlist_singles,
@@ -22,6 +24,7 @@ from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.screening import Signature, Signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import Thresholds
+from tests.identification.toy import candidate_of, stated_noise, toy
 
 SAMPLES = 200
 LN = float(np.log(SAMPLES))
@@ -196,6 +199,33 @@ def test_nothing_is_swapped_where_no_pair_is_best():
     assert swap_one_effect(SimpleNamespace(), None, []) == []
     fits = [fitted(100.0, COULOMB), fitted(400.0, COULOMB, SPRING), fitted(1.0, COULOMB, SPRING, status=FAILED)]
     assert swap_one_effect(SimpleNamespace(), None, fits) == []
+
+
+@pytest.fixture(scope="module")
+def heavier():
+    """A dry friction and a mass that is beyond its range are hidden; friction and the gain of a sensor were fitted."""
+    model = toy({"coulomb": {"force_N": 0.2}, "added_mass": {"mass_kg": 0.1}}, seed=4)
+    base = recalibrate(model, stated_noise(model))
+    pair = tuple(candidate_of(label) for label in ("coulomb", "sensor_gain:acceleration"))
+    return base, fit_hypothesis(base.problem, pair, differences=base.differences)
+
+
+def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_each_other_one(heavier):
+    base, pair = heavier
+    mass = next(p for p in pair.parameters if p.name == "slider_mass")
+    assert pair.mapping["slider_mass"] == mass.high
+    first, second = fits_beyond_bounds(base, [base.base, pair])
+    assert (first.label, second.label) == ("sensor_gain:acceleration + added_mass", "coulomb + added_mass")
+    assert second.bic < pair.bic - 10.0
+    assert second.mapping["added_mass.mass_kg"] == pytest.approx(0.1, abs=0.03)
+    assert fits_beyond_bounds(base, [pair, replace(first, status=FAILED), second]) == []
+
+
+def test_where_no_nuisance_is_at_its_bound_nothing_takes_it_beyond(heavier):
+    base, pair = heavier
+    inside = replace(pair, values=np.array([p.nominal for p in pair.parameters]))
+    assert fits_beyond_bounds(base, [inside]) == []
+    assert fits_beyond_bounds(base, [base.base]) == []
 
 
 # Explanations that are one

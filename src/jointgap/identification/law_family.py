@@ -24,7 +24,7 @@ from jointgap.identification.decide_verdict import (
     reduced_chi2,
 )
 from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import CONVERGED, FAILED, MATCHED, Fit, fit_hypothesis
+from jointgap.identification.fit import CONVERGED, FAILED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, LawFamily
 from jointgap.identification.thresholds import Thresholds
@@ -72,7 +72,7 @@ def fit_shape(
     """Fit the law of a family, its shape too, beside all else that was `found`, from there on.
 
     It begins at the effect's own shape, or at the next one in use where something of the law is idle at that; there at
-    each of the law's initial guesses. Where no fit converges, nor is as low as what was found, at the next shape.
+    each of the law's initial guesses. Where no fit converges, at the next shape.
 
     Parameters
     ----------
@@ -91,16 +91,14 @@ def fit_shape(
     own = {name.removeprefix(prefix): value for name, value in found.mapping.items() if name.startswith(prefix)}
     start = {name: value for name, value in found.mapping.items() if not name.startswith(prefix)}
     start |= {f"{family.law.label}.{name}": value for name, value in family.values(own).items()}
-    # where motion is rough hardly a fit converges: one as low as that of the effect will do
-    enough = -np.inf if found.status == CONVERGED else found.chi2
     fits: list[Fit] = []
     shapes = [shape for shape in family.in_use if not (family.idle_at_own and shape == family.own)]
     for shape in sorted(shapes, key=lambda shape: abs(shape - family.own)):
         for guess in family.law.initial_guesses or ({},):
             at_guess = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
             fits.append(fit_hypothesis(problem, hypothesis, start | at_guess, differences=differences, refresh=True))
-        if done := [fit for fit in fits if fit.status == CONVERGED or fit.chi2 <= enough]:
-            return min(done, key=lambda fit: fit.chi2)
+        if converged := [fit for fit in fits if fit.status == CONVERGED]:
+            return min(converged, key=lambda fit: fit.chi2)
     return min(fits, key=lambda fit: fit.chi2)
 
 
@@ -233,8 +231,6 @@ def with_families(
     limits : Thresholds
         For single effects.
     """
-    if any(fit.status == MATCHED for fit in (decision.chosen, *decision.equivalent)):
-        return decision, ()  # shapes are asked of samples, which cannot be followed there
     equal = decision.equivalent if _is_one_family(decision.equivalent) else []
     is_pair = decision.verdict == NAMED and len(decision.chosen.hypothesis) > 1
     if not equal and (is_pair or decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS)):
@@ -323,7 +319,12 @@ def _families(found: Fit) -> list[LawFamily]:
 
 
 def _of_families(found: Fit) -> list[tuple[Candidate, LawFamily]]:
-    """The effects of an explanation, each with those of its families of which it is the only one in it."""
+    """The effects of an explanation, each with those of its families of which it is the only one in it.
+
+    None beside an effect on which motion depends roughly: no fit follows its valley from shape to shape.
+    """
+    if any(candidate.search_range for candidate in found.hypothesis):
+        return []
     laws = [family.law.label for family in _families(found)]
     pairs = ((candidate, family) for candidate in found.hypothesis for family in candidate.families)
     return [(candidate, family) for candidate, family in pairs if laws.count(family.law.label) == 1]

@@ -16,9 +16,15 @@ from jointgap.identification.baseline import (
 )
 from jointgap.identification.decide_by_features import decided_by_features
 from jointgap.identification.decide_verdict import PARAMETERS_ONLY, Decision, decide, reduced_chi2
-from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
+from jointgap.identification.fit import FAILED, MATCHED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
-from jointgap.identification.nesting import chi2_without_effects, labels_of, moved, not_above_its_parts
+from jointgap.identification.nesting import (
+    chi2_without_effects,
+    labels_of,
+    moved,
+    not_above_its_parts,
+    with_effects_absent,
+)
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures
@@ -220,6 +226,36 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     return swapped
 
 
+def fits_beyond_bounds(baseline: Baseline, fits: Sequence[Fit]) -> list[Fit]:
+    """Where the best explanation has a nuisance at its bound: fits of the effect that takes it beyond, in place of each
+    of two effects or of the only one, as far as they are not among `fits`.
+
+    A nuisance that wants to go further tells of what derivatives about another valley do not: with loose joints a pair
+    with the gain of a sensor was best, and the slider's mass at its bound; hidden was an added mass.
+    Arguments as in `select_hypothesis`.
+    """
+    best = min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic, default=None)
+    if best is None or not best.hypothesis:
+        return []
+    problem, done = baseline.problem, {labels_of(fit.hypothesis) for fit in fits}
+    low, high = bounds_of(best.parameters)
+    ended = (best.values == low) | (best.values == high)
+    at_bound = {p.name for p, is_there in zip(best.parameters, ended, strict=True) if is_there and p.run is None}
+    beyond = []
+    for candidate in (one for one in problem.model.candidates if at_bound & one.replaces.keys()):
+        for out in best.hypothesis:
+            hypothesis = (*(one for one in best.hypothesis if one is not out), candidate)
+            if labels_of(hypothesis) not in done:
+                done.add(labels_of(hypothesis))
+                start = with_effects_absent(problem, hypothesis, best)
+                beyond.append(
+                    fit_hypothesis(
+                        problem, hypothesis, start, differences=baseline.differences, sufficient_chi2=best.chi2
+                    )
+                )
+    return beyond
+
+
 def none_above_its_parts(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> dict[frozenset[str], Fit]:
     """Those of the `fits` that have effects, by their labels.
 
@@ -323,7 +359,8 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     limits : Thresholds
     """
     by_features, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
-    fits, done, given = [*fits, *swap_one_effect(baseline, signatures, fits)], set(), baseline.base
+    fits = [*fits, *swap_one_effect(baseline, signatures, fits)]
+    fits, done, given = [*fits, *fits_beyond_bounds(baseline, fits)], set(), baseline.base
     decision = refit_and_decide(baseline, signatures, fits, limits)
     while members := _members_alone(baseline, [decision.chosen, *decision.equivalent], done):
         baseline = replace(baseline, base=decision.base)
