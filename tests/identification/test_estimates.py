@@ -143,6 +143,18 @@ def drawn(candidate, value, draws):
     )
 
 
+@pytest.mark.parametrize("value", [-0.01, 0.03, 0.2, 0.5, 0.8, 0.97, 1.01])
+def test_intervals_hold_the_value_their_share_and_those_of_lower_levels(value):
+    force, draws = Candidate("force", "slider", (Parameter("force_N", 0.0),), ("force_N",)), np.linspace(0.0, 1.0, 401)
+    found = effect_estimates(drawn(force, value, draws), force)["force_N"]
+    inner = [value, value]
+    for level in (50, 90, 99):
+        low, high = found[f"interval_{level}"]
+        assert low <= inner[0] <= inner[1] <= high
+        assert np.mean((low <= draws) & (draws <= high)) == pytest.approx(level / 100.0, abs=0.005)
+        inner = [low, high]
+
+
 def test_no_end_of_an_interval_is_infinite():
     force = Candidate("force", "slider", (Parameter("force_N", 0.0, 0.0, step=0.1),), ("force_N",))
     found = effect_estimates(drawn(force, 9.0, np.linspace(0.0, 1.0, 101)), force)["force_N"]  # beyond all draws

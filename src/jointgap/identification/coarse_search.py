@@ -13,6 +13,7 @@ from jointgap.identification.baseline import Baseline
 from jointgap.identification.decide_verdict import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
+from jointgap.identification.nesting import lowest_of_each
 from jointgap.identification.problem import Hypothesis
 from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures, simulate_signatures
 from jointgap.identification.smoother import Smoother, coarse_to_fine_fit, coordinate_scan, smoothers_of
@@ -62,12 +63,10 @@ def search_pairs(
     settings = baseline.problem.settings.coarse_search
     visible = (smoother for smoother in smoothers if _is_visible(baseline.base, smoother, baseline))
     first = next(visible, smoothers[-1] if smoothers else None)
-    singles: dict[str, Fit] = {}
-    for fit in sorted((fit for fit in fits if fit.status != FAILED), key=lambda fit: _chi2(fit, first)):
-        singles.setdefault(fit.label, fit)
-    limit = settings.eliminated_factor * min((_chi2(fit, first) for fit in singles.values()), default=np.inf)
-    leading = [fit for fit in singles.values() if _chi2(fit, first) < limit]
-    failed = {fit.label for fit in fits} - singles.keys()  # what failed alone would fail in a pair
+    singles = lowest_of_each((fit for fit in fits if fit.status != FAILED), lambda fit: _chi2(fit, first))
+    limit = settings.eliminated_factor * min((_chi2(fit, first) for fit in singles), default=np.inf)
+    leading = [fit for fit in singles if _chi2(fit, first) < limit]
+    failed = {fit.label for fit in fits} - {fit.label for fit in singles}  # what failed alone would fail in a pair
     chosen: dict[frozenset[str], tuple[LinearizedFit, Signatures]] = {}
     remaining: Sequence[Smoother] = ()
     for rank, fit in enumerate(leading[: settings.leading_singles]):

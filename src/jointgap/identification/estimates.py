@@ -60,7 +60,7 @@ def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:
     sd = float(np.sqrt(known.covariance[place, place]))
     if known.draws is None or not sd > 0.0:
         return estimate_with_interval(value, sd, p.low, p.high)
-    return _from_draws(value, known.draws[:, place], sd, p.low, p.high, not p.low < value < p.high)
+    return _from_draws(value, known.draws[:, place], sd, not p.low < value < p.high)
 
 
 def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]]:
@@ -107,10 +107,10 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
             estimates[name] = _no_estimate(value, AT_BOUND)
         elif at_bound or (known.draws is not None and any(cut & (slopes[name] != 0.0))):
             mapped = _mapped_draws(fit, candidate, [p.key for p in own], columns, name)
-            estimates[name] = _from_draws(float(value), mapped, error, -np.inf, np.inf, at_bound)
+            estimates[name] = _from_draws(float(value), mapped, error, at_bound)
         elif fit.draws is not None and error > 0.0:
             moved_by = (fit.draws[:, columns] - fit.values[columns]) @ slopes[name]
-            estimates[name] = _from_draws(float(value), value + moved_by, error, -np.inf, np.inf, False)
+            estimates[name] = _from_draws(float(value), value + moved_by, error, False)
         else:
             estimates[name] = estimate_with_interval(value, error, -np.inf, np.inf)
     return estimates
@@ -130,21 +130,25 @@ def _mapped_draws(fit: Fit, candidate: Candidate, keys: Sequence[str], columns: 
     return np.array([candidate.parameters(dict(zip(keys, map(float, row), strict=True)))[name] for row in draws])
 
 
-def _from_draws(value: float, draws: np.ndarray, sd: float, low: float, high: float, at_bound: bool) -> dict[str, Any]:
-    """The estimate of a `value` that is distributed as its `draws` (s,) between `low` and `high`."""
+def _from_draws(value: float, draws: np.ndarray, sd: float, at_bound: bool) -> dict[str, Any]:
+    """The estimate of a `value` that is distributed as its `draws` (s,).
+
+    An interval holds its share of the draws, as many beyond either end. One that would not hold the value begins or
+    ends there instead, so that those of higher levels hold those of lower ones.
+    """
     estimate: dict[str, Any] = {"value": value, "sd": None if at_bound else sd}
+    below, above = float(np.mean(draws < value)), float(np.mean(draws > value))
     for level in LEVELS:
-        beyond = 1.0 - level / 100.0
+        share = level / 100.0
+        beyond = 0.5 * (1.0 - share)
         with np.errstate(invalid="ignore"):  # some draws may be infinite
-            quantiles = np.quantile(draws, [beyond / 2.0, beyond, 1.0 - beyond, 1.0 - beyond / 2.0])
-        tail_low, inner_low, inner_high, tail_high = quantiles
-        ends = [tail_low, tail_high]
-        if value < tail_low:
-            ends = [low if np.isfinite(low) else min(value, draws.min()), inner_high]
-        elif value > tail_high:
-            ends = [inner_low, high if np.isfinite(high) else max(value, draws.max())]
+            ends = np.quantile(draws, [beyond, 1.0 - beyond]).tolist()
+            if value < ends[0]:
+                ends = [value, float(np.quantile(draws, min(below + share, 1.0)))]
+            elif value > ends[1]:
+                ends = [float(np.quantile(draws, max(1.0 - above - share, 0.0))), value]
         # what grows without end at a bound, as the frequency of a rod that does not bend, has no end there
-        estimate[f"interval_{level}"] = [float(end) if np.isfinite(end) else None for end in ends]
+        estimate[f"interval_{level}"] = [end if np.isfinite(end) else None for end in ends]
     return estimate | {"remark": AT_BOUND} if at_bound else estimate
 
 

@@ -19,7 +19,7 @@ from jointgap.identification.model_selection import (
     shortlist_singles,
     two_effect_thresholds,
 )
-from jointgap.identification.nesting import labels_of, moved, not_above_its_parts
+from jointgap.identification.nesting import labels_of, lowest_of_each, moved, not_above_its_parts
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.rough_search import depends_roughly, leaves_rough_motion, search_rough
@@ -148,14 +148,10 @@ def _search(
     fits += _fit_each(baseline, signatures, chosen, limits, singles)[0]
     if chosen and not any(is_searched(baseline.problem, one) for fit in fits for one in fit.hypothesis):
         fits += _search_alone(baseline, limits, until)
-    best: dict[str, Fit] = {}
-    for fit in fits:
-        best[fit.label] = min(best.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
-    parts = [baseline.base, *singles, *best.values()]
+    best = lowest_of_each(fits)
+    parts = [baseline.base, *singles, *best]
     sufficient = min((fit.chi2 for fit in parts if _is_sufficient(fit, limits)), default=np.inf)
-    found = [
-        not_above_its_parts(baseline.problem, baseline.differences, fit, parts, sufficient) for fit in best.values()
-    ]
+    found = [not_above_its_parts(baseline.problem, baseline.differences, fit, parts, sufficient) for fit in best]
     found += leaders
     share = (time.monotonic() - begin) / max(len(found), 1)
     return found, [share] * len(found)
@@ -232,11 +228,9 @@ def _from_scattered_starts(baseline: Baseline, alone: Sequence[Fit], limits: Thr
     settings = baseline.problem.settings
     if not depends_roughly(baseline.problem, baseline.base):
         return []
-    leading: dict[str, Fit] = {}
-    for fit in sorted((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.chi2):
-        leading.setdefault(fit.label, fit)
+    leading = lowest_of_each(fit for fit in alone if fit.status != FAILED)
     deeper = []
-    for fit in list(leading.values())[: settings.scattered_starts.leading_singles]:
+    for fit in leading[: settings.scattered_starts.leading_singles]:
         if not _insufficient(baseline, [*alone, *deeper], limits):
             break
         found = fit_from_scattered_starts(baseline, fit, limits.omnibus * baseline.problem.size)
@@ -299,13 +293,10 @@ def _search_alone(baseline: Baseline, limits: Thresholds, until: float = np.inf)
     """The best fit to samples of each effect on which motion depends roughly, alone: where nothing rings, or something
     else explains the data, one population is enough.
     """
-    found: dict[str, Fit] = {}
     populations = baseline.problem.settings.rough_search.populations_alone
     candidates = _searched_candidates(baseline.problem)
-    for fit in search_rough(baseline, [baseline.base], candidates, limits.omnibus, populations, until):
-        if fit.status != MATCHED:
-            found[fit.label] = min(found.get(fit.label, fit), fit, key=lambda fit: fit.chi2)
-    return list(found.values())
+    found = search_rough(baseline, [baseline.base], candidates, limits.omnibus, populations, until)
+    return lowest_of_each(fit for fit in found if fit.status != MATCHED)
 
 
 def _searched_candidates(problem: Problem) -> list[Candidate]:

@@ -21,6 +21,7 @@ from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.nesting import (
     chi2_without_effects,
     labels_of,
+    lowest_of_each,
     moved,
     not_above_its_parts,
     with_effects_absent,
@@ -157,12 +158,10 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
     settings, selection = baseline.problem.settings.decision, baseline.problem.settings.selection
     second = two_effect_thresholds(baseline, fits, limits)
     limits = replace(second, max_gain_threshold=limits.max_gain_threshold)
-    best: dict[frozenset[str], Fit] = {}
-    for fit in sorted(fits, key=lambda fit: fit.chi2):
-        best.setdefault(labels_of(fit.hypothesis), fit)
+    lowest = lowest_of_each(fits)
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
-    base = _where_effects_are(baseline, sorted(best.values(), key=lambda fit: fit.bic), needed)
-    best = none_above_its_parts(baseline, [base, *best.values()], limits)
+    base = _where_effects_are(baseline, sorted(lowest, key=lambda fit: fit.bic), needed)
+    best = none_above_its_parts(baseline, [base, *lowest], limits)
     ranked = sorted(best.values(), key=lambda fit: fit.bic)
     if ranked and limits.numerical_noise > selection.smooth_numerical_noise and ranked[0].bic < base.bic:
         base = moved(baseline.problem, baseline.differences, base, ranked[0])

@@ -7,7 +7,7 @@ fitted again from the smaller one where it ended above it, and a smaller one fro
 by more than its effect accounts for.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -21,6 +21,21 @@ from jointgap.identification.screening import is_searched
 def labels_of(hypothesis: Hypothesis) -> frozenset[str]:
     """The labels of its effects, in no order."""
     return frozenset(candidate.label for candidate in hypothesis)
+
+
+def lowest_of_each(fits: Iterable[Fit], chi2: Callable[[Fit], float] = lambda fit: fit.chi2) -> list[Fit]:
+    """Of each hypothesis, in whatever order its effects stand, the fit with the least `chi2`; lowest first.
+
+    Parameters
+    ----------
+    fits : iterable of Fit
+    chi2 : function
+        By which they are compared.
+    """
+    lowest: dict[frozenset[str], Fit] = {}
+    for fit in sorted(fits, key=chi2):
+        lowest.setdefault(labels_of(fit.hypothesis), fit)
+    return list(lowest.values())
 
 
 def with_effects_absent(problem: Problem, hypothesis: Hypothesis, part: Fit) -> dict[str, float]:

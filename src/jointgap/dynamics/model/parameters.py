@@ -11,8 +11,6 @@ import numpy as np
 
 from jointgap.formula import Program
 
-"""The joints in the order in which compiled code counts them."""
-
 DRIVE_KINDS = ("constant", "fluctuating", "measured", "motor")
 CONSTANT, FLUCTUATING, MEASURED, MOTOR = range(len(DRIVE_KINDS))
 """Kinds of drive."""
