@@ -1,6 +1,7 @@
 """In which order hypotheses are fitted where no single effect is sufficient at first."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -99,6 +100,16 @@ def test_effects_that_are_never_small_start_again_last_and_not_at_all_once_one_i
     tried = moved_to(monkeypatch, base, coulomb=1.0)
     hypothesis_fits._from_nuisances_of_best(base, alone, limits)
     assert [label for label, *_ in tried] == ["coulomb"]
+
+
+def test_effects_that_are_never_small_are_fitted_last_for_then_a_sufficient_one_may_end_them(analysed, monkeypatch):
+    base, film = with_film(analysed[0], chi2=25.0)
+    hypotheses = [film.hypothesis, *((candidate_of(label),) for label in ("spring", "coulomb"))]
+    shortlist = [SimpleNamespace(hypothesis=hypothesis) for hypothesis in hypotheses]
+    monkeypatch.setattr(hypothesis_fits, "shortlist_singles", lambda *args: shortlist)
+    monkeypatch.setattr(hypothesis_fits, "_fit_each", lambda _, __, chosen, *rest: chosen)
+    fitted = [single.hypothesis[0].label for single, _ in hypothesis_fits.fit_singles(base, *analysed[1:])]
+    assert fitted == ["spring", "coulomb", film.label]
 
 
 def test_effects_that_are_never_small_do_not_start_again_where_they_explain_little(analysed, monkeypatch):

@@ -20,7 +20,7 @@ from jointgap.identification.model_selection import (
     two_effect_thresholds,
 )
 from jointgap.identification.nesting import labels_of, lowest_of_each, moved, not_above_its_parts
-from jointgap.identification.problem import Problem
+from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.rough_search import depends_roughly, leaves_rough_motion, search_rough
 from jointgap.identification.scattered_starts import fit_from_scattered_starts
@@ -51,6 +51,7 @@ def fit_singles(
         Which of how many parts, counted from 0.
     """
     shortlist = shortlist_singles(signatures, limits, baseline.problem.settings)
+    shortlist.sort(key=lambda single: _is_never_small(single.hypothesis))  # these take long, but not if they are beaten
     return _fit_each(baseline, signatures, [(single, None) for single in shortlist[part::parts]], limits, ())
 
 
@@ -214,7 +215,7 @@ def _from_nuisances_of_best(
             break
         least = best.chi2
         for never_small in (False, True):  # these last: the motion with a film takes long to simulate
-            some = [fit for fit in found.values() if fit is not best and _is_never_small(fit) == never_small]
+            some = [fit for fit in found.values() if fit is not best and _is_never_small(fit.hypothesis) == never_small]
             better = {fit.label: fit for fit in _moved(baseline, some, best, limits, until)}
             found |= better
             again |= better
@@ -248,7 +249,9 @@ def _moved(baseline: Baseline, fits: Sequence[Fit], best: Fit, limits: Threshold
     sufficient, better = best.chi2 if _is_sufficient(best, limits) else np.inf, []
     share = baseline.problem.settings.selection.slow_share
     most = baseline.base.chi2 - share * (baseline.base.chi2 - best.chi2)
-    stopped = (fit for fit in fits if fit.status == STOPPED and not (_is_never_small(fit) and fit.chi2 > most))
+    stopped = (
+        fit for fit in fits if fit.status == STOPPED and not (_is_never_small(fit.hypothesis) and fit.chi2 > most)
+    )
     for fit in sorted(stopped, key=lambda fit: fit.chi2):
         if baseline.problem.simulations > until:
             break
@@ -260,9 +263,9 @@ def _moved(baseline: Baseline, fits: Sequence[Fit], best: Fit, limits: Threshold
     return better
 
 
-def _is_never_small(fit: Fit) -> bool:
-    """Whether all fits of its effects begin at a size, since small ones say nothing of them."""
-    return any(all({*guess} & {*one.amplitudes} for guess in one.initial_guesses) for one in fit.hypothesis)
+def _is_never_small(hypothesis: Hypothesis) -> bool:
+    """Whether all fits of one of its effects begin at a size, since small ones say nothing of it."""
+    return any(all({*guess} & {*one.amplitudes} for guess in one.initial_guesses) for one in hypothesis)
 
 
 def _labels(chosen: tuple[LinearizedFit, Fit | None]) -> frozenset[str]:
