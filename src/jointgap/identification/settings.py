@@ -255,7 +255,7 @@ class RoughSearchSettings:
         So many nuisances that runs share are coordinates of the search too: those of ideal joints, masses and lengths.
         Where there are more, as with loose joints, points are too few for them.
     rounds, points : int
-        How often points are drawn anew, and how many each time (experience).
+        How often points are drawn about the best ones at most, and how many each time (experience).
     rounds_for_all : int
         So many before the first candidate is dropped for being behind the best one.
     stalled_rounds : int
@@ -441,7 +441,8 @@ class ModelSelectionSettings:
         [1, of what the best effect explains] An effect that is never small, such as a film, takes ten times as long to
         simulate as others: it is fitted once more only where it explains so much.
     smooth_numerical_noise : float
-        [chi2] With less numerical noise chi2 has no valleys between which fits could differ.
+        [chi2] With less numerical noise the base and the next best are not fitted again from the winner's nuisances
+        before they are compared. That chi2 has no valleys then does not follow: with settled loose joints it has many.
     min_accounted_share : float
         [1, of what a hypothesis gains] What its effects have to account for in its own valley of the nuisances for the
         base to be in the same one: half, since residuals are not linear.
