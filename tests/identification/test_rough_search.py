@@ -16,7 +16,7 @@ from jointgap.identification.fit import MATCHED, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import FAST
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
-from tests.identification.toy import CANDIDATES, RINGING, ringing, stated_noise, toy
+from tests.identification.toy import CANDIDATES, RINGING, candidate_of, ringing, stated_noise, toy
 
 POPULATIONS = 2
 
@@ -133,9 +133,18 @@ def test_one_that_may_still_catch_up_is_not_dropped(monkeypatch, min_behind, sta
 
 
 def test_a_search_that_goes_nowhere_begins_anew_at_once(monkeypatch):
-    monkeypatch.setattr(rough_search._Contestant, "least_of_population", 100.0)
-    rounds, settings = rounds_of(monkeypatch, [RINGING])
+    monkeypatch.setattr(rough_search.CycleFeatures, "misfit", lambda self, change, run: 100.0)
+    rounds, settings = rounds_of(monkeypatch, [RINGING], least_explained_share=0.0)
     assert len(rounds) == POPULATIONS * settings.stalled_rounds
+
+
+def test_a_search_goes_on_as_long_as_one_candidate_comes_nearer(monkeypatch):
+    never = replace(RINGING, name="spring", coordinates=(replace(RINGING.coordinates[0], name="stiffness_N_m"),))
+    never = replace(never, amplitudes=("stiffness_N_m",), initial_guesses=({"stiffness_N_m": 0.1},))
+    comes_nearer = property(lambda self: self.hypothesis[-1].label != "spring")
+    monkeypatch.setattr(rough_search._Contestant, "stalled", comes_nearer)
+    rounds, settings = rounds_of(monkeypatch, [RINGING, never], min_behind=np.inf)
+    assert rounds.count("ringing") == rounds.count("spring") == POPULATIONS * settings.rounds
 
 
 def test_the_same_search_finds_the_same():
@@ -229,6 +238,8 @@ def test_features_name_what_leads_by_far_and_call_equal_what_does_not(monkeypatc
     assert leaders_by_features(problem, base.base, [base.base], [found]) == [found]
     twin = replace(found, hypothesis=(replace(RINGING, name="twin"),))
     assert leaders_by_features(problem, base.base, [], [found, twin]) == [found, twin]
+    more = replace(found, hypothesis=(candidate_of("coulomb"), *found.hypothesis))
+    assert leaders_by_features(problem, base.base, [], [more, found]) == [found]
     elsewhere = replace(twin, residual=noise + np.roll(found.residual - noise, problem.size // 7))
     assert leaders_by_features(problem, base.base, [], [elsewhere, found]) == [found]
     assert leaders_by_features(problem, base.base, [replace(twin, status="converged")], [found]) == []

@@ -13,7 +13,7 @@ from jointgap.identification.baseline import Baseline
 from jointgap.identification.decide_verdict import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
-from jointgap.identification.nesting import lowest_of_each
+from jointgap.identification.nesting import labels_of, lowest_of_each
 from jointgap.identification.problem import Hypothesis
 from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures, simulate_signatures
 from jointgap.identification.smoother import Smoother, coarse_to_fine_fit, coordinate_scan, smoothers_of
@@ -81,7 +81,7 @@ def search_pairs(
         every = rank == 0 and bool(smoothers)
         for pair in _shortlist(signatures, smoother, settings.partners_per_single, single.hypothesis, every):
             if pair.hypothesis[-1].label not in failed:
-                chosen.setdefault(frozenset(c.label for c in pair.hypothesis), (pair, signatures))
+                chosen.setdefault(labels_of(pair.hypothesis), (pair, signatures))
     pairs = list(chosen.values())
     if not smoothers:  # then none is eliminated on the way, and each is fitted to its end
         pairs = sorted(pairs, key=lambda pair: pair[0].chi2)[: settings.survivors[0]]

@@ -13,6 +13,7 @@ import numpy as np
 from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import AMBIGUOUS, NAMED, UNEXPLAINED, Decision
 from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.nesting import labels_of
 from jointgap.identification.problem import Problem
 
 
@@ -32,7 +33,8 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
     Returns
     -------
     list of Fit
-        Of those `matched`, best first; none where a fit to samples has features that are as good.
+        Of those `matched`, best first; none where a fit to samples has features that are as good. None holds all
+        effects of another and more.
     """
     features, misfit = _misfits_of(problem, base)
     settings = problem.settings.rough_search
@@ -44,7 +46,10 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
     rivals = [base, *(fit for fit in fits if fit.status != FAILED and fit.label not in own)]
     if min(map(misfit, rivals)) < enough:
         return []
-    return [matched[place] for found, place in ranked if found < enough]
+    leaders = [matched[place] for found, place in ranked if found < enough]
+    # an effect that features do not ask for says nothing beside one that they do
+    labels = [labels_of(fit.hypothesis) for fit in leaders]
+    return [fit for fit, own in zip(leaders, labels, strict=True) if not any(other < own for other in labels)]
 
 
 def with_feature_gains(problem: Problem, decision: Decision) -> Decision:

@@ -40,6 +40,7 @@ def fit_singles(
 
     A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those of the
     same part that stay far behind it end early: they are no rivals, but their chi2 depends on how fits are shared out.
+    Those that are never small, such as films, take long and come last.
 
     Parameters
     ----------
@@ -206,7 +207,7 @@ def _from_nuisances_of_best(
     which they share. As long as another one becomes the best, until one is sufficient.
     """
     problem = baseline.problem
-    found: dict[str, Fit] = {fit.label: fit for fit in alone if fit.status != FAILED}
+    found = {fit.label: fit for fit in lowest_of_each(fit for fit in alone if fit.status != FAILED)}
     again: dict[str, Fit] = {}
     least = np.inf
     while found and problem.simulations <= until:
@@ -243,8 +244,8 @@ def _from_scattered_starts(baseline: Baseline, alone: Sequence[Fit], limits: Thr
 def _moved(baseline: Baseline, fits: Sequence[Fit], best: Fit, limits: Thresholds, until: float = np.inf) -> list[Fit]:
     """Those of the `fits` that ended early and are lower from the nuisances of the `best`, lowest first.
 
-    Those far above a sufficient one end early once more. Those that take long to simulate do not begin where they
-    explain far less than the best one.
+    Those far above a sufficient one end early once more. Those that are never small take long to simulate: they do not
+    begin where they explain less than the settings' `slow_share` of what the best one does.
     """
     sufficient, better = best.chi2 if _is_sufficient(best, limits) else np.inf, []
     share = baseline.problem.settings.selection.slow_share
@@ -311,7 +312,7 @@ def _origins(baseline: Baseline, alone: Sequence[Fit]) -> list[Fit]:
     problem, base = baseline.problem, baseline.base
     best = min((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.bic, default=base)
     share = problem.settings.rough_search.beside_share
-    return [base, best] if base.chi2 - best.chi2 > share * (base.chi2 - problem.size) else [base]
+    return [base, best] if base.chi2 - best.chi2 > share * max(base.chi2 - problem.size, 0.0) else [base]
 
 
 def _explains(baseline: Baseline, fit: Fit) -> bool:

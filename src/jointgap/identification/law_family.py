@@ -24,9 +24,10 @@ from jointgap.identification.decide_verdict import (
     reduced_chi2,
 )
 from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import CONVERGED, FAILED, Fit, fit_hypothesis
+from jointgap.identification.fit import CONVERGED, FAILED, MATCHED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, LawFamily
+from jointgap.identification.screening import is_searched
 from jointgap.identification.thresholds import Thresholds
 
 
@@ -231,13 +232,16 @@ def with_families(
     limits : Thresholds
         For single effects.
     """
-    equal = decision.equivalent if _is_one_family(decision.equivalent) else []
+    problem = baseline.problem
+    if any(fit.status == MATCHED for fit in (decision.chosen, *decision.equivalent)):
+        return decision, ()  # shapes are asked of samples, which cannot be followed there
+    equal = decision.equivalent if _is_one_family(problem, decision.equivalent) else []
     is_pair = decision.verdict == NAMED and len(decision.chosen.hypothesis) > 1
     if not equal and (is_pair or decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS)):
         settings = baseline.problem.settings
         best = min(fit.bic for fit in (decision.chosen, *decision.equivalent)) - settings.decision.min_delta_bic
         laws = []
-        for found, member, family in _unproven(decision, settings.family.least_share):
+        for found, member, family in _unproven(problem, decision, settings.family.least_share):
             fit = fit_shape(baseline.problem, found, member, family, baseline.differences)
             if fit.bic > best or not _weighed(baseline, decision, fit, limits).passes:
                 continue
@@ -258,7 +262,7 @@ def with_families(
     found, intervals = equal[0] if equal else decision.chosen, []
     for member in found.hypothesis:
         asked = []
-        for family in (family for each, family in _of_families(found) if each is member):
+        for family in (family for each, family in _of_families(problem, found) if each is member):
             fit = fit_shape(baseline.problem, found, member, family, baseline.differences)
             rivals = [other.own for fit in equal for other in _families(fit) if other.law.label == family.law.label]
             asked.append(_asked(baseline, member, family, fit, limits, rivals))
@@ -291,7 +295,7 @@ def is_law_of_family(baseline: Baseline, alone: Sequence[Fit], pairs: Sequence[F
     least = problem.settings.family.least_share * (base.chi2 - problem.size)
     tried: set[str] = set()
     for fit in (fit for fit in ranked if fit is ranked[0] or base.chi2 - fit.chi2 >= least):
-        for member, family in _of_families(fit):
+        for member, family in _of_families(problem, fit):
             if family.law.label not in tried:
                 tried.add(family.law.label)
                 law = fit_shape(problem, fit, member, family, baseline.differences)
@@ -300,7 +304,7 @@ def is_law_of_family(baseline: Baseline, alone: Sequence[Fit], pairs: Sequence[F
     return False
 
 
-def _unproven(decision: Decision, least_share: float) -> list[tuple[Fit, Candidate, LawFamily]]:
+def _unproven(problem: Problem, decision: Decision, least_share: float) -> list[tuple[Fit, Candidate, LawFamily]]:
     """What may be a family's law where nothing leaves noise alone, with the effect and the family: the best known
     explanation or those that are equally good, and of each family the best effect alone that explains the `least_share`
     of the misfit.
@@ -309,8 +313,8 @@ def _unproven(decision: Decision, least_share: float) -> list[tuple[Fit, Candida
     alone = [ranked.fit for ranked in single if ranked.share >= least_share and ranked.fit is not decision.best_known]
     known = decision.equivalent if decision.best_known is None else [decision.best_known]
     alone.sort(key=lambda fit: fit.bic, reverse=True)  # of each family the best is the last
-    best = {family.law.label: (fit, each, family) for fit in alone for each, family in _of_families(fit)}
-    return [*((fit, each, family) for fit in known for each, family in _of_families(fit)), *best.values()]
+    best = {family.law.label: (fit, each, family) for fit in alone for each, family in _of_families(problem, fit)}
+    return [*((fit, each, family) for fit in known for each, family in _of_families(problem, fit)), *best.values()]
 
 
 def _families(found: Fit) -> list[LawFamily]:
@@ -318,21 +322,21 @@ def _families(found: Fit) -> list[LawFamily]:
     return [family for candidate in found.hypothesis for family in candidate.families]
 
 
-def _of_families(found: Fit) -> list[tuple[Candidate, LawFamily]]:
+def _of_families(problem: Problem, found: Fit) -> list[tuple[Candidate, LawFamily]]:
     """The effects of an explanation, each with those of its families of which it is the only one in it.
 
     None beside an effect on which motion depends roughly: no fit follows its valley from shape to shape.
     """
-    if any(candidate.search_range for candidate in found.hypothesis):
+    if any(is_searched(problem, candidate) for candidate in found.hypothesis):
         return []
     laws = [family.law.label for family in _families(found)]
     pairs = ((candidate, family) for candidate in found.hypothesis for family in candidate.families)
     return [(candidate, family) for candidate, family in pairs if laws.count(family.law.label) == 1]
 
 
-def _is_one_family(equivalent: Sequence[Fit]) -> bool:
+def _is_one_family(problem: Problem, equivalent: Sequence[Fit]) -> bool:
     """Whether what is equally good differs in nothing but the shape of a law, and each has but one law of a family."""
-    if any(len(_of_families(fit)) < len(_families(fit)) for fit in equivalent):
+    if any(len(_of_families(problem, fit)) < len(_families(fit)) for fit in equivalent):
         return False
     laws = [[[f.law.label for f in c.families] or [c.label] for c in fit.hypothesis] for fit in equivalent]
     readings = [{tuple(sorted(reading)) for reading in product(*each)} for each in laws]

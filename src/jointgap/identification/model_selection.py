@@ -16,7 +16,7 @@ from jointgap.identification.baseline import (
 )
 from jointgap.identification.decide_by_features import decided_by_features
 from jointgap.identification.decide_verdict import PARAMETERS_ONLY, Decision, decide, reduced_chi2
-from jointgap.identification.fit import FAILED, MATCHED, Fit, bounds_of, fit_hypothesis
+from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.nesting import (
     chi2_without_effects,
@@ -227,32 +227,39 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
 
 def fits_beyond_bounds(baseline: Baseline, fits: Sequence[Fit]) -> list[Fit]:
     """Where the best explanation has a nuisance at its bound: fits of the effect that takes it beyond, in place of each
-    of two effects or of the only one, as far as they are not among `fits`.
+    of two effects or of the only one, as far as they are not among `fits`; as many as the settings have `partners`.
 
     A nuisance that wants to go further tells of what derivatives about another valley do not: with loose joints a pair
     with the gain of a sensor was best, and the slider's mass at its bound; hidden was an added mass.
     Arguments as in `select_hypothesis`.
     """
     best = min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic, default=None)
-    if best is None or not best.hypothesis:
+    if best is None or not best.hypothesis or best.bic >= baseline.base.bic:
         return []
-    problem, done = baseline.problem, {labels_of(fit.hypothesis) for fit in fits}
-    low, high = bounds_of(best.parameters)
-    ended = (best.values == low) | (best.values == high)
-    at_bound = {p.name for p, is_there in zip(best.parameters, ended, strict=True) if is_there and p.run is None}
-    beyond = []
-    for candidate in (one for one in problem.model.candidates if at_bound & one.replaces.keys()):
-        for out in best.hypothesis:
-            hypothesis = (*(one for one in best.hypothesis if one is not out), candidate)
-            if labels_of(hypothesis) not in done:
-                done.add(labels_of(hypothesis))
-                start = with_effects_absent(problem, hypothesis, best)
-                beyond.append(
-                    fit_hypothesis(
-                        problem, hypothesis, start, differences=baseline.differences, sufficient_chi2=best.chi2
-                    )
-                )
+    problem, done, beyond = baseline.problem, {labels_of(fit.hypothesis) for fit in fits}, []
+    for hypothesis in _hypotheses_beyond_bounds(problem, best):
+        if labels_of(hypothesis) not in done and len(beyond) < problem.settings.selection.partners:
+            done.add(labels_of(hypothesis))
+            start = with_effects_absent(problem, hypothesis, best)
+            beyond.append(fit_hypothesis(problem, hypothesis, start, differences=baseline.differences))
     return beyond
+
+
+def _hypotheses_beyond_bounds(problem: Problem, best: Fit) -> list[Hypothesis]:
+    """The hypothesis of a fit, each effect in turn replaced by one that takes a nuisance at its bound beyond that."""
+    found = []
+    for p, value in zip(best.parameters, best.values, strict=True):
+        if p.run is not None or p.low < value < p.high:
+            continue
+        for candidate in (one for one in problem.model.candidates if p.name in one.replaces):
+            amplitude = next(each for each in candidate.coordinates if each.key == candidate.replaces[p.name])
+            if not amplitude.low < value - p.nominal < amplitude.high:
+                continue  # it ends there too
+            for out in best.hypothesis:
+                kept = tuple(one for one in best.hypothesis if one is not out)
+                if not any({*candidate.replaces} & {*one.replaces} for one in kept):
+                    found.append((*kept, candidate))
+    return found
 
 
 def none_above_its_parts(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> dict[frozenset[str], Fit]:

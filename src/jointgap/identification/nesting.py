@@ -49,7 +49,7 @@ def with_effects_absent(problem: Problem, hypothesis: Hypothesis, part: Fit) -> 
     problem : Problem
     hypothesis : tuple of Candidate
     part : Fit
-        Of some of these effects, or none.
+        Of some of these effects, or none; what it has beside them is left out.
     """
     parameters = problem.parameters(hypothesis)
     values, fitted = {p.key: p.nominal for p in parameters}, part.mapping

@@ -23,9 +23,6 @@ from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import FAST, Candidate, Parameter
 from jointgap.identification.settings import RoughSearchSettings
 
-_LOUD = 10.0
-"""[1, of noise] How large a change is made to be before it is asked whether it rings: far above noise."""
-
 
 @dataclass
 class _Point:
@@ -149,6 +146,7 @@ class _Contestant:
         )
         self.points: list[_Point] = []
         self._population: list[_Point] = []
+        self._progress: list[float] = []  # the least misfit of the population, by round
 
     @property
     def least(self) -> float:
@@ -156,9 +154,11 @@ class _Contestant:
         return min((point.misfit for point in self.points), default=np.inf)
 
     @property
-    def least_of_population(self) -> float:
-        """The least misfit of the features since the search began anew."""
-        return min((point.misfit for point in self._population), default=np.inf)
+    def stalled(self) -> bool:
+        """Whether the best points gather about a place that is none of the truth: they have not become better for some
+        rounds since the search began anew."""
+        rounds = self._settings.stalled_rounds
+        return len(self._progress) > rounds and self._progress[-1] >= self._progress[-1 - rounds]
 
     @property
     def deepest(self) -> _Point:
@@ -171,7 +171,7 @@ class _Contestant:
         The first one has the nuisances as the origin has them, where most valleys can be found.
         """
         known = None if self.points else self._origin.mapping
-        self._population = []
+        self._population, self._progress = [], []
         self._simulate(features, self._box.spread(self._settings, self._generator, known))
 
     def go_on(self, features: CycleFeatures) -> None:
@@ -199,6 +199,7 @@ class _Contestant:
             chi2 = float(residual @ residual) if misfit < np.inf else np.inf
             self._population.append(_Point(place, misfit, chi2))
             self.points.append(self._population[-1])
+        self._progress.append(min((point.misfit for point in self._population), default=np.inf))
 
     def fit(self, point: _Point, sufficient: float) -> Fit:
         """The fit of the samples from a point; from others about it where it ends in a valley, not at its bottom."""
@@ -304,11 +305,16 @@ def depends_roughly(problem: Problem, fit: Fit) -> bool:
     """Whether motion depends roughly on nuisances that runs share at a `fit` of a `problem`: what small changes of them
     do rings, as where joints are loose. chi2 has many valleys then.
     """
+    settings = problem.settings.rough_search
     shared = (column for p, column in zip(fit.parameters, fit.jacobian.T, strict=True) if p.run is None)
-    # as large as it takes for noise not to count beside it
-    loud = (_LOUD * np.sqrt(problem.size) * column / np.linalg.norm(column) for column in shared if column.any())
+    # features count what is beyond noise, so a change has to be far above it
+    loud = (
+        settings.loud_change * np.sqrt(problem.size) * column / np.linalg.norm(column)
+        for column in shared
+        if column.any()
+    )
     ringing = (CycleFeatures(problem, column).rough_share for column in loud)
-    return max(ringing, default=0.0) > problem.settings.rough_search.min_rough_share
+    return max(ringing, default=0.0) > settings.min_rough_share
 
 
 def search_rough(
@@ -332,7 +338,7 @@ def search_rough(
     sufficient : float
         [1] Reduced chi2 of a fit that ends the search.
     populations : int
-        How often it begins anew at most, as long as the features are not met.
+        How often it begins at most, as long as the features are not met.
     until : float
         Once the problem has been simulated more often no further round begins, and the best candidate alone is fitted.
 
@@ -362,11 +368,12 @@ def search_rough(
             one.begin(features)
         if min((one.least for one in contestants), default=np.inf) > most_misfit:
             contestants = []  # nothing rings; else all go on, for a narrow minimum may lie between the first points
-        progress = [min((one.least_of_population for one in contestants), default=np.inf)]
-        while contestants and len(progress) <= settings.rounds and problem.simulations <= until:
+        for round_ in range(settings.rounds):
+            if problem.simulations > until or all(one.stalled for one in contestants):
+                break
             for one in contestants:
                 one.go_on(features)
-            if population or len(progress) >= settings.rounds_for_all:
+            if population or round_ + 1 >= settings.rounds_for_all:
                 least = min(one.least for one in contestants)
                 behind = max(settings.eliminated_share * (absent - least), settings.min_behind)
                 contestants = [one for one in contestants if one.least <= least + behind]
@@ -377,9 +384,6 @@ def search_rough(
                 fits.append(deepest.fit(point, sufficient))
                 if reduced_chi2(fits[-1]) <= sufficient:
                     return fits
-            progress.append(min(one.least_of_population for one in contestants))
-            if len(progress) > settings.stalled_rounds and progress[-1] >= progress[-1 - settings.stalled_rounds]:
-                break  # the best points gather about a place that is none of the truth
     ranked = sorted(contestants, key=lambda one: one.least)
     for one in ranked[:1] if problem.simulations > until else ranked:
         if id(one) not in fitted and one.least < np.inf:
