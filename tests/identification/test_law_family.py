@@ -1,6 +1,7 @@
 """Of a law that was found, the data say which shapes of its family they allow."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -210,7 +211,8 @@ def test_equals_that_have_two_laws_of_a_family_are_not_of_one():
     def fit(*labels):
         return SimpleNamespace(hypothesis=tuple(map(candidate_of, labels)))
 
-    is_one_family = law_family._is_one_family
+    model = toy()
+    is_one_family = partial(law_family._is_one_family, Problem(model, stated_noise(model)))
     assert is_one_family([fit("quadratic", "spring"), fit("spring", "viscous")])
     assert not is_one_family([fit("quadratic", "coulomb"), fit("viscous", "coulomb")])
     assert not is_one_family([fit("viscous"), fit("quadratic", "coulomb")])
