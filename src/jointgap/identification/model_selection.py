@@ -365,8 +365,8 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     limits : Thresholds
     """
     by_features, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
-    fits = [*fits, *swap_one_effect(baseline, signatures, fits)]
-    fits, done, given = [*fits, *fits_beyond_bounds(baseline, fits)], set(), baseline.base
+    fits = [*fits, *fits_beyond_bounds(baseline, fits)]
+    fits, done, given = [*fits, *swap_one_effect(baseline, signatures, fits)], set(), baseline.base
     decision = refit_and_decide(baseline, signatures, fits, limits)
     while members := _members_alone(baseline, [decision.chosen, *decision.equivalent], done):
         baseline = replace(baseline, base=decision.base)
