@@ -120,6 +120,14 @@ def test_effects_that_are_never_small_do_not_start_again_where_they_explain_litt
     assert [label for label, *_ in tried] == ["coulomb"]
 
 
+@pytest.mark.parametrize(("left", "is_beside"), [(0.89, True), (0.91, False)])
+def test_a_joint_is_searched_beside_an_effect_that_explains_a_tenth_of_the_misfit(analysed, left, is_beside):
+    base = replace(analysed[0], base=fit_of(analysed[0], chi2=30.0))
+    best = fit_of(base, "coulomb", chi2=1.0 + left * 29.0)
+    alone = [fit_of(base, "spring", chi2=29.9), best, fit_of(base, "viscous", chi2=2.0, status=FAILED)]
+    assert hypothesis_fits._origins(base, alone) == ([base.base, best] if is_beside else [base.base])
+
+
 def test_a_search_over_statistics_simulates_fewer_runs_for_each_takes_longer():
     model = toy()
     of_statistics = replace(model, series=tuple(replace(one, statistic=True) for one in model.series))

@@ -8,22 +8,23 @@ import pytest
 
 from jointgap.errors import SimulationError
 from jointgap.identification import model_selection
-from jointgap.identification.baseline import recalibrate
+from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.model_selection import (
     best_sufficient,
     fits_beyond_bounds,
     nonlinearity,
     refit_jacobian,
+    select_hypothesis,
     shortlist_singles,
     swap_one_effect,
     two_effect_thresholds,
     without_repetitions,
 )
 from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.identification.screening import Signature, Signatures
+from jointgap.identification.screening import Signature, Signatures, simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.identification.thresholds import Thresholds
+from jointgap.identification.thresholds import Thresholds, thresholds
 from tests.identification.toy import candidate_of, stated_noise, toy
 
 SAMPLES = 200
@@ -221,6 +222,14 @@ def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_e
     lost = [replace(fit, status=FAILED) for fit in (first, second)]
     assert fits_beyond_bounds(base, [pair, *lost]) == []
     assert fits_beyond_bounds(replace(base, base=replace(pair, hypothesis=())), [pair]) == []  # nothing is missing
+
+
+def test_what_is_beyond_a_bound_is_open_to_choice(heavier, monkeypatch):
+    base, pair = heavier
+    found = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, found, other_numerics(base.problem, base.base))
+    monkeypatch.setattr(model_selection, "swap_one_effect", lambda *args: [])  # which may come to it by derivatives
+    assert select_hypothesis(base, found, [pair], limits).chosen.label == "coulomb + added_mass"
 
 
 def test_where_no_nuisance_is_at_its_bound_nothing_takes_it_beyond(heavier):

@@ -1,6 +1,7 @@
 """No hypothesis ends above what it holds, and none wins by a valley that the base could lie in too."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,12 @@ from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.gauss_newton import compress_rows
 from jointgap.identification.hypothesis_fits import fit_singles
 from jointgap.identification.model_selection import refit_and_decide
-from jointgap.identification.nesting import chi2_without_effects, not_above_its_parts, with_effects_absent
+from jointgap.identification.nesting import (
+    chi2_without_effects,
+    lowest_of_each,
+    not_above_its_parts,
+    with_effects_absent,
+)
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.thresholds import Thresholds
@@ -23,6 +29,15 @@ LIMITS = Thresholds(rate=0.01, omnibus=1.1, max_gain_threshold=12.0)
 def recalibrated(model):
     base = recalibrate(model, stated_noise(model))
     return base, simulate_signatures(base.problem, base.base, base.differences)
+
+
+def test_of_each_hypothesis_the_lowest_fit_counts_in_whatever_order_its_effects_stand():
+    def fit(chi2, *labels):
+        return SimpleNamespace(hypothesis=tuple(map(candidate_of, labels)), chi2=chi2)
+
+    higher, lower, single = fit(3.0, "spring", "viscous"), fit(2.0, "viscous", "spring"), fit(4.0, "spring")
+    assert lowest_of_each([single, higher, lower]) == [lower, single]
+    assert lowest_of_each([higher, lower], lambda fit: -fit.chi2) == [higher]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from jointgap.identification.decide_by_features import decided_by_features, lead
 from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.estimates import effect_estimates, nuisance_estimates
 from jointgap.identification.fit import MATCHED, fit_hypothesis
-from jointgap.identification.problem import Problem
+from jointgap.identification.problem import Problem, label_of
 from jointgap.identification.protocol import FAST
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
 from tests.identification.toy import CANDIDATES, RINGING, candidate_of, ringing, stated_noise, toy
@@ -145,6 +145,39 @@ def test_a_search_goes_on_as_long_as_one_candidate_comes_nearer(monkeypatch):
     monkeypatch.setattr(rough_search._Contestant, "stalled", comes_nearer)
     rounds, settings = rounds_of(monkeypatch, [RINGING, never], min_behind=np.inf)
     assert rounds.count("ringing") == rounds.count("spring") == POPULATIONS * settings.rounds
+
+
+def test_joints_alone_and_beside_an_effect_compete_in_what_that_effect_leaves(monkeypatch):
+    base = rough(0.2, 5, other=lambda x, v: -0.5 * v)
+    viscous = candidate_of("viscous")
+    beside = fit_hypothesis(base.problem, (viscous,), refresh=True)
+    seen, go_on = set(), rough_search._Contestant.go_on
+
+    def watched(one, features):
+        go_on(one, features)
+        seen.add(label_of(one.hypothesis))
+        point = next(point for point in one.points if np.isfinite(point.chi2))
+        values = one._origin.mapping | one._box.values(point.place)
+        change = beside.residual - base.problem.residual(values, one.hypothesis, numerics=FAST)
+        features = CycleFeatures(base.problem, beside.residual)
+        assert point.misfit == pytest.approx(sum(features.misfit(change, run) for run in base.problem.runs))
+
+    monkeypatch.setattr(rough_search._Contestant, "go_on", watched)
+    found = search_rough(base, [base.base, beside], [RINGING], 1.2, 1)
+    assert seen == {"ringing", "viscous + ringing"}
+    assert min(found, key=lambda fit: fit.bic).label == "viscous + ringing"
+
+
+def test_a_joint_is_not_searched_beside_itself(monkeypatch):
+    base, seen, go_on = rough(0.2, 5), [], rough_search._Contestant.go_on
+    itself = fit_hypothesis(base.problem, (RINGING,), {"ringing.size": 0.3}, refresh=True)
+    monkeypatch.setattr(
+        rough_search._Contestant,
+        "go_on",
+        lambda one, features: seen.append(label_of(one.hypothesis)) or go_on(one, features),
+    )
+    search_rough(base, [base.base, itself], [RINGING], 1.2, 1)
+    assert set(seen) == {"ringing"}
 
 
 def test_the_same_search_finds_the_same():
