@@ -10,7 +10,7 @@ import pytest
 from jointgap.identification import hypothesis_fits, law_family, model_selection
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decide_verdict import Decision
-from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.fit import MATCHED, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.law_family import (
     FamilyInterval,
@@ -255,4 +255,14 @@ def test_no_shape_is_asked_beside_an_effect_on_which_motion_depends_roughly():
         return replace(decision, chosen=replace(decision.chosen, hypothesis=(*decision.chosen.hypothesis, RINGING)))
 
     decision, families = asked(toy({"quadratic": {"drag_N_s2_m2": 1.0}}, seed=3), beside)
+    assert (decision.verdict, decision.chosen.label, families) == ("named", "quadratic + ringing", ())
+
+
+def test_what_features_name_stands_whatever_law_fits_samples(monkeypatch):
+    def by_features(decision):
+        monkeypatch.setattr(law_family, "fit_shape", lambda *args: pytest.fail("a law was fitted"))
+        found = replace(decision.chosen, hypothesis=(*decision.chosen.hypothesis, RINGING), status=MATCHED)
+        return replace(decision, chosen=found)
+
+    decision, families = asked(toy({"quadratic": {"drag_N_s2_m2": 1.0}}, seed=3), by_features)
     assert (decision.verdict, decision.chosen.label, families) == ("named", "quadratic + ringing", ())

@@ -11,6 +11,7 @@ from jointgap.identification import model_selection
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.model_selection import (
+    _hypotheses_beyond_bounds,
     best_sufficient,
     fits_beyond_bounds,
     nonlinearity,
@@ -21,6 +22,7 @@ from jointgap.identification.model_selection import (
     two_effect_thresholds,
     without_repetitions,
 )
+from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.screening import Signature, Signatures, simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
@@ -230,6 +232,33 @@ def test_what_is_beyond_a_bound_is_open_to_choice(heavier, monkeypatch):
     limits = thresholds(base.problem, found, other_numerics(base.problem, base.base))
     monkeypatch.setattr(model_selection, "swap_one_effect", lambda *args: [])  # which may come to it by derivatives
     assert select_hypothesis(base, found, [pair], limits).chosen.label == "coulomb + added_mass"
+
+
+def test_of_effects_beyond_bounds_no_more_are_fitted_than_partners_of_an_effect(heavier):
+    base, pair = heavier
+    settings = base.problem.settings
+    few = replace(settings, selection=replace(settings.selection, partners=1))
+    model = base.problem.model
+    base = replace(base, problem=Problem(model, stated_noise(model), settings=few))
+    assert len(fits_beyond_bounds(base, [pair])) == 1
+
+
+def test_an_effect_that_ends_where_the_nuisance_does_takes_it_nowhere(heavier):
+    _, pair = heavier
+    mass = next(p for p in pair.parameters if p.name == "slider_mass")
+    added = candidate_of("added_mass")
+    limited = replace(added, coordinates=(replace(added.coordinates[0], high=mass.high - mass.nominal),))
+    for candidate, count in ((added, 2), (limited, 0)):
+        problem = SimpleNamespace(model=SimpleNamespace(candidates=[candidate]))
+        assert len(_hypotheses_beyond_bounds(problem, pair)) == count
+
+
+def test_a_nuisance_is_not_replaced_twice(heavier):
+    base, pair = heavier
+    coulomb, gain = pair.hypothesis
+    heavy = replace(coulomb, replaces={"slider_mass": "force_N"})
+    (only,) = _hypotheses_beyond_bounds(base.problem, replace(pair, hypothesis=(heavy, gain)))
+    assert [candidate.label for candidate in only] == ["sensor_gain:acceleration", "added_mass"]
 
 
 def test_where_no_nuisance_is_at_its_bound_nothing_takes_it_beyond(heavier):

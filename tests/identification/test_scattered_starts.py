@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.identification import hypothesis_fits
+from jointgap.identification import hypothesis_fits, scattered_starts
 from jointgap.identification.baseline import Baseline, other_numerics, recalibrate, shared_nuisances
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.problem import Problem
@@ -65,6 +65,25 @@ def test_points_are_spread_over_the_ranges_of_the_nuisances_and_sizes_about_the_
     factors = [values["coulomb.force_N"] / fit.mapping["coulomb.force_N"] for values in points]
     assert min(factors) == pytest.approx(1.0 / settings.size_factor, rel=0.02)
     assert max(factors) == pytest.approx(settings.size_factor, rel=0.02)
+
+
+def test_fits_start_from_the_best_of_all_points(monkeypatch):
+    base, fit = caught(1.07)
+    seen, starts, usual = [], [], Problem.residual
+
+    def watched(problem, values, hypothesis=(), runs=None, out=None, numerics=0):
+        if numerics == FAST and tuple(runs) == problem.runs[:1]:
+            seen.append(dict(values))
+        return usual(problem, values, hypothesis, runs, out, numerics)
+
+    def left(values):
+        return float(np.sum(usual(base.problem, values, fit.hypothesis, numerics=FAST) ** 2))
+
+    monkeypatch.setattr(Problem, "residual", watched)
+    monkeypatch.setattr(scattered_starts, "fit_hypothesis", lambda _, __, start, **more: starts.append(start) or fit)
+    fit_from_scattered_starts(base, fit, 0.0)
+    best = sorted(map(left, seen))[: base.problem.settings.scattered_starts.starts]
+    assert list(map(left, starts)) == pytest.approx(best)
 
 
 def test_a_point_is_left_after_the_run_that_puts_it_behind_the_best_ones(monkeypatch):
