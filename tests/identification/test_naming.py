@@ -8,7 +8,7 @@ import pytest
 from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decide_verdict import Decision
-from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.fit import CONVERGED, MATCHED, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import (
@@ -68,6 +68,27 @@ def test_an_effect_whose_samples_answer_from_near_alone_is_found_from_afar(size)
     assert decision.verdict == "named"
     assert decision.chosen.label == "ringing"
     assert decision.chosen.mapping["ringing.size"] == pytest.approx(size, rel=0.01)
+
+
+@pytest.mark.parametrize(("changed", "status"), [(1.0, CONVERGED), (1.2, MATCHED)])
+def test_samples_that_are_met_while_other_numerics_change_more_than_noise_leave_the_name_to_features(
+    changed, status, monkeypatch
+):
+    """Motion that never quite repeats can be met by chance."""
+    model, usual = toy(hidden=lambda x, v, angle, time: ringing(0.31, angle), seed=4), Problem.residual
+    base = recalibrate(replace(model, candidates=(*model.candidates, RINGING)), stated_noise(model))
+
+    def sensitive(problem, values, hypothesis=(), runs=None, out=None, numerics=0):
+        if numerics == 1 and hypothesis == (RINGING,):
+            values = {**values, "ringing.size": changed * values["ringing.size"]}
+        return usual(problem, values, hypothesis, runs, out, numerics)
+
+    monkeypatch.setattr(Problem, "residual", sensitive)
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    fits, _ = fit_singles(base, signatures, limits)
+    pairs, _ = fit_pairs(base, signatures, limits, fits)
+    assert [fit.status for fit in pairs if fit.label == "ringing"] == [status]
 
 
 @pytest.mark.parametrize("size", [0.15, 0.2, 0.35])

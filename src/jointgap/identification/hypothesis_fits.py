@@ -22,7 +22,12 @@ from jointgap.identification.model_selection import (
 from jointgap.identification.nesting import labels_of, lowest_of_each, moved, not_above_its_parts
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
-from jointgap.identification.rough_search import depends_roughly, leaves_rough_motion, search_rough
+from jointgap.identification.rough_search import (
+    can_be_followed,
+    depends_roughly,
+    leaves_rough_motion,
+    search_rough,
+)
 from jointgap.identification.scattered_starts import fit_from_scattered_starts
 from jointgap.identification.screening import LinearizedFit, Signatures, is_searched
 from jointgap.identification.smoother import smoothers_of
@@ -170,12 +175,15 @@ def _search_far(
     is_rough = bool(candidates) and leaves_rough_motion(baseline.problem, _origins(baseline, alone)[-1])
     fits = _search_rough(baseline, alone, limits, until) if is_rough else []
     matched, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
-    if any(_explains(baseline, fit) for fit in fits):
+    explaining = [fit for fit in fits if _explains(baseline, fit)]
+    if any(can_be_followed(baseline.problem, fit) for fit in explaining):
         return fits, []
     leaders = leaders_by_features(baseline.problem, baseline.base, [*alone, *pairs, *fits], matched)
     if leaders:
         led = {fit.label for fit in leaders}
         return [fit for fit in fits if fit.label not in led], leaders
+    if explaining:
+        return fits, []
     singles = [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
 
     def goes_on() -> bool:

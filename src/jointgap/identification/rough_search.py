@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.baseline import Baseline, shared_nuisances
+from jointgap.identification.baseline import Baseline, other_numerics, shared_nuisances
 from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import reduced_chi2
 from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
@@ -294,6 +294,25 @@ def _likely(misfits: np.ndarray, count: int) -> np.ndarray:
     return weights / weights.sum()
 
 
+def can_be_followed(problem: Problem, fit: Fit) -> bool:
+    """Whether samples say more than that they were met by chance: other numerics change less than noise in them.
+
+    Motion that never quite repeats can be met by parameters that are wrong, if they are tuned finely enough: in the
+    example campaign a clearance 3 % off left what noise does, and other numerics changed nine times as much there.
+
+    Parameters
+    ----------
+    problem : Problem
+    fit : Fit
+    """
+    try:
+        changes = other_numerics(problem, fit)
+    except (InputError, SimulationError):
+        return False
+    changed = np.mean(np.square(changes), axis=1)
+    return bool(np.max(changed, initial=0.0) <= problem.settings.rough_search.max_numerics_change)
+
+
 def leaves_rough_motion(problem: Problem, fit: Fit) -> bool:
     """Whether what a `fit` of a `problem` leaves is rough: an effect may be missing on which motion depends roughly."""
     if fit.status == FAILED:
@@ -336,7 +355,7 @@ def search_rough(
     candidates : sequence of Candidate
         Those with a `search_range`.
     sufficient : float
-        [1] Reduced chi2 of a fit that ends the search.
+        [1] Reduced chi2 of a fit that ends the search, if it can be followed.
     populations : int
         How often it begins at most, as long as the features are not met.
     until : float
@@ -360,6 +379,10 @@ def search_rough(
     ]
     most_misfit = (1.0 - settings.least_explained_share) * absent
     fitted: dict[int, float] = {}  # chi2 of the point from which a contestant was fitted
+
+    def ends(fit: Fit) -> bool:
+        return reduced_chi2(fit) <= sufficient and can_be_followed(problem, fit)
+
     for population in range(populations):
         met = min((one.least for one in contestants), default=0.0) < settings.matched_misfit * features.size
         if met or problem.simulations > until:
@@ -382,13 +405,13 @@ def search_rough(
             if deepest.reached(point.chi2) and point.chi2 < settings.deeper * fitted.get(id(deepest), np.inf):
                 fitted[id(deepest)] = point.chi2
                 fits.append(deepest.fit(point, sufficient))
-                if reduced_chi2(fits[-1]) <= sufficient:
+                if ends(fits[-1]):
                     return fits
     ranked = sorted(contestants, key=lambda one: one.least)
     for one in ranked[:1] if problem.simulations > until else ranked:
         if id(one) not in fitted and one.least < np.inf:
             fits.append(one.fit(min(one.points, key=lambda point: point.misfit), sufficient))
-            if reduced_chi2(fits[-1]) <= sufficient:
+            if ends(fits[-1]):
                 return fits
     if min((one.least for one in contestants), default=np.inf) < settings.matched_misfit * features.size:
         fits += [fit for one in contestants if one.least < np.inf and (fit := one.matched(features)) is not None]

@@ -297,6 +297,9 @@ class RoughSearchSettings:
     deeper : float
         [1, of chi2] A candidate is fitted once more from a point that leaves less than this part of what the point
         before left.
+    max_numerics_change : float
+        [1, of the variance of noise] What other numerics change in a fit, mean square, up to which samples can be
+        followed: beyond it they are met by chance, and features say more.
     refinements : int
         How often points are drawn about a fit that ended in a valley, but not at its bottom.
     nearby_spread : float
@@ -333,6 +336,7 @@ class RoughSearchSettings:
     min_behind: float = 40.0
     reached_share: float = 0.5
     deeper: float = 0.7
+    max_numerics_change: float = 1.0
     refinements: int = 5
     nearby_spread: float = 0.01
     min_misfit_ahead: float = 20.0
