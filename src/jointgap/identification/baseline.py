@@ -7,6 +7,7 @@ import numpy as np
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.curved_valley import draws_along_valley
+from jointgap.identification.ensemble_regression import fit_over_ensembles, regressed_over_ensemble
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.noise_model import numerics_noise
@@ -68,6 +69,8 @@ def recalibrate(
         vary=[p for p in problem.nuisances if p.run is not None],
     )
     base = fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True)
+    if problem.has_statistics:
+        base = fit_over_ensembles(problem, base, _enough(problem, base))
     # differences probed anew, as they are when a later stage reads the fits from files
     return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 
@@ -102,8 +105,7 @@ def multistart_fit(
     smoothers = smoothers_of(problem)
     again = (given,) if smoothers else ()  # the same start once more, by way of smoothed residuals
     for values in (*again, *(given | drawn for drawn in random_nuisances(problem, hypothesis, count - 1))):
-        dof = max(problem.size - len(best.parameters), 1)
-        if best.status == FAILED or best.chi2 < dof + settings.noise_sigmas * np.sqrt(2.0 * dof):
+        if best.status == FAILED or best.chi2 < _enough(problem, best):
             break
         fit = fit_via_smoothers(problem, hypothesis, values, differences, smoothers)
         same = is_same_minimum(fit, best, differences)
@@ -111,6 +113,12 @@ def multistart_fit(
         if same:
             break
     return best
+
+
+def _enough(problem: Problem, fit: Fit) -> float:
+    """chi2 that noise alone leaves of a fit."""
+    dof = max(problem.size - len(fit.parameters), 1)
+    return dof + problem.settings.baseline.noise_sigmas * float(np.sqrt(2.0 * dof))
 
 
 def is_same_minimum(fit: Fit, other: Fit, differences: FiniteDifferences) -> bool:
@@ -172,7 +180,8 @@ def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteD
 
 
 def with_intervals(problem: Problem, fit: Fit, differences: FiniteDifferences) -> Fit:
-    """A fit to the `problem` that knows what its intervals ask for: draws along a curved valley of chi2, or shifts.
+    """A fit to the `problem` that knows what its intervals ask for: draws of chaotic motion's parameters, or along a
+    curved valley of chi2, or shifts.
 
     Where chi2 is quadratic, intervals count what other numerics, another start among them, change in the values: it is
     projected onto the parameters as the data and the widths of the bounds determine them. Along a curved valley a
@@ -181,6 +190,8 @@ def with_intervals(problem: Problem, fit: Fit, differences: FiniteDifferences) -
     """
     if fit.status == FAILED:
         return fit
+    if problem.has_statistics:
+        return regressed_over_ensemble(problem, fit)
     draws = draws_along_valley(problem, fit, differences.numerical_noise_chi2)
     if draws is not None:
         return replace(fit, draws=draws)

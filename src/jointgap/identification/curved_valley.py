@@ -33,13 +33,12 @@ def draws_along_valley(problem: Problem, fit: Fit, numerical_noise_chi2: float =
     Returns
     -------
     (s, k) array or None
-        [SI] None where chi2 is quadratic as far as it counts, where the motion is met by its statistics alone, which
-        scatter more than a valley is deep, or where nothing can be simulated about the fit.
+        [SI] None where chi2 is quadratic as far as it counts, or where nothing can be simulated about the fit.
     """
     settings, known = problem.settings.valley, fit.distribution
     errors = np.sqrt(np.diag(known.covariance))
     live = (errors > 0.0) & ~np.array([parameter.whole for parameter in fit.parameters])
-    if not live.any() or any(part.series.statistic for part in problem.parts):
+    if not live.any():
         return None
     generator = np.random.default_rng(0)
     low, high = bounds_of(fit.parameters)

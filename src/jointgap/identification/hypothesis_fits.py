@@ -204,8 +204,7 @@ def _search_far(
 def _max_simulations(problem: Problem) -> int:
     """How many runs a search may simulate until nothing new begins."""
     settings = problem.settings.selection
-    of_statistics = any(part.series.statistic for part in problem.parts)
-    return settings.max_simulations_of_statistics if of_statistics else settings.max_simulations
+    return settings.max_simulations_of_statistics if problem.has_statistics else settings.max_simulations
 
 
 def _from_nuisances_of_best(

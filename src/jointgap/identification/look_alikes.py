@@ -102,7 +102,7 @@ class _Rehearsal:
         self._generator = np.random.default_rng(settings.rough_search.seed)
         self._noise = self._generator.standard_normal(self._problem.size)
         searched = [candidate for candidate in model.candidates if candidate.search_range]
-        if len(searched) < 2 or any(part.series.statistic for part in self._problem.parts):
+        if len(searched) < 2 or self._problem.has_statistics:
             searched = []
         self.truths = [truth for candidate in searched for truth in self._truths_of(candidate)]
         self._points = {

@@ -16,6 +16,7 @@ from jointgap.identification.baseline import (
 )
 from jointgap.identification.decide_by_features import decided_by_features
 from jointgap.identification.decide_verdict import PARAMETERS_ONLY, Decision, decide, reduced_chi2
+from jointgap.identification.ensemble_regression import leading_over_ensembles
 from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.nesting import (
@@ -151,7 +152,7 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
     A hypothesis must not win by having found a deeper valley of parameters that all share. So no fit stays above that
     of a part of it, the base is fitted again from the nuisances of what beats it by more than its effects account for
     (`jointgap.identification.nesting`), and where the motion has numerical noise, base and rivals are fitted again from
-    the best one's nuisances in any case.
+    the best one's nuisances in any case. Where it never repeats, base and leading fits are regressed over ensembles.
 
     Arguments as in `select_hypothesis`.
     """
@@ -161,9 +162,12 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
     lowest = lowest_of_each(fits)
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
     base = _where_effects_are(baseline, sorted(lowest, key=lambda fit: fit.bic), needed)
+    if baseline.problem.has_statistics:
+        base, lowest = leading_over_ensembles(baseline.problem, base, lowest)
     best = none_above_its_parts(baseline, [base, *lowest], limits)
     ranked = sorted(best.values(), key=lambda fit: fit.bic)
-    if ranked and limits.numerical_noise > selection.smooth_numerical_noise and ranked[0].bic < base.bic:
+    is_rough = limits.numerical_noise > selection.smooth_numerical_noise and not baseline.problem.has_statistics
+    if ranked and is_rough and ranked[0].bic < base.bic:
         base = moved(baseline.problem, baseline.differences, base, ranked[0])
         for fit in ranked[1 : 1 + selection.partners]:
             if fit.status != FAILED:
@@ -333,8 +337,7 @@ def _deepest(baseline: Baseline, base: Fit) -> Fit:
     """The base or, if better, its best fit by way of smoothed residuals from several values of the nuisances.
 
     A badly converged base makes any effect look useful, so it is fitted again before an effect is called missing that
-    hardly shows. Statistics over cycles have no impacts that miss each other, and few minima: one that is found twice
-    ends the search.
+    hardly shows. Where residuals cannot be smoothed one minimum that is found twice ends the search.
     """
     problem, smoothers = baseline.problem, smoothers_of(baseline.problem)
     nominal = {p.key: p.nominal for p in problem.nuisances if p.run is None}
@@ -376,7 +379,7 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     decision = decided_by_features(decision, by_features)
 
     def stated(fit: Fit) -> Fit:
-        if fit.status == MATCHED:  # its draws say it
+        if fit.draws is not None:  # they say it
             return fit
         return with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
 

@@ -109,6 +109,11 @@ class Problem:
         return tuple(run for run in runs_of(self.model) if run in here)
 
     @cached_property
+    def has_statistics(self) -> bool:
+        """Whether the motion of a run never repeats, so that statistics over cycles stand for samples."""
+        return any(part.series.statistic for part in self.parts)
+
+    @cached_property
     def nuisances(self) -> tuple[Parameter, ...]:
         """Nuisances that matter to the runs here."""
         return tuple(p for p in self.model.nuisances if p.run in (None, *self.runs))

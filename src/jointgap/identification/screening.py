@@ -201,7 +201,7 @@ def is_searched(problem: Problem, candidate: Candidate) -> bool:
     """Whether a `candidate` is searched by features of the cycle: the motion depends on it roughly, and the `problem`
     compares samples; statistics over cycles are smooth.
     """
-    return bool(candidate.search_range) and not any(part.series.statistic for part in problem.parts)
+    return bool(candidate.search_range) and not problem.has_statistics
 
 
 def _initial_shapes(

@@ -1,0 +1,180 @@
+"""What chaotic motion says of the parameters of a fit: a regression over an ensemble of simulations.
+
+Motion that never repeats is met by its statistics, and each simulation of it is one realisation: a derivative from two
+of them is mostly their scatter, and chi2 scatters by more than parameters change it near its minimum. So points are
+drawn about the fit, some standard errors wide, and the whitened residuals of all are regressed on the parameters at
+once. The scatter averages out of the slopes, which also hold over the width that counts (statistical linearisation; an
+iterative ensemble smoother without localisation: Y. Chen and D. S. Oliver, Comput. Geosci. 17 (2013) 689-703). What the
+regression leaves is the scatter itself. It goes together over a whole run, some of its modes far louder than noise, so
+that parameters which move the motion along such a mode are known no better than the rig's own realisation scatters: the
+covariance of what is left is I + S, of noise and this scatter (generalised least squares, A. C. Aitken, Proc. R. Soc.
+Edinb. 55 (1936) 42-48); that of the simulated realisations averages out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointgap.errors import InputError, SimulationError
+from jointgap.identification.bounded_normal import BoundedNormal, bounded_normal
+from jointgap.identification.fit import FAILED, Fit, bounds_of
+from jointgap.identification.gauss_newton import bounded_step
+from jointgap.identification.problem import Problem
+from jointgap.identification.settings import EnsembleSettings
+
+
+@dataclass(frozen=True)
+class _Scatter:
+    """Modes (n, m) of what realisations differ by, orthonormal, and their variances (m,) [1, of that of noise]."""
+
+    modes: np.ndarray
+    variances: np.ndarray
+
+    @classmethod
+    def of(cls, left: np.ndarray, degrees_of_freedom: int, settings: EnsembleSettings) -> "_Scatter":
+        """Of what a regression leaves of realisations (members, n)."""
+        _, singular_values, right = np.linalg.svd(left, full_matrices=False)
+        variances = singular_values**2 / degrees_of_freedom
+        loud = variances > settings.least_variance
+        return cls(right[loud].T, variances[loud])
+
+    def whiten(self, values: np.ndarray) -> np.ndarray:
+        """Values (n,) or (n, k) that are whitened for noise, for noise and scatter."""
+        quieter = 1.0 - 1.0 / np.sqrt(1.0 + self.variances)
+        return values - (self.modes * quieter) @ (self.modes.T @ values)
+
+
+def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
+    """The base and the fits, those that lead regressed over ensembles: chi2 of a single realisation scatters by more
+    than explanations differ. The base too, from the nuisances of the best fit as well: it must not lose by having
+    worse ones.
+
+    Parameters
+    ----------
+    problem : Problem
+        With statistics.
+    base : Fit
+    fits : sequence of Fit
+        One of each hypothesis.
+    """
+    settings = problem.settings.ensemble
+    ranked = sorted((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic)[: settings.leading]
+    if not ranked or ranked[0].bic >= base.bic:
+        return base, list(fits)
+    most = base.bic - settings.leading_share * (base.bic - ranked[0].bic)
+    due = {id(fit) for fit in (base, *(fit for fit in ranked if fit.bic <= most)) if fit.draws is None}
+    base, *fits = (regressed_over_ensemble(problem, fit) if id(fit) in due else fit for fit in (base, *fits))
+    best = min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic)
+    if due and best.bic < base.bic:
+        values = np.array([best.mapping.get(key, value) for key, value in base.mapping.items()])
+        base = min(base, regressed_over_ensemble(problem, replace(base, values=values)), key=lambda fit: fit.chi2)
+    return base, fits
+
+
+def fit_over_ensembles(problem: Problem, fit: Fit, sufficient_chi2: float) -> Fit:
+    """The fit after as many regressions, each from the minimum of the one before, as make it markedly better.
+
+    Parameters
+    ----------
+    problem, fit
+        As of `regressed_over_ensemble`; the Jacobian of the fit may be coarse.
+    sufficient_chi2 : float
+        A fit that leaves no more ends it.
+    """
+    for _ in range(problem.settings.ensemble.passes):
+        if fit.chi2 <= sufficient_chi2:
+            break
+        before, found = fit.chi2, regressed_over_ensemble(problem, fit)
+        if found.chi2 < before:
+            fit = found
+        if not found.chi2 < (1.0 - problem.settings.ensemble.marked_fall) * before:
+            break
+    return fit
+
+
+def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
+    """The fit where the regression has its minimum, with draws of its parameters.
+
+    Parameters
+    ----------
+    problem : Problem
+        That was fitted, with statistics.
+    fit : Fit
+        With its Jacobian made at its end.
+
+    Returns
+    -------
+    Fit
+        Its residual is the mean of some realisations. As it was where too few members can be simulated.
+    """
+    settings, generator = problem.settings.ensemble, np.random.default_rng(0)
+    low, high = bounds_of(fit.parameters)
+    live = fit.active & (high > low) & ~np.array([p.whole for p in fit.parameters])
+    centre, bounds, count = fit.values[live], (low[live], high[live]), settings.members_per_parameter * int(live.sum())
+    first, *wider = (width**2 for width in settings.widths)
+    slope = fit.half_derivative[live]
+    no_shifts = np.empty((0, centre.size))
+    known = bounded_normal(fit.jacobian[:, live], slope, first * fit.inflation, centre, *bounds, no_shifts)
+    for widened in (*wider, 1.0):
+        members, residuals = _simulated(problem, fit, live, _drawn(known, centre, bounds, count, generator))
+        degrees_of_freedom = len(members) - centre.size - 1
+        if degrees_of_freedom < centre.size:
+            return fit
+        middle, spread = members.mean(axis=0), members.std(axis=0)
+        spread = np.where(spread > 0.0, spread, 1.0)
+        columns = np.column_stack([np.ones(len(members)), (members - middle) / spread])
+        coefficients = np.linalg.lstsq(columns, residuals, rcond=None)[0]
+        scatter = _Scatter.of(residuals - columns @ coefficients, degrees_of_freedom, settings)
+        slopes = (coefficients[1:] / spread[:, None]).T
+        reach = settings.reach * spread
+        ends = np.maximum(bounds[0] - middle, -reach), np.minimum(bounds[1] - middle, reach)
+        step, _ = bounded_step(scatter.whiten(slopes), scatter.whiten(coefficients[0]), *ends)
+        before, centre = centre, np.clip(middle + step, *bounds)
+        independent, white = scatter.whiten(slopes), scatter.whiten(coefficients[0] + slopes @ (centre - middle))
+        inflation = max(1.0, float(white @ white) / max(white.size - centre.size, 1))
+        # how far an ensemble still moves the minimum tells what its slopes leave open
+        moved = (centre - before)[None, :]
+        known = bounded_normal(independent, independent.T @ white, widened * inflation, centre, *bounds, moved)
+    values, jacobian = fit.values.copy(), fit.jacobian.copy()
+    values[live], jacobian[:, live] = centre, slopes
+    hairs = problem.settings.differences.probe_step * np.array([p.step for p in fit.parameters])[live]
+    realised = np.clip(centre + np.arange(settings.realisations)[:, None] * hairs, *bounds)
+    realisations = _simulated(problem, fit, live, realised)[1]
+    if not len(realisations):
+        return fit
+    draws = np.tile(values, (settings.draws, 1))
+    draws[:, live] = _drawn(known, centre, bounds, settings.draws, generator)
+    return replace(fit, values=values, residual=realisations.mean(axis=0), jacobian=jacobian, slope=None, draws=draws)
+
+
+def _drawn(
+    known: BoundedNormal,
+    centre: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    count: int,
+    generator: np.random.Generator,
+) -> np.ndarray:
+    """Points (count, k) of what is `known` of the parameters about the `centre` (k,)."""
+    if known.draws is not None:
+        return known.draws[generator.choice(len(known.draws), count, replace=len(known.draws) < count)]
+    errors = np.sqrt(np.diag(known.covariance))
+    unit = np.where(errors > 0.0, errors, 1.0)
+    normal = generator.multivariate_normal(
+        np.zeros(centre.size), known.covariance / np.outer(unit, unit), count, method="svd"
+    )
+    return np.clip(centre + unit * normal, *bounds)
+
+
+def _simulated(problem: Problem, fit: Fit, live: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Those of the `points` (m, k) of the live parameters that can be simulated, and their residuals (m, n)."""
+    keys = [p.key for p, own in zip(fit.parameters, live, strict=True) if own]
+    kept, residuals = [], []
+    for point in points:
+        try:
+            at = fit.mapping | dict(zip(keys, map(float, point), strict=True))
+            residuals.append(problem.residual(at, fit.hypothesis))
+        except (InputError, SimulationError):
+            continue
+        kept.append(point)
+    return np.array(kept).reshape(-1, points.shape[1]), np.array(residuals).reshape(-1, problem.size)

@@ -1,0 +1,169 @@
+"""Intervals of chaotic motion's parameters, from a regression over simulations that each are one realisation."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from jointgap.errors import SimulationError
+from jointgap.identification import ensemble_regression
+from jointgap.identification.baseline import with_intervals
+from jointgap.identification.ensemble_regression import (
+    fit_over_ensembles,
+    leading_over_ensembles,
+    regressed_over_ensemble,
+)
+from jointgap.identification.fit import Fit
+from jointgap.identification.protocol import Parameter
+from jointgap.identification.settings import DEFAULT_SETTINGS
+
+SIZE = 600
+TRUTH = np.array([0.5, -0.3, 0.2])
+PARAMETERS = (
+    *(Parameter(name, 0.0, -5.0, 5.0, 0.1, "kg") for name in "abc"),
+    Parameter("nothing", 1.0, 0.0, 2.0, 0.1, "kg"),
+    Parameter("order", 3.0, 1.0, 9.0, 1.0, "1", whole=True),
+)
+
+
+class Chaotic:
+    """A linear problem whose every simulation, and the measured one, is a realisation with loud modes."""
+
+    settings = DEFAULT_SETTINGS
+    size = SIZE
+    has_statistics = True
+
+    def __init__(self, seed, loudness=5.0, fails=lambda values: False):
+        rng = np.random.default_rng(seed)
+        self.slopes = rng.standard_normal((SIZE, 3))
+        modes = np.linalg.qr(rng.standard_normal((SIZE, 2)) + 2.0 * self.slopes[:, :2])[0]
+        self.modes, self.fails, self.simulations = loudness * modes, fails, 0
+        self.measured = self.slopes @ TRUTH + rng.standard_normal(SIZE) + self.modes @ rng.standard_normal(2)
+
+    def residual(self, values, hypothesis=()):
+        """Whitened residuals (n,); the realisation is that of the values, however little they change."""
+        at = np.array([values[name] for name in "abc"])
+        if self.fails(values):
+            raise SimulationError("the pin left its bearing")
+        self.simulations += 1
+        realisation = np.random.default_rng(np.frombuffer(at.tobytes(), np.uint32)).standard_normal(2)
+        return self.measured - self.slopes @ at - self.modes @ realisation
+
+    def fit(self):
+        """Where a descent may have ended: beside the minimum."""
+        values = np.array([*(TRUTH + 0.2), 1.0, 3.0])
+        at = dict(zip((p.key for p in PARAMETERS), values, strict=True))
+        residual = np.zeros(SIZE) if self.fails(at) else self.residual(at)
+        jacobian = np.column_stack([-self.slopes, np.zeros(SIZE), np.ones(SIZE)])
+        return Fit((), PARAMETERS, values, residual, jacobian, 0, "stopped")
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say_though_realisations_scatter_far_more_than_noise():
+    held, apart, narrow = 0, [], 0
+    for seed in range(40):
+        problem = Chaotic(seed)
+        found = regressed_over_ensemble(problem, problem.fit())
+        low, high = np.quantile(found.draws[:, :3], [0.05, 0.95], axis=0)
+        held += np.sum((low <= TRUTH) & (high >= TRUTH))
+        apart.append(found.values[:3] - TRUTH)
+        of_noise = np.sqrt(np.diag(np.linalg.inv(problem.slopes.T @ problem.slopes)))
+        narrow += np.sum(np.abs(apart[-1]) < 1.645 * of_noise)
+    assert 0.83 < held / 120 < 0.97
+    assert narrow / 120 < 0.75  # what noise alone would say
+    assert np.all(np.abs(np.mean(apart, axis=0)) < 4.0 * np.std(apart, axis=0) / np.sqrt(40))
+
+
+def test_directions_that_realisations_move_count_less():
+    apart, plainly = [], []
+    for seed in range(20):
+        problem = Chaotic(seed, loudness=30.0)
+        apart.append(regressed_over_ensemble(problem, problem.fit()).values[:3] - TRUTH)
+        plainly.append(np.linalg.lstsq(problem.slopes, problem.measured, rcond=None)[0] - TRUTH)
+    assert np.std(apart) < 0.5 * np.std(plainly)
+
+
+def test_what_changes_nothing_and_whole_numbers_stay():
+    problem = Chaotic(1)
+    found = regressed_over_ensemble(problem, problem.fit())
+    assert found.values[3:].tolist() == [1.0, 3.0]
+    assert np.ptp(found.draws[:, 3:], axis=0).tolist() == [0.0, 0.0]
+
+
+def test_what_is_left_is_the_mean_of_realisations_which_scatter_less_than_one():
+    off = []
+    for seed in range(10):
+        problem = Chaotic(seed)
+        found = regressed_over_ensemble(problem, problem.fit())
+        off.append(found.residual - (problem.measured - problem.slopes @ found.values[:3]))
+    of_one = 5.0 * np.sqrt(2.0)
+    assert np.sqrt(np.mean(np.sum(np.square(off), axis=1))) < 0.5 * of_one
+
+
+def test_the_same_fit_gives_the_same_draws():
+    problem = Chaotic(3)
+    first, second = (regressed_over_ensemble(problem, problem.fit()) for _ in range(2))
+    assert np.array_equal(first.draws, second.draws)
+
+
+def test_draws_stay_within_bounds():
+    problem = Chaotic(4)
+    fit = problem.fit()
+    low = Parameter("a", 0.5, 0.5, 5.0, 0.1, "kg")
+    fit = Fit((), (low, *PARAMETERS[1:]), fit.values, fit.residual, fit.jacobian, 0, "stopped")
+    found = regressed_over_ensemble(problem, fit)
+    assert found.draws[:, 0].min() >= 0.5
+    assert found.values[0] >= 0.5
+
+
+@pytest.mark.parametrize(("fails", "changes"), [(lambda values: values["a"] > 0.6, True), (lambda values: True, False)])
+def test_members_that_cannot_be_simulated_are_left_out_and_too_few_change_nothing(fails, changes):
+    problem = Chaotic(5, fails=fails)
+    fit = problem.fit()
+    assert (regressed_over_ensemble(problem, fit) is not fit) == changes
+
+
+def test_intervals_of_statistics_are_those_of_the_regression():
+    problem = Chaotic(6)
+    found = with_intervals(problem, problem.fit(), SimpleNamespace(numerical_noise_chi2=0.0))
+    assert np.array_equal(found.draws, regressed_over_ensemble(problem, problem.fit()).draws)
+
+
+def test_the_base_is_fitted_from_the_nuisances_of_the_best_too():
+    problem = Chaotic(7, fails=lambda values: values["a"] > 1.0)
+    near = problem.fit()
+    far = replace(near, values=near.values + 2.0, residual=near.residual + 2.0)  # nothing can be simulated about it
+    base, (best,) = leading_over_ensembles(problem, far, [near])
+    assert base.values[:3] == pytest.approx(best.values[:3], abs=0.5)
+    assert best.draws is not None
+
+
+def test_those_that_explain_little_and_those_that_are_regressed_stay_as_they_are():
+    problem = Chaotic(8)
+    found = regressed_over_ensemble(problem, problem.fit())
+    base = replace(found, residual=3.0 * found.residual)
+    behind = replace(problem.fit(), residual=2.5 * found.residual)
+    failed = replace(behind, status="failed")
+    same, fits = leading_over_ensembles(problem, base, [behind, found, failed])
+    assert same is base
+    assert all(one is other for one, other in zip(fits, [behind, found, failed], strict=True))
+
+
+def test_where_nothing_is_better_than_the_base_nothing_is_regressed():
+    problem = Chaotic(8)
+    base = problem.fit()
+    worse = replace(base, residual=1.1 * base.residual)
+    before = problem.simulations
+    assert leading_over_ensembles(problem, base, [worse]) == (base, [worse])
+    assert problem.simulations == before
+
+
+def test_regressions_go_on_as_long_as_they_help(monkeypatch):
+    problem = Chaotic(9)
+    fit = problem.fit()
+    for factors, best in (((0.9, 0.8, 0.85, 0.1), 1), ((0.9, 0.895, 0.1), 1), ((0.9, 0.8, 0.7, 0.1), 2)):
+        found = [replace(fit, residual=factor * fit.residual) for factor in factors]
+        left = iter(found)
+        monkeypatch.setattr(ensemble_regression, "regressed_over_ensemble", lambda *_, left=left: next(left))
+        assert fit_over_ensembles(problem, fit, 0.0) is found[best]
+    assert fit_over_ensembles(problem, fit, fit.chi2) is fit
