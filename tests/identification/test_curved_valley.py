@@ -26,7 +26,7 @@ SETTINGS = replace(
 class Rig:
     """Of two parameters the data know mass + bend * (restitution - 0.5)^2 to 0.02 and restitution to 0.3."""
 
-    size, nuisances, parts = SAMPLES, (RESTITUTION, MASS), ()
+    size, nuisances, parts, has_statistics = SAMPLES, (RESTITUTION, MASS), (), False
 
     def __init__(self, bend, restitution=0.5, mass=0.0, seed=0, fails_above=np.inf):
         self.settings, self.simulations, self.bend, self.fails_above = SETTINGS, 0, bend, fails_above

@@ -185,10 +185,10 @@ def with_intervals(problem: Problem, fit: Fit, differences: FiniteDifferences) -
 
     Where chi2 is quadratic, intervals count what other numerics, another start among them, change in the values: it is
     projected onto the parameters as the data and the widths of the bounds determine them. Along a curved valley a
-    projection would lead astray, and there numerics count in the noise alone. A fit that failed, or that cannot be
-    simulated by other numerics, is left as it is; the `differences` know the numerical noise.
+    projection would lead astray, and there numerics count in the noise alone. A fit that failed, that has draws, or
+    that cannot be simulated by other numerics, is left as it is; the `differences` know the numerical noise.
     """
-    if fit.status == FAILED:
+    if fit.status == FAILED or fit.draws is not None:
         return fit
     if problem.has_statistics:
         return regressed_over_ensemble(problem, fit)

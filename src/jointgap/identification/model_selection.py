@@ -139,8 +139,8 @@ def nonlinearity(problem: Problem, fit: Fit) -> float:
 
 
 def refit_jacobian(baseline: Baseline, fit: Fit) -> Fit:
-    """The `fit` to the problem of the `baseline`, with its Jacobian made anew at the end."""
-    if fit.status == FAILED:
+    """The `fit` to the problem of the `baseline`, with its Jacobian made anew at the end; as it is with its draws."""
+    if fit.status == FAILED or fit.draws is not None:
         return fit
     problem, differences = baseline.problem, baseline.differences
     return fit_hypothesis(problem, fit.hypothesis, fit.mapping, differences=differences, refresh=True)
@@ -379,8 +379,6 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     decision = decided_by_features(decision, by_features)
 
     def stated(fit: Fit) -> Fit:
-        if fit.draws is not None:  # they say it
-            return fit
         return with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
 
     base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
