@@ -100,6 +100,18 @@ def test_what_is_left_is_the_mean_of_realisations_which_scatter_less_than_one():
     assert np.sqrt(np.mean(np.sum(np.square(off), axis=1))) < 0.5 * of_one
 
 
+def test_a_fit_from_files_whose_jacobian_has_fewer_rows_gives_as_much():
+    problem = Chaotic(3, loudness=0.0)
+    fit = problem.fit()
+    fewer = replace(fit, jacobian=np.linalg.qr(fit.jacobian, mode="r"), slope=fit.half_derivative)
+    found, again = (regressed_over_ensemble(problem, one) for one in (fit, fewer))
+    assert again.values == pytest.approx(found.values, rel=1e-3)
+    assert again.bic == pytest.approx(found.bic, rel=1e-6)
+    assert again.distribution.covariance[:3, :3] == pytest.approx(
+        found.distribution.covariance[:3, :3], rel=0.2, abs=1e-4
+    )
+
+
 def test_the_same_fit_gives_the_same_draws():
     problem = Chaotic(3)
     first, second = (regressed_over_ensemble(problem, problem.fit()) for _ in range(2))

@@ -136,7 +136,8 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
         # how far an ensemble still moves the minimum tells what its slopes leave open
         moved = (centre - before)[None, :]
         known = bounded_normal(independent, independent.T @ white, widened * inflation, centre, *bounds, moved)
-    values, jacobian = fit.values.copy(), fit.jacobian.copy()
+    values, jacobian = fit.values.copy(), np.zeros((problem.size, live.size))
+    jacobian[: len(fit.jacobian)] = fit.jacobian  # in fewer rows where the fit comes from files
     values[live], jacobian[:, live] = centre, slopes
     hairs = problem.settings.differences.probe_step * np.array([p.step for p in fit.parameters])[live]
     realised = np.clip(centre + np.arange(settings.realisations)[:, None] * hairs, *bounds)
