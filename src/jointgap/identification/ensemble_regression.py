@@ -112,12 +112,11 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
     low, high = bounds_of(fit.parameters)
     live = fit.active & (high > low) & ~np.array([p.whole for p in fit.parameters])
     centre, bounds, count = fit.values[live], (low[live], high[live]), settings.members_per_parameter * int(live.sum())
-    first, *wider = (width**2 for width in settings.widths)
-    slope = fit.half_derivative[live]
-    no_shifts = np.empty((0, centre.size))
-    known = bounded_normal(fit.jacobian[:, live], slope, first * fit.inflation, centre, *bounds, no_shifts)
-    for widened in (*wider, 1.0):
-        members, residuals = _simulated(problem, fit, live, _drawn(known, centre, bounds, count, generator))
+    slopes, slope, inflation = fit.jacobian[:, live], fit.half_derivative[live], fit.inflation
+    known, no_shifts = None, np.empty((0, centre.size))
+    for width in settings.widths:
+        wide = bounded_normal(slopes, slope, width**2 * inflation, centre, *bounds, no_shifts)
+        members, residuals = _simulated(problem, fit, live, _drawn(wide, centre, bounds, count, generator))
         degrees_of_freedom = len(members) - centre.size - 1
         if degrees_of_freedom < centre.size:
             return fit
@@ -126,19 +125,21 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
         columns = np.column_stack([np.ones(len(members)), (members - middle) / spread])
         coefficients = np.linalg.lstsq(columns, residuals, rcond=None)[0]
         scatter = _Scatter.of(residuals - columns @ coefficients, degrees_of_freedom, settings)
-        slopes = (coefficients[1:] / spread[:, None]).T
-        reach = settings.reach * spread
+        plain = (coefficients[1:] / spread[:, None]).T
+        slopes, reach = scatter.whiten(plain), settings.reach * spread
         ends = np.maximum(bounds[0] - middle, -reach), np.minimum(bounds[1] - middle, reach)
-        step, _ = bounded_step(scatter.whiten(slopes), scatter.whiten(coefficients[0]), *ends)
+        step, _ = bounded_step(slopes, scatter.whiten(coefficients[0]), *ends)
         before, centre = centre, np.clip(middle + step, *bounds)
-        independent, white = scatter.whiten(slopes), scatter.whiten(coefficients[0] + slopes @ (centre - middle))
-        inflation = max(1.0, float(white @ white) / max(white.size - centre.size, 1))
+        white = scatter.whiten(coefficients[0] + plain @ (centre - middle))
+        slope, inflation = slopes.T @ white, max(1.0, float(white @ white) / max(white.size - centre.size, 1))
         # how far an ensemble still moves the minimum tells what its slopes leave open
-        moved = (centre - before)[None, :]
-        known = bounded_normal(independent, independent.T @ white, widened * inflation, centre, *bounds, moved)
+        moved, first = (centre - before)[None, :], known is None
+        known = bounded_normal(slopes, slope, inflation, centre, *bounds, moved)
+        if not first and np.all(np.square(moved[0]) <= settings.settled_share * np.diag(known.covariance)):
+            break
     values, jacobian = fit.values.copy(), np.zeros((problem.size, live.size))
     jacobian[: len(fit.jacobian)] = fit.jacobian  # in fewer rows where the fit comes from files
-    values[live], jacobian[:, live] = centre, slopes
+    values[live], jacobian[:, live] = centre, plain
     hairs = problem.settings.differences.probe_step * np.array([p.step for p in fit.parameters])[live]
     realised = np.clip(centre + np.arange(settings.realisations)[:, None] * hairs, *bounds)
     realisations = _simulated(problem, fit, live, realised)[1]

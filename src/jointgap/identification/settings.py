@@ -816,6 +816,9 @@ class EnsembleSettings:
     members_per_parameter : int
         Simulations of each ensemble for each parameter: with three standard errors, the scatter then makes up less
         than a sixth of what slopes seem to say (experience).
+    settled_share : float
+        [1, of the variance of each parameter] What the last ensemble moved the minimum by, squared, for it to be the
+        last: the errors count it.
     reach : float
         [1, of the ensemble's standard deviation] How far from the ensemble's mean its minimum is sought.
     least_variance : float
@@ -838,13 +841,14 @@ class EnsembleSettings:
 
     widths: tuple[float, ...] = (4.0, 3.0, 3.0)
     members_per_parameter: int = 8
+    settled_share: float = 0.5
     reach: float = 2.5
     least_variance: float = 1.0
     draws: int = 2000
     realisations: int = 12
-    passes: int = 3
+    passes: int = 2
     marked_fall: float = 0.02
-    leading: int = 3
+    leading: int = 2
     leading_share: float = 0.5
 
 
