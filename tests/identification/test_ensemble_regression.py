@@ -118,6 +118,23 @@ def test_the_same_fit_gives_the_same_draws():
     assert np.array_equal(first.draws, second.draws)
 
 
+def test_a_minimum_that_leaves_more_than_the_fit_did_is_not_taken_and_intervals_hold_both(monkeypatch):
+    problem = Chaotic(10)
+    fit = problem.fit()
+    plainly = regressed_over_ensemble(problem, fit)
+    mean = ensemble_regression._mean_realisation
+    monkeypatch.setattr(
+        ensemble_regression,
+        "_mean_realisation",
+        lambda *args: mean(*args) * (0.1 if np.array_equal(args[3], fit.values[:3]) else 1.0),
+    )
+    found = regressed_over_ensemble(problem, fit)
+    assert np.array_equal(found.values, fit.values)
+    low, high = np.quantile(found.draws[:, :3], [0.05, 0.95], axis=0)
+    assert np.all((low < fit.values[:3]) & (fit.values[:3] < high))
+    assert np.all((low < plainly.values[:3]) & (plainly.values[:3] < high))
+
+
 def test_draws_stay_within_bounds():
     problem = Chaotic(4)
     fit = problem.fit()

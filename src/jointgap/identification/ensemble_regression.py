@@ -94,7 +94,7 @@ def fit_over_ensembles(problem: Problem, fit: Fit, sufficient_chi2: float) -> Fi
 
 
 def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
-    """The fit where the regression has its minimum, with draws of its parameters.
+    """The fit where the regression has its minimum, if that leaves less than its own values, with draws.
 
     Parameters
     ----------
@@ -137,17 +137,28 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
         known = bounded_normal(slopes, slope, inflation, centre, *bounds, moved)
         if not first and np.all(np.square(moved[0]) <= settings.settled_share * np.diag(known.covariance)):
             break
+    left, own = (_mean_realisation(problem, fit, live, at) for at in (centre, fit.values[live]))
+    if left is None:
+        return fit
+    if own is not None and own @ own < left @ left:
+        moved, slope = (fit.values[live] - centre)[None, :], slopes.T @ scatter.whiten(own)
+        centre, left = fit.values[live], own
+        known = bounded_normal(slopes, slope, inflation, centre, *bounds, moved)
     values, jacobian = fit.values.copy(), np.zeros((problem.size, live.size))
     jacobian[: len(fit.jacobian)] = fit.jacobian  # in fewer rows where the fit comes from files
     values[live], jacobian[:, live] = centre, plain
-    hairs = problem.settings.differences.probe_step * np.array([p.step for p in fit.parameters])[live]
-    realised = np.clip(centre + np.arange(settings.realisations)[:, None] * hairs, *bounds)
-    realisations = _simulated(problem, fit, live, realised)[1]
-    if not len(realisations):
-        return fit
     draws = np.tile(values, (settings.draws, 1))
     draws[:, live] = _drawn(known, centre, bounds, settings.draws, generator)
-    return replace(fit, values=values, residual=realisations.mean(axis=0), jacobian=jacobian, slope=None, draws=draws)
+    return replace(fit, values=values, residual=left, jacobian=jacobian, slope=None, draws=draws)
+
+
+def _mean_realisation(problem: Problem, fit: Fit, live: np.ndarray, centre: np.ndarray) -> np.ndarray | None:
+    """Residuals (n,) at values (k,) of the live parameters, as the mean of some realisations; None if there is none."""
+    hairs = problem.settings.differences.probe_step * np.array([p.step for p in fit.parameters])[live]
+    low, high = (bound[live] for bound in bounds_of(fit.parameters))
+    nearly = np.clip(centre + np.arange(problem.settings.ensemble.realisations)[:, None] * hairs, low, high)
+    realisations = _simulated(problem, fit, live, nearly)[1]
+    return realisations.mean(axis=0) if len(realisations) else None
 
 
 def _drawn(
