@@ -115,7 +115,8 @@ def test_statistics_over_cycles_are_smooth_so_that_a_fit_of_them_begins_where_it
     high = replace(high, parameters=parameters, values=values, jacobian=np.zeros((high.residual.size, len(parameters))))
     assert high.chi2 > base.base.chi2
     mended = not_above_its_parts(base.problem, base.differences, high, [base.base])
-    assert mended.chi2 <= base.base.chi2 + 1e-6
+    where_absent = base.problem.residual(base.base.mapping)  # what the base leaves is a mean of several simulations
+    assert mended.chi2 <= where_absent @ where_absent + 1e-9
 
 
 def test_what_the_base_would_leave_in_a_fits_valley_is_what_it_leaves_where_residuals_are_linear():
