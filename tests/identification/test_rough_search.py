@@ -12,7 +12,7 @@ from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_by_features import decided_by_features, leaders_by_features
 from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.estimates import effect_estimates, nuisance_estimates
-from jointgap.identification.fit import MATCHED, fit_hypothesis
+from jointgap.identification.fit import MATCHED, STOPPED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem, label_of
 from jointgap.identification.protocol import FAST
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
@@ -186,11 +186,33 @@ def test_the_same_search_finds_the_same():
     assert np.array_equal(first.values, second.values)
 
 
+def fit_at(problem, hypothesis, start):
+    """A fit that ends where it begins."""
+    parameters = problem.parameters(hypothesis)
+    values = {p.key: p.nominal for p in parameters} | dict(start)
+    residual = problem.residual(values, hypothesis)
+    jacobian = np.zeros((residual.size, len(parameters)))
+    return Fit(
+        hypothesis,
+        parameters,
+        np.array([values[p.key] for p in parameters]),
+        residual,
+        jacobian,
+        0,
+        STOPPED,
+        settings=problem.settings,
+    )
+
+
 def blind_to_samples(base, monkeypatch, origin=None, candidates=(RINGING,)):
     """The search where no point of samples' valley is met: fits of samples end where they begin."""
     monkeypatch.setattr(rough_search._Contestant, "reached", lambda self, chi2: False)
-    monkeypatch.setattr(rough_search._Contestant, "_fitted", lambda self, start, known, sufficient: base.base)
-    return search_rough(base, [origin or base.base], candidates, 1.2, POPULATIONS)
+    monkeypatch.setattr(
+        rough_search._Contestant,
+        "_fitted",
+        lambda self, start, known, sufficient: fit_at(base.problem, self.hypothesis, start),
+    )
+    return search_rough(base, [origin or base.base], candidates, 0.0, POPULATIONS)
 
 
 def test_where_samples_are_not_met_the_best_features_are_the_answer_with_an_interval_that_holds_the_truth(monkeypatch):

@@ -4,7 +4,8 @@ Around the truth chi2 of samples has a valley that is a percent wide; outside it
 (`jointgap.identification.cycle_features`) lead there. As in sequential Monte Carlo without likelihoods (Sisson, Fan and
 Tanaka, PNAS 104 (2007) 1760-1765) points are drawn from the range of the coordinates, the best are kept, and the next
 ones drawn about these. Candidates compete: one that falls behind is dropped. From the best points fits of the samples
-start. One that ends in a valley, but not at its bottom, is where points are drawn once more, now for the samples.
+start. One that ends in a valley, but not at its bottom, is where points are drawn once more, now for the samples. Where
+a fit ended is a point like others: if its features are among the best, the next ones are drawn about it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,6 +32,7 @@ class _Point:
     place: np.ndarray  # in the box of the coordinates, each from 0 to 1
     misfit: float  # of the features of the cycle; infinite where it was given up
     chi2: float  # of the samples
+    beside: Mapping[str, float]  # values by key [SI] of what is not searched
 
 
 class Box:
@@ -146,6 +148,8 @@ class _Contestant:
         )
         self.points: list[_Point] = []
         self._population: list[_Point] = []
+        self._fits: list[_Point] = []  # where fits of the samples ended
+        self._started: list[_Point] = []  # and where they started
         self._progress: list[float] = []  # the least misfit of the population, by round
 
     @property
@@ -162,16 +166,29 @@ class _Contestant:
 
     @property
     def deepest(self) -> _Point:
-        """The point of least chi2."""
-        return min(self.points, key=lambda point: point.chi2)
+        """The point of least chi2, but for those where a fit ended."""
+        ends = {id(point) for point in self._fits}
+        return min((point for point in self.points if id(point) not in ends), key=lambda point: point.chi2)
+
+    @property
+    def in_valley(self) -> _Point | None:
+        """The deepest point, if it lies in a valley, deeper than where a fit started before."""
+        point, before = self.deepest, min((start.chi2 for start in self._started), default=np.inf)
+        return point if self.reached(point.chi2) and point.chi2 < self._settings.deeper * before else None
+
+    @property
+    def unfitted(self) -> _Point | None:
+        """The point whose features are best, unless a fit started or ended there."""
+        best = min(self.points, key=lambda point: point.misfit)
+        return None if best.misfit == np.inf or any(best is one for one in (*self._started, *self._fits)) else best
 
     def begin(self, features: CycleFeatures) -> None:
-        """Simulate points spread evenly over the box, others at each call: a new population.
+        """Simulate points spread evenly over the box, others at each call: a new population, with the ends of fits.
 
         The first one has the nuisances as the origin has them, where most valleys can be found.
         """
         known = None if self.points else self._origin.mapping
-        self._population, self._progress = [], []
+        self._population, self._progress = list(self._fits), []
         self._simulate(features, self._box.spread(self._settings, self._generator, known))
 
     def go_on(self, features: CycleFeatures) -> None:
@@ -181,12 +198,16 @@ class _Contestant:
         self._simulate(features, drawn_about(elite, self._settings, self._generator))
 
     def _simulate(self, features: CycleFeatures, places: np.ndarray) -> None:
-        """Simulate places run by run, each as long as its misfit may still be among the best."""
+        """Simulate places run by run, each as long as its misfit may still be among the best.
+
+        What is not searched is as at the best point.
+        """
         problem, origin, reference = self._baseline.problem, self._origin, self._reference
         for place in places:
-            known = sorted(point.misfit for point in self._population)
-            limit = known[self._settings.elite - 1] if len(known) >= self._settings.elite else np.inf
-            values, residual, misfit = origin.mapping | self._box.values(place), origin.residual, 0.0
+            known = sorted(self._population, key=lambda point: point.misfit)
+            limit = known[self._settings.elite - 1].misfit if len(known) >= self._settings.elite else np.inf
+            beside = known[0].beside if known else origin.mapping
+            values, residual, misfit = beside | self._box.values(place), origin.residual, 0.0
             try:
                 for run in problem.runs:
                     residual = problem.residual(values, self.hypothesis, (run,), residual, FAST)
@@ -197,13 +218,15 @@ class _Contestant:
             except (InputError, SimulationError):
                 misfit = np.inf
             chi2 = float(residual @ residual) if misfit < np.inf else np.inf
-            self._population.append(_Point(place, misfit, chi2))
+            self._population.append(_Point(place, misfit, chi2, beside))
             self.points.append(self._population[-1])
         self._progress.append(min((point.misfit for point in self._population), default=np.inf))
 
-    def fit(self, point: _Point, sufficient: float) -> Fit:
-        """The fit of the samples from a point; from others about it where it ends in a valley, not at its bottom."""
-        start = self._origin.mapping | self._box.values(point.place)
+    def fit(self, point: _Point, features: CycleFeatures, sufficient: float) -> Fit:
+        """The fit of the samples from a point; from others about it where it ends in a valley, not at its bottom. Where
+        it ends is a point of those to come."""
+        self._started.append(point)
+        start = point.beside | self._box.values(point.place)
         fit = self._fitted(start, derivatives_of(self._origin), sufficient)
         for _ in range(self._settings.refinements):
             if not self.reached(fit.chi2) or reduced_chi2(fit) <= sufficient:
@@ -212,7 +235,17 @@ class _Contestant:
             if again.chi2 >= fit.chi2:
                 break
             fit = again
+        if fit.status != FAILED:
+            self._fits.append(
+                _Point(self._box.place(fit.mapping), self._misfit(features, fit.residual), fit.chi2, fit.mapping)
+            )
+            self.points.append(self._fits[-1])
+            self._population.append(self._fits[-1])
         return fit
+
+    def _misfit(self, features: CycleFeatures, residual: np.ndarray) -> float:
+        changes = self._reference.residual - residual
+        return sum(features.misfit(changes, run) for run in self._baseline.problem.runs)
 
     def _fitted(self, start: Mapping[str, float], known: Mapping[str, np.ndarray] | None, sufficient: float) -> Fit:
         problem, differences = self._baseline.problem, self._baseline.differences
@@ -226,28 +259,28 @@ class _Contestant:
         features of others are known too: in the demonstration 0.64 became 0.85 for each.
 
         Draws of the coordinates are the best points that were simulated, more often the better their features are met,
-        with sizes spread by what nuisances may change in them that were not searched: these stay as the origin has
-        them.
+        with sizes spread by what nuisances may change in them that were not searched: these stay as they are at the
+        best point.
         """
-        problem, origin = self._baseline.problem, self._origin
+        problem = self._baseline.problem
         parameters = problem.parameters(self.hypothesis)
         misfits = np.array([point.misfit for point in self.points])
         simulated = []
-        for point in np.argsort(misfits, kind="stable")[: self._settings.elite]:
-            at = {p.key: p.nominal for p in parameters} | origin.mapping | self._box.values(self.points[point].place)
+        for place in np.argsort(misfits, kind="stable")[: self._settings.elite]:
+            point = self.points[place]
+            at = {p.key: p.nominal for p in parameters} | dict(point.beside) | self._box.values(point.place)
             try:
                 residual = problem.residual(at, self.hypothesis)
             except (InputError, SimulationError):
                 continue
-            misfit = sum(features.misfit(self._reference.residual - residual, run) for run in problem.runs)
-            simulated.append((misfit, at, residual))
+            simulated.append((self._misfit(features, residual), at, residual))
         if not simulated:
             return None
         _, values, residual = min(simulated, key=lambda each: each[0])
         keys = [p.key for p in parameters]
         jacobian, count = np.zeros((problem.size, len(keys))), self._settings.draws
         draws = np.tile([values[key] for key in keys], (count, 1))
-        for key, column in derivatives_of(origin).items():
+        for key, column in derivatives_of(self._origin).items():
             jacobian[:, keys.index(key)] = column
         chosen = self._generator.choice(misfits.size, count, p=_likely(misfits, self._settings.elite))
         spread = np.exp(self._settings.size_error * self._generator.standard_normal(count))
@@ -378,7 +411,6 @@ def search_rough(
         if all(candidate.label != effect.label for effect in origin.hypothesis)
     ]
     most_misfit = (1.0 - settings.least_explained_share) * absent
-    fitted: dict[int, float] = {}  # chi2 of the point from which a contestant was fitted
 
     def ends(fit: Fit) -> bool:
         return reduced_chi2(fit) <= sufficient and can_be_followed(problem, fit)
@@ -401,18 +433,16 @@ def search_rough(
                 behind = max(settings.eliminated_share * (absent - least), settings.min_behind)
                 contestants = [one for one in contestants if one.least <= least + behind]
             deepest = min(contestants, key=lambda one: one.deepest.chi2)
-            point = deepest.deepest
-            if deepest.reached(point.chi2) and point.chi2 < settings.deeper * fitted.get(id(deepest), np.inf):
-                fitted[id(deepest)] = point.chi2
-                fits.append(deepest.fit(point, sufficient))
+            if (point := deepest.in_valley) is not None:
+                fits.append(deepest.fit(point, features, sufficient))
                 if ends(fits[-1]):
                     return fits
-    ranked = sorted(contestants, key=lambda one: one.least)
-    for one in ranked[:1] if problem.simulations > until else ranked:
-        if id(one) not in fitted and one.least < np.inf:
-            fits.append(one.fit(min(one.points, key=lambda point: point.misfit), sufficient))
-            if ends(fits[-1]):
-                return fits
+        ranked = sorted(contestants, key=lambda one: one.least)
+        for one in ranked[:1] if problem.simulations > until else ranked:
+            if (point := one.unfitted) is not None:
+                fits.append(one.fit(point, features, sufficient))
+                if ends(fits[-1]):
+                    return fits
     if min((one.least for one in contestants), default=np.inf) < settings.matched_misfit * features.size:
         fits += [fit for one in contestants if one.least < np.inf and (fit := one.matched(features)) is not None]
     return fits
