@@ -256,6 +256,41 @@ def test_of_the_best_points_of_the_search_the_usual_numerics_choose(monkeypatch)
     assert misfit({}) < misfit({"ringing.size": size})
 
 
+def test_points_are_drawn_about_where_a_fit_of_samples_ended_with_what_was_not_searched_as_it_is_there(monkeypatch):
+    """Features of the truth are as good as any, wherever the points before were."""
+    base, drawn = rough(0.2, 5), []
+    ended = base.base.mapping | {"speed@slow": base.base.mapping["speed@slow"] + 1e-4, "ringing.size": 0.2}
+    drawn_about = rough_search.drawn_about
+    monkeypatch.setattr(
+        rough_search, "drawn_about", lambda elite, *args: drawn.append(list(elite)) or drawn_about(elite, *args)
+    )
+    monkeypatch.setattr(rough_search._Contestant, "reached", lambda self, chi2: False)
+    monkeypatch.setattr(rough_search._Contestant, "matched", lambda self, features: None)
+    monkeypatch.setattr(
+        rough_search._Contestant,
+        "_fitted",
+        lambda self, start, known, sufficient: fit_at(base.problem, self.hypothesis, ended),
+    )
+    settings = replace(base.problem.settings.rough_search, matched_misfit=0.0)
+    problem = Problem(
+        base.problem.model,
+        stated_noise(base.problem.model),
+        settings=replace(base.problem.settings, rough_search=settings),
+    )
+    simulated, residual = [], Problem.residual
+    monkeypatch.setattr(
+        Problem, "residual", lambda self, values, *args: simulated.append(values) or residual(self, values, *args)
+    )
+    search_rough(replace(base, problem=problem), [base.base], [RINGING], 0.0, 2)
+    box = rough_search.Box(
+        RINGING, problem.parameters((RINGING,)), rough_search.searched_nuisances(problem, (RINGING,))
+    )
+    place = box.place(ended)
+    about = [any(np.array_equal(place, one) for one in elite) for elite in drawn]
+    assert not about[0] and about[-1]
+    assert simulated[0]["speed@slow"] != ended["speed@slow"] and simulated[-1]["speed@slow"] == ended["speed@slow"]
+
+
 def test_a_search_that_begins_anew_draws_points_in_the_nuisances_that_runs_share_too():
     base = rough(0.2, 5)
     nuisances = rough_search.searched_nuisances(base.problem, (RINGING,))
