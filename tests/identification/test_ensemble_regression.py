@@ -33,6 +33,7 @@ class Chaotic:
     settings = DEFAULT_SETTINGS
     size = SIZE
     has_statistics = True
+    nuisances = PARAMETERS
 
     def __init__(self, seed, loudness=5.0, fails=lambda values: False):
         rng = np.random.default_rng(seed)
@@ -135,6 +136,44 @@ def test_a_minimum_that_leaves_more_than_the_fit_did_is_not_taken_and_intervals_
     assert np.all((low < plainly.values[:3]) & (plainly.values[:3] < high))
 
 
+def test_a_fit_without_a_parameter_to_regress_on_stays_as_it_is():
+    problem = Chaotic(2)
+    fit = problem.fit()
+    fixed = replace(
+        fit, parameters=tuple(replace(p, low=v, high=v) for p, v in zip(PARAMETERS, fit.values, strict=True))
+    )
+    none = Fit((), (), np.empty(0), fit.residual, np.empty((SIZE, 0)), 0, "stopped")
+    assert all(regressed_over_ensemble(problem, one) is one for one in (fixed, none))
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_at_a_bound_what_is_left_is_a_mean_of_several_realisations_too(end):
+    problem, off = Chaotic(2, loudness=20.0), []
+    fit = problem.fit()
+    for value in np.linspace(-0.5, 0.5, 10):
+        at = replace(PARAMETERS[0], **{"low": -5.0, "high": 5.0} | {end: value})
+        fixed = (replace(p, low=v, high=v) for p, v in zip(PARAMETERS[1:], fit.values[1:], strict=True))
+        values = np.array([value, *fit.values[1:]])
+        one = Fit((), (at, *fixed), values, fit.residual, fit.jacobian, 0, "stopped")
+        live = np.array([True, False, False, False, False])
+        mean = ensemble_regression._mean_realisation(problem, one, live, values[:1])
+        off.append(mean - (problem.measured - problem.slopes @ values[:3]))
+    of_one = 20.0 * np.sqrt(2.0)
+    assert np.sqrt(np.mean(np.sum(np.square(off), axis=1))) < 0.5 * of_one
+
+
+def test_explanations_that_are_not_regressed_are_compared_by_a_mean_of_realisations_too():
+    problem = Chaotic(4, loudness=20.0)
+    best = problem.fit()
+    base = replace(best, values=best.values + 1.0, residual=best.residual + 3.0)
+    equal = [replace(best, residual=1.001 * best.residual), replace(best, residual=1.002 * best.residual)]
+    _, found = leading_over_ensembles(problem, base, [best, *equal])
+    assert [fit.draws is None for fit in found] == [False, False, True]
+    left = ensemble_regression._mean_realisation(problem, best, ensemble_regression._live(best), best.values[:3])
+    assert found[2].chi2 == pytest.approx(left @ left)
+    assert np.array_equal(found[2].values, best.values)
+
+
 def test_draws_stay_within_bounds():
     problem = Chaotic(4)
     fit = problem.fit()
@@ -167,15 +206,18 @@ def test_the_base_is_fitted_from_the_nuisances_of_the_best_too():
     assert best.draws is not None
 
 
-def test_those_that_explain_little_and_those_that_are_regressed_stay_as_they_are():
+def test_those_that_are_regressed_failed_or_explain_nothing_stay_as_they_are_and_others_are_measured_alike():
     problem = Chaotic(8)
     found = regressed_over_ensemble(problem, problem.fit())
-    base = replace(found, residual=3.0 * found.residual)
-    behind = replace(problem.fit(), residual=2.5 * found.residual)
-    failed = replace(behind, status="failed")
-    same, fits = leading_over_ensembles(problem, base, [behind, found, failed])
+    base = replace(found, values=found.values + np.array([2.0, 2.0, 2.0, 0.0, 0.0]))
+    single = problem.residual(base.mapping)
+    worse = replace(problem.fit(), residual=2.0 * single)
+    failed = replace(problem.fit(), status="failed")
+    behind = replace(problem.fit(), residual=0.9 * single)
+    same, fits = leading_over_ensembles(problem, base, [found, worse, failed, behind])
     assert same is base
-    assert all(one is other for one, other in zip(fits, [behind, found, failed], strict=True))
+    assert all(one is other for one, other in zip(fits, [found, worse, failed], strict=False))
+    assert fits[3].draws is None and fits[3].chi2 < behind.chi2
 
 
 def test_where_nothing_is_better_than_the_base_nothing_is_regressed():

@@ -299,7 +299,8 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     Draws along a curved valley of chi2 are alike in the data used for fitting and far from each other elsewhere: of a
     joint that became loose, impacts at another speed may ask for a restitution that the slower runs hardly feel. A
     model is contradicted by held-out data if no values that the fit leaves open meet these, not if those at the minimum
-    do not. The fit is as it was where it has no such draws, or where its own values leave noise alone.
+    do not. The fit is as it was where it has no such draws, where its own values leave noise alone, or where motion is
+    chaotic: among many realisations one is always luckier.
 
     Parameters
     ----------
@@ -308,7 +309,7 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     fit : Fit
         To the runs for fitting.
     """
-    if fit.draws is None:
+    if fit.draws is None or any(problem.has_statistics for problem in problems):
         return fit
     own = []
     for problem in problems:

@@ -20,6 +20,7 @@ from jointgap.errors import InputError, SimulationError
 from jointgap.identification.bounded_normal import BoundedNormal, bounded_normal
 from jointgap.identification.fit import FAILED, Fit, bounds_of
 from jointgap.identification.gauss_newton import bounded_step
+from jointgap.identification.nesting import with_nuisances_of
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import EnsembleSettings
 
@@ -41,14 +42,15 @@ class _Scatter:
 
     def whiten(self, values: np.ndarray) -> np.ndarray:
         """Values (n,) or (n, k) that are whitened for noise, for noise and scatter."""
-        quieter = 1.0 - 1.0 / np.sqrt(1.0 + self.variances)
-        return values - (self.modes * quieter) @ (self.modes.T @ values)
+        removed = 1.0 - 1.0 / np.sqrt(1.0 + self.variances)
+        return values - (self.modes * removed) @ (self.modes.T @ values)
 
 
 def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
     """The base and the fits, those that lead regressed over ensembles: chi2 of a single realisation scatters by more
     than explanations differ. The base too, from the nuisances of the best fit as well: it must not lose by having
-    worse ones.
+    worse ones. All others that are better than the base leave the mean of as many realisations, so that all are
+    measured alike.
 
     Parameters
     ----------
@@ -59,17 +61,41 @@ def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> 
         One of each hypothesis.
     """
     settings = problem.settings.ensemble
-    ranked = sorted((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic)[: settings.leading]
-    if not ranked or ranked[0].bic >= base.bic:
+    single = base if base.draws is None else replace(base, residual=problem.residual(base.mapping))
+    better = sorted((fit for fit in fits if fit.status != FAILED and fit.bic < single.bic), key=lambda fit: fit.bic)
+    if not better:
         return base, list(fits)
-    most = base.bic - settings.leading_share * (base.bic - ranked[0].bic)
-    due = {id(fit) for fit in (base, *(fit for fit in ranked if fit.bic <= most)) if fit.draws is None}
-    base, *fits = (regressed_over_ensemble(problem, fit) if id(fit) in due else fit for fit in (base, *fits))
+    most = single.bic - settings.leading_share * (single.bic - better[0].bic)
+    leading = [fit for fit in better[: settings.leading] if fit.bic <= most]
+    due = {id(fit) for fit in (base, *leading) if fit.draws is None}
+    others = {id(fit) for fit in better if fit.draws is None} - due
+    base, *fits = (
+        regressed_over_ensemble(problem, fit)
+        if id(fit) in due
+        else _with_mean_residual(problem, fit)
+        if id(fit) in others
+        else fit
+        for fit in (base, *fits)
+    )
     best = min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic)
     if due and best.bic < base.bic:
-        values = np.array([best.mapping.get(key, value) for key, value in base.mapping.items()])
+        values = np.array(list(with_nuisances_of(problem, base, best).values()))
         base = min(base, regressed_over_ensemble(problem, replace(base, values=values)), key=lambda fit: fit.chi2)
     return base, fits
+
+
+def _with_mean_residual(problem: Problem, fit: Fit) -> Fit:
+    """The fit with the mean of some realisations as its residual; as it was where none can be simulated."""
+    live = _live(fit)
+    left = _mean_realisation(problem, fit, live, fit.values[live])
+    return fit if left is None else replace(fit, residual=left)
+
+
+def _live(fit: Fit) -> np.ndarray:
+    """Which parameters (k,) are drawn: not those that change nothing, have no width or are whole numbers."""
+    low, high = bounds_of(fit.parameters)
+    whole = np.array([p.whole for p in fit.parameters], dtype=bool)
+    return np.asarray(fit.active, dtype=bool) & (high > low) & ~whole
 
 
 def fit_over_ensembles(problem: Problem, fit: Fit, sufficient_chi2: float) -> Fit:
@@ -106,11 +132,13 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
     Returns
     -------
     Fit
-        Its residual is the mean of some realisations. As it was where too few members can be simulated.
+        Its residual is the mean of some realisations. As it was, without draws, where it has no parameter to regress on
+        or where too few members can be simulated.
     """
     settings, generator = problem.settings.ensemble, np.random.default_rng(0)
-    low, high = bounds_of(fit.parameters)
-    live = fit.active & (high > low) & ~np.array([p.whole for p in fit.parameters])
+    (low, high), live = bounds_of(fit.parameters), _live(fit)
+    if not live.any():
+        return fit
     centre, bounds, count = fit.values[live], (low[live], high[live]), settings.members_per_parameter * int(live.sum())
     slopes, slope, inflation = fit.jacobian[:, live], fit.half_derivative[live], fit.inflation
     known, no_shifts = None, np.empty((0, centre.size))
@@ -154,10 +182,11 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
 
 def _mean_realisation(problem: Problem, fit: Fit, live: np.ndarray, centre: np.ndarray) -> np.ndarray | None:
     """Residuals (n,) at values (k,) of the live parameters, as the mean of some realisations; None if there is none."""
-    hairs = problem.settings.differences.probe_step * np.array([p.step for p in fit.parameters])[live]
+    steps = problem.settings.differences.probe_step * np.array([p.step for p in fit.parameters])[live]
     low, high = (bound[live] for bound in bounds_of(fit.parameters))
-    nearly = np.clip(centre + np.arange(problem.settings.ensemble.realisations)[:, None] * hairs, low, high)
-    realisations = _simulated(problem, fit, live, nearly)[1]
+    counts = np.arange(problem.settings.ensemble.realisations)[:, None]
+    inwards = np.where(centre + counts[-1] * steps > high, -steps, steps)  # at a bound all would be the same point
+    realisations = _simulated(problem, fit, live, np.clip(centre + counts * inwards, low, high))[1]
     return realisations.mean(axis=0) if len(realisations) else None
 
 

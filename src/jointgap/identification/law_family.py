@@ -354,7 +354,8 @@ def _asked(
     """A fit with the law of a family, with its intervals, and what the data leave of the family; None where the motion
     could not be simulated. What the law leaves idle, where it is not the effect of the list, is left out.
 
-    The interval is wider than the profile by what other numerics change in the shape, and has those of `rivals` in it.
+    The interval is wider than the profile by what other numerics change in the shape, and has those of `rivals` and of
+    the fit's draws in it.
     """
     problem = baseline.problem
     profile = fit.status != FAILED and profile_shape(problem, fit, family, baseline.differences)
@@ -363,6 +364,10 @@ def _asked(
     fit, place = with_intervals(problem, fit, baseline.differences), _place(fit, family)
     low, high = shape_interval(profile, family, problem.settings.family.level)
     moved = 0.0 if fit.shifts is None else float(np.abs(fit.shifts[:, place]).max(initial=0.0))
+    if fit.draws is not None:
+        level = problem.settings.family.level
+        drawn = np.quantile(fit.draws[:, place], [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+        rivals = (*rivals, *map(float, drawn))
     p = fit.parameters[place]
     low, high = max(p.low, min(low - moved, *rivals, low)), min(p.high, max(high + moved, *rivals, high))
     fits = low <= family.own <= high

@@ -100,6 +100,22 @@ def not_above_its_parts(
     return again if again.chi2 < fit.chi2 else fit
 
 
+def with_nuisances_of(problem: Problem, fit: Fit, other: Fit) -> dict[str, float]:
+    """Values of a fit by key [SI], its nuisances as another fit has them: what an effect replaces is in its amplitude.
+
+    Parameters
+    ----------
+    problem : Problem
+    fit, other : Fit
+    """
+    nominal = {p.name: p.nominal for p in problem.nuisances}
+    nuisances = {key: value for key, value in other.mapping.items() if "." not in key}
+    for candidate in other.hypothesis:
+        for name, amplitude in candidate.replaces.items():
+            nuisances[name] = nominal[name] + other.mapping[f"{candidate.label}.{amplitude}"]
+    return fit.mapping | {key: value for key, value in nuisances.items() if key in fit.mapping}
+
+
 def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit, sufficient_chi2: float = np.inf) -> Fit:
     """The `fit` or, if it is lower, one of the same hypothesis that starts from the nuisances of the fit `to`.
 
@@ -111,12 +127,7 @@ def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit, s
     sufficient_chi2 : float
         As of `jointgap.identification.fit.fit_hypothesis`.
     """
-    nominal = {p.name: p.nominal for p in problem.nuisances}
-    nuisances = {key: value for key, value in to.mapping.items() if "." not in key}
-    for candidate in to.hypothesis:
-        for name, amplitude in candidate.replaces.items():
-            nuisances[name] = nominal[name] + to.mapping[f"{candidate.label}.{amplitude}"]
-    start = fit.mapping | {key: value for key, value in nuisances.items() if key in fit.mapping}
+    start = with_nuisances_of(problem, fit, to)
     again = fit_hypothesis(problem, fit.hypothesis, start, differences=differences, sufficient_chi2=sufficient_chi2)
     return again if again.chi2 < fit.chi2 else fit
 

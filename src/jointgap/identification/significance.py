@@ -46,6 +46,10 @@ def _amplitudes(fit: Fit, candidate: Candidate) -> tuple[np.ndarray, np.ndarray,
     """Amplitudes (m,) of an effect, which of them have an error, and the covariance of these."""
     own = {f"{candidate.label}.{key}" for key in candidate.amplitudes}
     places = [i for i, p in enumerate(fit.parameters) if p.key in own]
-    covariance = fit.covariance(released=[i for i in places if fit.values[i] != 0.0])[np.ix_(places, places)]
+    if fit.draws is not None:
+        covariance = fit.distribution.covariance
+    else:
+        covariance = fit.covariance(released=[i for i in places if fit.values[i] != 0.0])
+    covariance = covariance[np.ix_(places, places)]
     free = np.diag(covariance) > 0.0
     return fit.values[places], free, covariance[np.ix_(free, free)]
