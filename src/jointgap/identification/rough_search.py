@@ -398,7 +398,8 @@ def search_rough(
     -------
     list of Fit
         One for each candidate whose features are among the best, and for each valley that was reached before. Where
-        none of these is sufficient, but features are met, one to the features of each candidate that was not dropped.
+        none of these is sufficient and can be followed, but features are met, one to the features of each candidate
+        that was not dropped.
     """
     problem, fits = baseline.problem, []
     settings, reference = problem.settings.rough_search, origins[-1]
