@@ -136,6 +136,21 @@ def test_a_search_over_statistics_simulates_fewer_runs_for_each_takes_longer():
         assert hypothesis_fits._max_simulations(Problem(one, stated_noise(one))) == most
 
 
+@pytest.mark.parametrize(("statistic", "order"), [(False, ["pairs", "singles", "pairs"]), (True, ["singles", "pairs"])])
+def test_pairs_come_first_beside_what_explains_half_but_last_where_motion_never_repeats(monkeypatch, statistic, order):
+    model = toy({"viscous": {"damping_N_s_m": 0.8}}, seed=3)
+    model = replace(model, series=tuple(replace(one, statistic=statistic) for one in model.series))
+    base = recalibrate(model, stated_noise(model))
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits, searched = thresholds(base.problem, signatures, other_numerics(base.problem, base.base)), []
+    for name in ("singles", "pairs"):
+        monkeypatch.setattr(hypothesis_fits, f"search_{name}", lambda *args, name=name: searched.append(name) or [])
+    monkeypatch.setattr(hypothesis_fits, "is_law_of_family", lambda *args: False)
+    half = fit_of(base, "spring", chi2=0.3 * base.base.chi2 / base.problem.size, status=CONVERGED)
+    fit_pairs(base, signatures, limits, [half])
+    assert searched == order
+
+
 @pytest.mark.parametrize("doubted", [True, False])
 def test_doubted_data_are_not_searched_beyond_what_derivatives_lead_to(analysed, monkeypatch, doubted):
     base, signatures, limits = analysed

@@ -138,7 +138,9 @@ def _search(
     fits += _from_nuisances_of_best(baseline, [*alone, *fits], limits, until)
     singles, leaders = [*alone, *fits], []
     if _insufficient(baseline, singles, limits):
-        pairs = search_pairs(baseline, singles, limits, (), until) if _follows_samples(baseline, singles) else []
+        # of motion that never repeats pairs come last: single effects from other starts take a third as long
+        pairs_first = _follows_samples(baseline, singles) and not baseline.problem.has_statistics
+        pairs = search_pairs(baseline, singles, limits, (), until) if pairs_first else []
         if sufficient := [fit for fit in pairs if _is_sufficient(fit, limits)]:
             best = min(sufficient, key=lambda fit: fit.chi2)
             found = [*_moved(baseline, singles, best, limits, until), *_search_alone(baseline, limits, until)]
@@ -196,7 +198,7 @@ def _search_far(
         found = _search_alone(baseline, limits, until)
         fits, singles = [*fits, *found], [*singles, *found]
     smoothers = smoothers_of(baseline.problem)
-    if smoothers and goes_on():
+    if (smoothers or baseline.problem.has_statistics) and goes_on():
         fits += search_pairs(baseline, singles, limits, smoothers, until)
     return fits, []
 
