@@ -17,6 +17,7 @@ from jointgap.identification.ensemble_regression import (
 from jointgap.identification.fit import Fit
 from jointgap.identification.protocol import Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS
+from tests.identification.toy import candidate_of
 
 SIZE = 600
 TRUTH = np.array([0.5, -0.3, 0.2])
@@ -204,6 +205,26 @@ def test_the_base_is_fitted_from_the_nuisances_of_the_best_too():
     base, (best,) = leading_over_ensembles(problem, far, [near])
     assert base.values[:3] == pytest.approx(best.values[:3], abs=0.5)
     assert best.draws is not None
+
+
+def test_the_base_stays_within_bounds_that_an_effect_which_replaces_a_nuisance_goes_beyond():
+    problem = Chaotic(7)
+    mass = replace(candidate_of("added_mass"), replaces={"a": "mass_kg"})
+    near = problem.fit()
+    beyond = replace(
+        near, hypothesis=(mass,), parameters=(replace(PARAMETERS[0], name="added_mass.mass_kg"), *PARAMETERS[1:])
+    )
+    beyond = replace(regressed_as(problem, beyond), residual=0.1 * near.residual)
+    narrow = (replace(PARAMETERS[0], low=-0.1, high=0.1), *PARAMETERS[1:])
+    base = replace(near, parameters=narrow, values=np.array([0.0, *near.values[1:]]), residual=5.0 * near.residual)
+    base, _ = leading_over_ensembles(problem, base, [beyond])
+    assert -0.1 <= base.values[0] <= 0.1
+    assert base.draws[:, 0].min() >= -0.1 and base.draws[:, 0].max() <= 0.1
+
+
+def regressed_as(problem, fit):
+    """A fit that counts as regressed already: its draws are its values."""
+    return replace(fit, draws=np.tile(fit.values, (10, 1)))
 
 
 def test_those_that_are_regressed_failed_or_explain_nothing_stay_as_they_are_and_others_are_measured_alike():

@@ -79,7 +79,8 @@ def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> 
     )
     best = min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic)
     if due and best.bic < base.bic:
-        values = np.array(list(with_nuisances_of(problem, base, best).values()))
+        # an effect that replaces a nuisance goes beyond its bounds, the base does not
+        values = np.clip(list(with_nuisances_of(problem, base, best).values()), *bounds_of(base.parameters))
         base = min(base, regressed_over_ensemble(problem, replace(base, values=values)), key=lambda fit: fit.chi2)
     return base, fits
 
