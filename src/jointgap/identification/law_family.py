@@ -354,8 +354,8 @@ def _asked(
     """A fit with the law of a family, with its intervals, and what the data leave of the family; None where the motion
     could not be simulated. What the law leaves idle, where it is not the effect of the list, is left out.
 
-    The interval is wider than the profile by what other numerics change in the shape, and has those of `rivals` and of
-    the fit's draws in it.
+    The interval is wider than the profile by what other numerics change in the shape, and has those of `rivals` in it;
+    of chaotic motion, whose profile is that of single realisations, what the fit's draws say too.
     """
     problem = baseline.problem
     profile = fit.status != FAILED and profile_shape(problem, fit, family, baseline.differences)
@@ -364,7 +364,7 @@ def _asked(
     fit, place = with_intervals(problem, fit, baseline.differences), _place(fit, family)
     low, high = shape_interval(profile, family, problem.settings.family.level)
     moved = 0.0 if fit.shifts is None else float(np.abs(fit.shifts[:, place]).max(initial=0.0))
-    if fit.draws is not None:
+    if fit.draws is not None and problem.has_statistics:
         level = problem.settings.family.level
         drawn = np.quantile(fit.draws[:, place], [0.5 - 0.5 * level, 0.5 + 0.5 * level])
         rivals = (*rivals, *map(float, drawn))
