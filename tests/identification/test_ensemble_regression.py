@@ -170,7 +170,9 @@ def test_explanations_that_are_not_regressed_are_compared_by_a_mean_of_realisati
     equal = [replace(best, residual=1.001 * best.residual), replace(best, residual=1.002 * best.residual)]
     _, found = leading_over_ensembles(problem, base, [best, *equal])
     assert [fit.draws is None for fit in found] == [False, False, True]
-    left = ensemble_regression._mean_realisation(problem, best, ensemble_regression._live(best), best.values[:3])
+    left = ensemble_regression._mean_realisation(
+        problem, best, ensemble_regression._drawn_parameters(best), best.values[:3]
+    )
     assert found[2].chi2 == pytest.approx(left @ left)
     assert np.array_equal(found[2].values, best.values)
 

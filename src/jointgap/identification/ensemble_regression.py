@@ -87,12 +87,12 @@ def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> 
 
 def _with_mean_residual(problem: Problem, fit: Fit) -> Fit:
     """The fit with the mean of some realisations as its residual; as it was where none can be simulated."""
-    live = _live(fit)
+    live = _drawn_parameters(fit)
     left = _mean_realisation(problem, fit, live, fit.values[live])
     return fit if left is None else replace(fit, residual=left)
 
 
-def _live(fit: Fit) -> np.ndarray:
+def _drawn_parameters(fit: Fit) -> np.ndarray:
     """Which parameters (k,) are drawn: not those that change nothing, have no width or are whole numbers."""
     low, high = bounds_of(fit.parameters)
     whole = np.array([p.whole for p in fit.parameters], dtype=bool)
@@ -137,7 +137,7 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
         or where too few members can be simulated.
     """
     settings, generator = problem.settings.ensemble, np.random.default_rng(0)
-    (low, high), live = bounds_of(fit.parameters), _live(fit)
+    (low, high), live = bounds_of(fit.parameters), _drawn_parameters(fit)
     if not live.any():
         return fit
     centre, bounds, count = fit.values[live], (low[live], high[live]), settings.members_per_parameter * int(live.sum())

@@ -171,13 +171,13 @@ class _Contestant:
         return min((point for point in self.points if id(point) not in ends), key=lambda point: point.chi2)
 
     @property
-    def in_valley(self) -> _Point | None:
+    def point_in_valley(self) -> _Point | None:
         """The deepest point, if it lies in a valley, deeper than where a fit started before."""
         point, before = self.deepest, min((start.chi2 for start in self._started), default=np.inf)
         return point if self.reached(point.chi2) and point.chi2 < self._settings.deeper * before else None
 
     @property
-    def unfitted(self) -> _Point | None:
+    def best_unfitted_point(self) -> _Point | None:
         """The point whose features are best, unless a fit started or ended there."""
         best = min(self.points, key=lambda point: point.misfit)
         return None if best.misfit == np.inf or any(best is one for one in (*self._started, *self._fits)) else best
@@ -434,13 +434,13 @@ def search_rough(
                 behind = max(settings.eliminated_share * (absent - least), settings.min_behind)
                 contestants = [one for one in contestants if one.least <= least + behind]
             deepest = min(contestants, key=lambda one: one.deepest.chi2)
-            if (point := deepest.in_valley) is not None:
+            if (point := deepest.point_in_valley) is not None:
                 fits.append(deepest.fit(point, features, sufficient))
                 if ends(fits[-1]):
                     return fits
         ranked = sorted(contestants, key=lambda one: one.least)
         for one in ranked[:1] if problem.simulations > until else ranked:
-            if (point := one.unfitted) is not None:
+            if (point := one.best_unfitted_point) is not None:
                 fits.append(one.fit(point, features, sufficient))
                 if ends(fits[-1]):
                     return fits
