@@ -27,7 +27,7 @@ from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.screening import Signature, Signatures, simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import Thresholds, thresholds
-from tests.identification.toy import candidate_of, stated_noise, toy
+from tests.identification.toy import RINGING, candidate_of, ringing, stated_noise, toy
 
 SAMPLES = 200
 LN = float(np.log(SAMPLES))
@@ -196,6 +196,21 @@ def test_values_that_cannot_be_simulated_have_no_jump():
 def test_a_failed_fit_is_not_fitted_again():
     lost = fitted(1.0, COULOMB, status=FAILED)
     assert refit_jacobian(SimpleNamespace(), lost) is lost
+
+
+def test_beside_what_rings_another_effect_is_sought_in_the_valley_of_the_pair():
+    """A fit of the ringing alone ended elsewhere. The hidden drag is found in place of friction."""
+    model = toy(hidden=lambda x, v, angle, time: ringing(0.31, angle) - 0.5 * v, seed=6)
+    model = replace(model, candidates=(*model.candidates, RINGING))
+    base = recalibrate(model, stated_noise(model))
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    friction = candidate_of("coulomb")
+    pair = fit_hypothesis(
+        base.problem, (friction, RINGING), {"coulomb.force_N": 0.3, "ringing.size": 0.31}, refresh=True
+    )
+    lost = replace(fit_hypothesis(base.problem, (RINGING,), {"ringing.size": 0.5}), status="stopped")
+    swapped = {fit.label: fit for fit in swap_one_effect(base, signatures, [lost, pair])}
+    assert swapped["ringing + viscous"].chi2 < 1.1 * base.problem.size < pair.chi2
 
 
 def test_nothing_is_swapped_where_no_pair_is_best():

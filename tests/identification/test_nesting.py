@@ -16,6 +16,7 @@ from jointgap.identification.nesting import (
     lowest_of_each,
     not_above_its_parts,
     with_effects_absent,
+    without_other_effects,
 )
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
@@ -61,6 +62,21 @@ def test_a_pair_keeps_the_effect_that_was_fitted_and_lacks_the_other():
     assert values["viscous.damping_N_s_m"] == part.mapping["viscous.damping_N_s_m"]
     assert values["spring.stiffness_N_m"] == 0.0
     np.testing.assert_allclose(problem.residual(values, (spring, viscous)), part.residual, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("other", ["spring", "added_mass"])
+def test_of_a_pair_one_effect_leaves_what_it_does_with_the_other_absent_and_all_else_in_place(other):
+    model = toy({"viscous": {"damping_N_s_m": 0.2}, "constant_force": {"force_N": 0.2}}, seed=5)
+    problem, viscous = Problem(model, stated_noise(model)), candidate_of("viscous")
+    pair = fit_hypothesis(problem, (candidate_of(other), viscous), refresh=True)
+    found = without_other_effects(problem, pair, viscous)
+    assert found.hypothesis == (viscous,)
+    kept = {key: value for key, value in pair.mapping.items() if not key.startswith(other)}
+    assert found.mapping == {"slider_mass": 0.5, **kept}
+    np.testing.assert_allclose(problem.residual(found.mapping, (viscous,)), found.residual, rtol=0, atol=1e-3)
+    again = fit_hypothesis(problem, (viscous,), found.mapping, refresh=True)
+    slider_mass = [p.key for p in found.parameters].index("slider_mass")
+    assert found.jacobian[:, slider_mass] == pytest.approx(again.jacobian[:, slider_mass], rel=0.05, abs=1.0)
 
 
 def test_no_fit_of_a_single_effect_ends_above_the_base():

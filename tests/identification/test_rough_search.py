@@ -204,7 +204,7 @@ def fit_at(problem, hypothesis, start):
     )
 
 
-def blind_to_samples(base, monkeypatch, origin=None, candidates=(RINGING,)):
+def blind_to_samples(base, monkeypatch, origin=None, candidates=(RINGING,), others=()):
     """The search where no point of samples' valley is met: fits of samples end where they begin."""
     monkeypatch.setattr(rough_search._Contestant, "reached", lambda self, chi2: False)
     monkeypatch.setattr(
@@ -212,7 +212,7 @@ def blind_to_samples(base, monkeypatch, origin=None, candidates=(RINGING,)):
         "_fitted",
         lambda self, start, known, sufficient: fit_at(base.problem, self.hypothesis, start),
     )
-    return search_rough(base, [origin or base.base], candidates, 0.0, POPULATIONS)
+    return search_rough(base, [origin or base.base], candidates, 0.0, POPULATIONS, others=others)
 
 
 def test_where_samples_are_not_met_the_best_features_are_the_answer_with_an_interval_that_holds_the_truth(monkeypatch):
@@ -265,7 +265,7 @@ def test_points_are_drawn_about_where_a_fit_of_samples_ended_with_what_was_not_s
         rough_search, "drawn_about", lambda elite, *args: drawn.append(list(elite)) or drawn_about(elite, *args)
     )
     monkeypatch.setattr(rough_search._Contestant, "reached", lambda self, chi2: False)
-    monkeypatch.setattr(rough_search._Contestant, "matched", lambda self, features: None)
+    monkeypatch.setattr(rough_search._Contestant, "matched", lambda *args: None)
     monkeypatch.setattr(
         rough_search._Contestant,
         "_fitted",
@@ -321,6 +321,20 @@ def test_features_are_matched_beside_an_effect_whose_fit_comes_from_a_file(monke
     assert found.mapping["ringing.size"] == pytest.approx(0.2, rel=0.1)
 
 
+def test_features_are_asked_beside_each_smooth_effect_that_may_be_there(monkeypatch):
+    base = rough(0.2, 6, other=lambda x, v: -0.5 * v)
+    likely, less = (
+        fit_hypothesis(base.problem, (candidate_of(name),), refresh=True) for name in ("viscous", "quadratic")
+    )
+    one, other = blind_to_samples(base, monkeypatch, likely, others=[less])[-2:]
+    assert (one.status, one.label) == (MATCHED, "viscous + ringing")
+    assert (other.status, other.label) == (MATCHED, "quadratic + ringing")
+    assert {key: other.mapping[key] for key in less.mapping if "." in key} == {
+        key: value for key, value in less.mapping.items() if "." in key
+    }
+    assert other.mapping["ringing.size"] == pytest.approx(0.2, rel=0.1)
+
+
 def test_features_name_what_leads_by_far_and_call_equal_what_does_not(monkeypatch):
     base = rough(0.3, 4)
     problem, noise = base.problem, base.base.residual
@@ -340,12 +354,30 @@ def test_features_decide_only_what_samples_leave_unexplained(monkeypatch):
     base = rough(0.3, 4)
     *_, found = blind_to_samples(base, monkeypatch)
     unexplained = Decision("unexplained", base.base, base.base, best_known=found)
-    assert decided_by_features(unexplained, []) is unexplained
-    assert decided_by_features(replace(unexplained, verdict="ambiguous"), [found]).verdict == "ambiguous"
-    named = decided_by_features(unexplained, [found])
+
+    def never(special, general):
+        return False
+
+    assert decided_by_features(unexplained, [], never) is unexplained
+    assert decided_by_features(replace(unexplained, verdict="ambiguous"), [found], never).verdict == "ambiguous"
+    named = decided_by_features(unexplained, [found], never)
     assert (named.verdict, named.chosen, named.best_known) == ("named", found, None)
-    several = decided_by_features(unexplained, [found, found])
+    several = decided_by_features(unexplained, [found, found], never)
     assert (several.verdict, several.chosen, several.equivalent) == ("ambiguous", base.base, [found, found])
+
+
+def test_of_two_that_features_call_equal_the_special_case_of_the_other_is_named(monkeypatch):
+    base = rough(0.3, 4)
+    *_, found = blind_to_samples(base, monkeypatch)
+    pairs = [
+        replace(found, hypothesis=(candidate_of(name), *found.hypothesis)) for name in ("spring", "constant_force")
+    ]
+    decision = decided_by_features(
+        Decision("unexplained", base.base, base.base),
+        pairs,
+        lambda special, general: (special[0].label, general[0].label) == ("constant_force", "spring"),
+    )
+    assert (decision.verdict, decision.chosen.label) == ("named", "constant_force + ringing")
 
 
 def test_held_out_data_confirm_by_features_what_rings_in_another_phase_and_not_what_is_elsewhere():

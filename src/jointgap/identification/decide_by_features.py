@@ -14,7 +14,7 @@ from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import AMBIGUOUS, NAMED, UNEXPLAINED, Decision
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.nesting import labels_of
-from jointgap.identification.problem import Problem
+from jointgap.identification.problem import Hypothesis, Problem
 
 
 def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matched: Sequence[Fit]) -> list[Fit]:
@@ -75,7 +75,9 @@ def _misfits_of(problem: Problem, base: Fit) -> tuple[CycleFeatures, Callable[[F
     return features, lambda fit: sum(features.misfit(base.residual - fit.residual, run) for run in problem.runs)
 
 
-def decided_by_features(decision: Decision, leaders: Sequence[Fit]) -> Decision:
+def decided_by_features(
+    decision: Decision, leaders: Sequence[Fit], is_special_case: Callable[[Hypothesis, Hypothesis], bool]
+) -> Decision:
     """The decision of samples, or that of features where samples leave ``unexplained`` what is missing.
 
     Parameters
@@ -83,11 +85,14 @@ def decided_by_features(decision: Decision, leaders: Sequence[Fit]) -> Decision:
     decision : Decision
         Of fits to samples.
     leaders : sequence of Fit
-        As of `leaders_by_features`.
+        As of `leaders_by_features`. One that holds a special case of it among them, and more, says nothing beside that.
+    is_special_case : function
+        Whether the first of two hypotheses is a special case of the second.
     """
     if decision.verdict != UNEXPLAINED or not leaders:
         return decision
     led = {fit.label for fit in leaders}
+    leaders = [fit for fit in leaders if not any(is_special_case(one.hypothesis, fit.hypothesis) for one in leaders)]
     decision = replace(decision, ranking=[ranked for ranked in decision.ranking if ranked.fit.label not in led])
     if len(leaders) > 1:
         because = "several explanations meet where in the cycle impacts come and how hard they are equally well"

@@ -299,7 +299,12 @@ def _is_sufficient(fit: Fit, limits: Thresholds) -> bool:
 def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds, until: float) -> list[Fit]:
     """Fits of effects on which motion depends roughly: alone, and beside the best of those that are fitted `alone`."""
     populations, candidates = baseline.problem.settings.rough_search.populations, _searched_candidates(baseline.problem)
-    return search_rough(baseline, _origins(baseline, alone), candidates, limits.omnibus, populations, until)
+    origins = _origins(baseline, alone)
+    here = {labels_of(fit.hypothesis) for fit in origins}
+    others = [
+        fit for fit in lowest_of_each(alone) if _explains_some(baseline, fit) and labels_of(fit.hypothesis) not in here
+    ]
+    return search_rough(baseline, origins, candidates, limits.omnibus, populations, until, others)
 
 
 def _search_alone(baseline: Baseline, limits: Thresholds, until: float = np.inf) -> list[Fit]:
@@ -318,10 +323,16 @@ def _searched_candidates(problem: Problem) -> list[Candidate]:
 
 def _origins(baseline: Baseline, alone: Sequence[Fit]) -> list[Fit]:
     """What effects are searched beside: the base, and the best of those that are fitted `alone` if it explains some."""
-    problem, base = baseline.problem, baseline.base
+    base = baseline.base
     best = min((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.bic, default=base)
+    return [base, best] if _explains_some(baseline, best) else [base]
+
+
+def _explains_some(baseline: Baseline, fit: Fit) -> bool:
+    """Whether a fit explains so much of what the base leaves that its effect may be there beside another."""
+    problem, base = baseline.problem, baseline.base
     share = problem.settings.rough_search.beside_share
-    return [base, best] if base.chi2 - best.chi2 > share * max(base.chi2 - problem.size, 0.0) else [base]
+    return fit.status != FAILED and base.chi2 - fit.chi2 > share * max(base.chi2 - problem.size, 0.0)
 
 
 def _explains(baseline: Baseline, fit: Fit) -> bool:

@@ -26,10 +26,11 @@ from jointgap.identification.nesting import (
     moved,
     not_above_its_parts,
     with_effects_absent,
+    without_other_effects,
 )
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
-from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures
+from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures, is_searched
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.identification.signature_subspaces import SignatureSubspaces, orthonormal
 from jointgap.identification.smoother import fit_via_smoothers, smoothers_of
@@ -206,7 +207,9 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
 def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit]) -> list[Fit]:
     """Fits of the pairs that differ from the best one in one effect, as far as they are not among `fits`.
 
-    One of two effects may stand for another as long as the second is not beside it, and lead to the wrong pair.
+    One of two effects may stand for another as long as the second is not beside it, and lead to the wrong pair. Where
+    motion depends roughly on the effect that is kept, others are sought in the valley of the pair: a fit of it alone
+    ends in another one, and from there none leads back.
     Arguments as in `select_hypothesis`.
     """
     best = min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic, default=None)
@@ -215,16 +218,26 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     problem, differences = baseline.problem, baseline.differences
     done, swapped = {labels_of(fit.hypothesis) for fit in fits}, []
     for kept in best.hypothesis:
-        alone = min((fit for fit in fits if fit.label == kept.label), key=lambda fit: fit.chi2, default=None)
-        if alone is None or alone.status == FAILED:
-            alone = fit_hypothesis(problem, (kept,), _values_without_others(best, kept), differences=differences)
-        if alone.status == FAILED:
-            continue
-        partners = SignatureRegression(signatures.about(alone), alone.hypothesis).singles()
+        in_valley = is_searched(problem, kept)
+        if in_valley:
+            alone = without_other_effects(problem, best, kept)
+        else:
+            alone = min((fit for fit in fits if fit.label == kept.label), key=lambda fit: fit.chi2, default=None)
+            if alone is None or alone.status == FAILED:
+                alone = fit_hypothesis(problem, (kept,), _values_without_others(best, kept), differences=differences)
+            if alone.status == FAILED:
+                continue
+        about = signatures.about(alone)
+        partners = SignatureRegression(about.alone() if in_valley else about, alone.hypothesis).singles()
         for pair in partners[: problem.settings.selection.partners]:
             labels = labels_of(pair.hypothesis)
-            if labels not in done:
-                done.add(labels)
+            if labels in done:
+                continue
+            done.add(labels)
+            if in_valley:
+                start = alone.mapping | pair.start
+                swapped.append(fit_hypothesis(problem, pair.hypothesis, start, differences=differences))
+            else:
                 swapped.append(fit_screened(problem, differences, signatures, pair, alone))
     return swapped
 
@@ -376,7 +389,8 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         fits = [*(ranked.fit for ranked in decision.ranking), *members]
         decision = refit_and_decide(baseline, signatures, fits, limits)
 
-    decision = decided_by_features(decision, by_features)
+    subspaces = SignatureSubspaces(signatures, baseline.problem.settings.screening)
+    decision = decided_by_features(decision, by_features, subspaces.is_special_case)
 
     def stated(fit: Fit) -> Fit:
         return with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)

@@ -8,6 +8,7 @@ by more than its effect accounts for.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.gauss_newton import bounded_step
 from jointgap.identification.problem import Hypothesis, Problem
+from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import is_searched
 
 
@@ -114,6 +116,33 @@ def with_nuisances_of(problem: Problem, fit: Fit, other: Fit) -> dict[str, float
         for name, amplitude in candidate.replaces.items():
             nuisances[name] = nominal[name] + other.mapping[f"{candidate.label}.{amplitude}"]
     return fit.mapping | {key: value for key, value in nuisances.items() if key in fit.mapping}
+
+
+def without_other_effects(problem: Problem, fit: Fit, kept: Candidate) -> Fit:
+    """What one effect of a fit would leave with the others absent, if residuals were linear in their amplitudes there.
+
+    All else is as the fit has it: no minimum of this effect alone.
+
+    Parameters
+    ----------
+    problem : Problem
+    fit : Fit
+    kept : Candidate
+        One of its effects.
+    """
+    columns = {p.key: column for p, column in zip(fit.parameters, fit.jacobian.T, strict=True)}
+    parameters, residual = problem.parameters((kept,)), fit.residual.copy()
+    for candidate in (each for each in fit.hypothesis if each is not kept):
+        replaced = {amplitude: name for name, amplitude in candidate.replaces.items()}
+        for p in candidate.coordinates_in(problem.runs):
+            key = f"{candidate.label}.{p.key}"
+            if p.key in candidate.amplitudes:
+                residual -= columns[key] * fit.mapping[key]
+            if p.key in replaced:
+                columns[replaced[p.key]] = columns[key]
+    values = np.array([fit.mapping.get(p.key, p.nominal) for p in parameters])
+    jacobian = np.column_stack([columns[p.key] for p in parameters])
+    return replace(fit, hypothesis=(kept,), parameters=parameters, values=values, residual=residual, jacobian=jacobian)
 
 
 def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit, sufficient_chi2: float = np.inf) -> Fit:

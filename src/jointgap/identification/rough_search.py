@@ -19,7 +19,7 @@ from jointgap.identification.baseline import Baseline, other_numerics, shared_nu
 from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import reduced_chi2
 from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
-from jointgap.identification.nesting import derivatives_of
+from jointgap.identification.nesting import derivatives_of, labels_of
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import FAST, Candidate, Parameter
 from jointgap.identification.settings import RoughSearchSettings
@@ -252,8 +252,10 @@ class _Contestant:
         enough = sufficient * problem.size
         return fit_hypothesis(problem, self.hypothesis, start, known, differences, sufficient_chi2=enough)
 
-    def matched(self, features: CycleFeatures) -> Fit | None:
+    def matched(self, features: CycleFeatures, other: Fit | None = None) -> Fit | None:
         """The point whose features are best, as a fit to these alone; None where none can be simulated.
+
+        Beside the effects of the `other` fit, where one is given, in place of those of its origin.
 
         Of the best points by the numerics of the search it is the one that is best by the usual numerics, by which the
         features of others are known too: in the demonstration 0.64 became 0.85 for each.
@@ -262,34 +264,39 @@ class _Contestant:
         with sizes spread by what nuisances may change in them that were not searched: these stay as they are at the
         best point.
         """
-        problem = self._baseline.problem
-        parameters = problem.parameters(self.hypothesis)
+        problem, origin = self._baseline.problem, other or self._origin
+        hypothesis = (*origin.hypothesis, self.hypothesis[-1])
+        parameters = problem.parameters(hypothesis)
         misfits = np.array([point.misfit for point in self.points])
         simulated = []
         for place in np.argsort(misfits, kind="stable")[: self._settings.elite]:
             point = self.points[place]
-            at = {p.key: p.nominal for p in parameters} | dict(point.beside) | self._box.values(point.place)
+            beside = other.mapping if other else point.beside
+            at = {p.key: p.nominal for p in parameters} | dict(beside) | self._box.values(point.place)
+            at = {p.key: at[p.key] for p in parameters}
             try:
-                residual = problem.residual(at, self.hypothesis)
+                residual = problem.residual(at, hypothesis)
             except (InputError, SimulationError):
                 continue
             simulated.append((self._misfit(features, residual), at, residual))
         if not simulated:
             return None
         _, values, residual = min(simulated, key=lambda each: each[0])
-        keys = [p.key for p in parameters]
-        jacobian, count = np.zeros((problem.size, len(keys))), self._settings.draws
-        draws = np.tile([values[key] for key in keys], (count, 1))
-        for key, column in derivatives_of(self._origin).items():
-            jacobian[:, keys.index(key)] = column
+        columns = {p.key: number for number, p in enumerate(parameters)}
+        jacobian, count = np.zeros((problem.size, len(columns))), self._settings.draws
+        draws = np.tile([values[key] for key in columns], (count, 1))
+        for key, column in derivatives_of(origin).items():
+            if key in columns:  # else an effect replaces it
+                jacobian[:, columns[key]] = column
         chosen = self._generator.choice(misfits.size, count, p=_likely(misfits, self._settings.elite))
         spread = np.exp(self._settings.size_error * self._generator.standard_normal(count))
         for row, point in enumerate(chosen):
             for key, value in self._box.values(self.points[point].place, spread[row]).items():
-                draws[row, keys.index(key)] = value
-        fitted = np.array([values[key] for key in keys])
+                if key in columns:
+                    draws[row, columns[key]] = value
+        fitted = np.array([values[key] for key in columns])
         return Fit(
-            self.hypothesis, parameters, fitted, residual, jacobian, 0, MATCHED, draws=draws, settings=problem.settings
+            hypothesis, parameters, fitted, residual, jacobian, 0, MATCHED, draws=draws, settings=problem.settings
         )
 
     def _nearby(self, fit: Fit) -> dict[str, float]:
@@ -376,6 +383,7 @@ def search_rough(
     sufficient: float,
     populations: int,
     until: float = np.inf,
+    others: Sequence[Fit] = (),
 ) -> list[Fit]:
     """Fits of candidates on which motion depends roughly, each beside the effects of fits that are there.
 
@@ -393,13 +401,16 @@ def search_rough(
         How often it begins at most, as long as the features are not met.
     until : float
         Once the problem has been simulated more often no further round begins, and the best candidate alone is fitted.
+    others : sequence of Fit
+        Of effects that may be there in place of those of an origin. Which of them it is samples do not tell where they
+        cannot be followed, so the features of candidates are asked beside each.
 
     Returns
     -------
     list of Fit
         One for each candidate whose features are among the best, and for each valley that was reached before. Where
         none of these is sufficient and can be followed, but features are met, one to the features of each candidate
-        that was not dropped.
+        that was not dropped, and beside each of the others.
     """
     problem, fits = baseline.problem, []
     settings, reference = problem.settings.rough_search, origins[-1]
@@ -445,5 +456,8 @@ def search_rough(
                 if ends(fits[-1]):
                     return fits
     if min((one.least for one in contestants), default=np.inf) < settings.matched_misfit * features.size:
-        fits += [fit for one in contestants if one.least < np.inf and (fit := one.matched(features)) is not None]
+        for one in (one for one in contestants if one.least < np.inf):
+            beside = [other for other in others if one.hypothesis[-1].label not in labels_of(other.hypothesis)]
+            beside = [None, *beside] if len(one.hypothesis) > 1 else [None]
+            fits += [fit for other in beside if (fit := one.matched(features, other)) is not None]
     return fits

@@ -107,6 +107,10 @@ class Signatures:
         ]
         return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, others, self.failed)
 
+    def alone(self) -> "Signatures":
+        """The same with nothing beside them that could move."""
+        return replace(self, parameters=(), values=self.values[:0], jacobian=self.jacobian[:, :0])
+
     def of(self, label: str) -> list[Signature]:
         """All signatures of one candidate."""
         return [signature for signature in self.entries if signature.candidate.label == label]
