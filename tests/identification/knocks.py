@@ -7,10 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointgap.identification.protocol import Effects, Parameter, Series
+from jointgap.identification.protocol import Candidate, Effects, Parameter, Series
 from tests.identification.toy import Toy, coloured, toy
 
 CLEARANCE = Parameter("clearance", 1.0, 0.9, 1.1, 0.005, "mm")
+LOOSER = Candidate(
+    "looser",
+    "slider",
+    (Parameter("change_mm", 0.0, -0.95, 5.0, 0.05),),
+    ("change_mm",),
+    is_perturbation=True,
+    replaces={"clearance": "change_mm"},
+    search_range=(-0.5, 2.0),
+)
+"""Not among the candidates of the toy with knocks: another clearance than the nuisance's range allows."""
+
 WIDTH = 0.02  # rad
 BLOW = 3.0  # times the acceleration's own standard deviation
 LATER = 4.0  # rad per mm: over the range of the clearance, blows move by 46 deg
@@ -25,9 +36,10 @@ class Knocking(Toy):
         self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
     ) -> Mapping[str, np.ndarray]:
         """What the sensors read."""
-        read = dict(super().simulate(run, values, effects, numerics))
+        others = [(one, at) for one, at in effects if one is not LOOSER]
+        read = dict(super().simulate(run, values, others, numerics))
         angle = next(series for series in self.series if series.run == run).angle
-        late = LATER * (values["clearance"] - 1.0)
+        late = LATER * (values["clearance"] - 1.0 + sum(at["change_mm"] for one, at in effects if one is LOOSER))
         late += BY_SPRING * sum(at["stiffness_N_m"] for one, at in effects if one.name == "spring")
         for place, sign in ((1.0, 1.0), (2.5, -1.0), (4.5, 1.0)):
             off = np.angle(np.exp(1j * (angle - place - late)))

@@ -14,6 +14,7 @@ from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import thresholds
+from tests.identification.knocks import LOOSER, knocking
 from tests.identification.toy import candidate_of, stated_noise, toy
 
 
@@ -126,6 +127,18 @@ def test_a_joint_is_searched_beside_an_effect_that_explains_a_tenth_of_the_misfi
     best = fit_of(base, "coulomb", chi2=1.0 + left * 29.0)
     alone = [fit_of(base, "spring", chi2=29.9), best, fit_of(base, "viscous", chi2=2.0, status=FAILED)]
     assert hypothesis_fits._origins(base, alone) == ([base.base, best] if is_beside else [base.base])
+
+
+def test_a_clearance_that_has_grown_by_half_is_found_from_points_where_its_fit_from_the_base_is_lost():
+    model = knocking(clearance=1.5, seed=2)
+    base = recalibrate(model := replace(model, candidates=(*model.candidates, LOOSER)), stated_noise(model))
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    lost = fit_hypothesis(base.problem, (LOOSER,), base.base.mapping, differences=base.differences)
+    found, _ = fit_pairs(base, signatures, limits, [lost])
+    looser = next(fit for fit in found if fit.label == "looser")
+    assert looser.chi2 < 1.1 * base.problem.size < 0.5 * lost.chi2
+    assert looser.mapping["looser.change_mm"] == pytest.approx(0.5, rel=0.01)
 
 
 def test_a_search_over_statistics_simulates_fewer_runs_for_each_takes_longer():

@@ -16,6 +16,7 @@ from jointgap.identification.fit import MATCHED, STOPPED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem, label_of
 from jointgap.identification.protocol import FAST
 from jointgap.identification.rough_search import leaves_rough_motion, search_rough
+from tests.identification.knocks import LOOSER, knocking
 from tests.identification.toy import CANDIDATES, RINGING, candidate_of, ringing, stated_noise, toy
 
 POPULATIONS = 2
@@ -309,6 +310,16 @@ def test_a_search_that_begins_anew_draws_points_in_the_nuisances_that_runs_share
         base.problem.model, stated_noise(base.problem.model), settings=replace(base.problem.settings, rough_search=few)
     )
     assert rough_search.searched_nuisances(problem, (RINGING,)) == []
+
+
+def test_of_a_known_quantity_what_is_left_of_it_is_searched_evenly_in_its_logarithm():
+    problem = Problem(model := knocking(), stated_noise(model))
+    box = rough_search.Box(LOOSER, problem.parameters((LOOSER,)))
+    low, middle, high = (box.values(np.array([place]))["looser.change_mm"] + 0.95 for place in (0.0, 0.5, 1.0))
+    assert (low, high) == (pytest.approx(0.45), pytest.approx(2.95))
+    assert middle == pytest.approx(np.sqrt(low * high))
+    assert box.place({"looser.change_mm": middle - 0.95}) == pytest.approx([0.5])
+    assert box.values(np.array([0.5]), 1.1)["looser.change_mm"] + 0.95 == pytest.approx(1.1 * middle)
 
 
 def test_features_are_matched_beside_an_effect_whose_fit_comes_from_a_file(monkeypatch):

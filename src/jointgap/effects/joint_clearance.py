@@ -30,6 +30,9 @@ _FIRST_CLEARANCES = (2e-5, 1e-4)
 _CLEARANCES = (2e-6, 2e-3)
 """[m] of a joint that was ideal, between which it is searched: from a fit's play to a rattle."""
 
+_LOOSER = (0.5, 3.0)
+"""[1, of the nominal clearance] of a loose joint, between which it is searched: what a gauge misread, and long wear."""
+
 RESTITUTIONS, FRICTIONS = (0.3, 0.9), (0.0, 0.3)
 """What the contact of a joint may have that was taken as ideal: nobody measured it. Steel on bronze or steel, dry to
 greased."""
@@ -111,6 +114,7 @@ class Clearance(Effect):
             amplitude("change_m", 0.05 * nominal, "m", -0.95 * nominal, longest),
             parameters=lambda values: {"clearance_m": nominal + values["change_m"]},
             is_perturbation=True,
+            search_range=tuple(min((part - 1.0) * nominal, longest) for part in _LOOSER),
             # the nuisance of a pin's clearance has the effect's name
             replaces=context.replaced({cls.NAME: "change_m"}),
         )

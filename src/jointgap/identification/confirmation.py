@@ -14,7 +14,7 @@ from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.fit import MATCHED, Fit, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Model
-from jointgap.identification.screening import is_searched
+from jointgap.identification.screening import can_be_searched
 from jointgap.identification.settings import DEFAULT_SETTINGS, ConfirmationSettings, IdentificationSettings
 from jointgap.identification.whitening import Noise
 
@@ -253,7 +253,7 @@ def confirm(
             remarks[run] = str(error)
             frame = _compared(problem, before).assign(augmented=np.nan, whitened_augmented=np.nan)
         else:
-            if any(is_searched(problem, candidate) for candidate in named.hypothesis):
+            if any(can_be_searched(problem, candidate) for candidate in named.hypothesis):
                 features["confirm", run] = _misfits_of_features(problem, frame)[run]
         frames.append(frame.assign(role="confirm"))
     residuals = pd.concat(frames, ignore_index=True)

@@ -29,7 +29,7 @@ from jointgap.identification.rough_search import (
     search_rough,
 )
 from jointgap.identification.scattered_starts import fit_from_scattered_starts
-from jointgap.identification.screening import LinearizedFit, Signatures, is_searched
+from jointgap.identification.screening import LinearizedFit, Signatures, can_be_searched, is_searched
 from jointgap.identification.smoother import smoothers_of
 from jointgap.identification.thresholds import Thresholds
 from jointgap.progress import followed
@@ -75,13 +75,13 @@ def fit_pairs(
     One effect on which motion depends roughly may do what two others do together: where a pair is worth a fit the first
     part searches these too.
 
-    Where no single effect is sufficient the first part searches for one, or for a pair, the cheapest way first: from
-    scattered starts, where chi2 has valleys; from the nuisances of the best one; pairs on samples, where these can be
-    followed; if no law of a family is sufficient, effects on which motion depends roughly, if what is left is rough; by
-    smoothed residuals.
-    Scattered starts and these last two are not tried on doubted data, which would lead anywhere. No step of it begins
-    once it has simulated as many runs as the settings say, those of scattered starts apart. How far each one goes
-    depends on all others, so it is not shared out. Single effects that it finds are among the fits then.
+    Where no single effect is sufficient the first part searches for one, or for a pair, the cheapest way first: changes
+    of something on which motion depends roughly, such as a clearance; from scattered starts, where chi2 has valleys;
+    from the nuisances of the best one; pairs on samples, where these can be followed; if no law of a family is
+    sufficient, effects on which motion depends roughly, if what is left is rough; by smoothed residuals.
+    The first two and the last two are not tried on doubted data, which would lead anywhere. No step of it begins once
+    it has simulated as many runs as the settings say, the first two apart. How far each one goes depends on all others,
+    so it is not shared out. Single effects that it finds are among the fits then.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def fit_pairs(
     fits, seconds = _fit_each(baseline, signatures, pairs[part::parts], limits, alone)
     if pairs and part == 0:
         begin = time.monotonic()
-        searched = _search_alone(baseline, limits)
+        searched = _search_alone(baseline, _searched_candidates(baseline.problem), limits)
         share = (time.monotonic() - begin) / max(len(searched), 1)
         fits, seconds = [*fits, *searched], [*seconds, *[share] * len(searched)]
     return fits, seconds
@@ -132,9 +132,10 @@ def _search(
     # steps as nobody else left them: the result must not depend on what else ran in this process
     start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
-    before = baseline.problem.simulations
-    fits = [] if doubted else _from_scattered_starts(baseline, alone, limits)
-    until += baseline.problem.simulations - before  # these are few and bounded
+    before, candidates = baseline.problem.simulations, _searched_candidates(baseline.problem)
+    fits = [] if doubted else _search_changes(baseline, limits, until)
+    fits += [] if doubted else _from_scattered_starts(baseline, [*alone, *fits], limits)
+    until += baseline.problem.simulations - before  # what these simulate is bounded
     fits += _from_nuisances_of_best(baseline, [*alone, *fits], limits, until)
     singles, leaders = [*alone, *fits], []
     if _insufficient(baseline, singles, limits):
@@ -143,7 +144,10 @@ def _search(
         pairs = search_pairs(baseline, singles, limits, (), until) if pairs_first else []
         if sufficient := [fit for fit in pairs if _is_sufficient(fit, limits)]:
             best = min(sufficient, key=lambda fit: fit.chi2)
-            found = [*_moved(baseline, singles, best, limits, until), *_search_alone(baseline, limits, until)]
+            found = [
+                *_moved(baseline, singles, best, limits, until),
+                *_search_alone(baseline, candidates, limits, until),
+            ]
         elif doubted:
             found = []
         elif is_law_of_family(baseline, singles, pairs, limits):
@@ -156,7 +160,7 @@ def _search(
     chosen = [each for each in _pairs_of_best(baseline, signatures, limits, singles) if _labels(each) not in done]
     fits += _fit_each(baseline, signatures, chosen, limits, singles)[0]
     if chosen and not any(is_searched(baseline.problem, one) for fit in fits for one in fit.hypothesis):
-        fits += _search_alone(baseline, limits, until)
+        fits += _search_alone(baseline, candidates, limits, until)
     best = lowest_of_each(fits)
     parts = [baseline.base, *singles, *best]
     sufficient = min((fit.chi2 for fit in parts if _is_sufficient(fit, limits)), default=np.inf)
@@ -195,7 +199,7 @@ def _search_far(
         found = search_singles(baseline, limits, until)
         fits, singles = [*fits, *found], [*singles, *found]
     if not is_rough and goes_on():
-        found = _search_alone(baseline, limits, until)
+        found = _search_alone(baseline, candidates, limits, until)
         fits, singles = [*fits, *found], [*singles, *found]
     smoothers = smoothers_of(baseline.problem)
     if (smoothers or baseline.problem.has_statistics) and goes_on():
@@ -307,18 +311,29 @@ def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds, 
     return search_rough(baseline, origins, candidates, limits.omnibus, populations, until, others)
 
 
-def _search_alone(baseline: Baseline, limits: Thresholds, until: float = np.inf) -> list[Fit]:
-    """The best fit to samples of each effect on which motion depends roughly, alone: where nothing rings, or something
-    else explains the data, one population is enough.
+def _search_alone(
+    baseline: Baseline, candidates: Sequence[Candidate], limits: Thresholds, until: float = np.inf
+) -> list[Fit]:
+    """The best fit to samples of each of some effects on which motion depends roughly, alone: where nothing rings, or
+    something else explains the data, one population is enough.
     """
     populations = baseline.problem.settings.rough_search.populations_alone
-    candidates = _searched_candidates(baseline.problem)
     found = search_rough(baseline, [baseline.base], candidates, limits.omnibus, populations, until)
     return lowest_of_each(fit for fit in found if fit.status != MATCHED)
 
 
+def _search_changes(baseline: Baseline, limits: Thresholds, until: float) -> list[Fit]:
+    """The best fit to samples of each change of something on which motion depends roughly, such as a clearance.
+
+    A fit from the base ends in a valley beside it, and what it gains says little of the change; some dozens of points
+    cost less than that fit.
+    """
+    changes = [candidate for candidate in _searched_candidates(baseline.problem) if candidate.is_perturbation]
+    return _search_alone(baseline, changes, limits, until) if changes else []
+
+
 def _searched_candidates(problem: Problem) -> list[Candidate]:
-    return [candidate for candidate in problem.model.candidates if is_searched(problem, candidate)]
+    return [candidate for candidate in problem.model.candidates if can_be_searched(problem, candidate)]
 
 
 def _origins(baseline: Baseline, alone: Sequence[Fit]) -> list[Fit]:

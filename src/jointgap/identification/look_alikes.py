@@ -101,7 +101,7 @@ class _Rehearsal:
         self._planned = np.array([channel in channels for channel in self._channels])
         self._generator = np.random.default_rng(settings.rough_search.seed)
         self._noise = self._generator.standard_normal(self._problem.size)
-        searched = [candidate for candidate in model.candidates if candidate.search_range]
+        searched = [one for one in model.candidates if one.search_range and not one.is_perturbation]
         if len(searched) < 2 or self._problem.has_statistics:
             searched = []
         self.truths = [truth for candidate in searched for truth in self._truths_of(candidate)]

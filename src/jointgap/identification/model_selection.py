@@ -30,7 +30,7 @@ from jointgap.identification.nesting import (
 )
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
-from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures, is_searched
+from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures, can_be_searched
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.identification.signature_subspaces import SignatureSubspaces, orthonormal
 from jointgap.identification.smoother import fit_via_smoothers, smoothers_of
@@ -218,7 +218,7 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     problem, differences = baseline.problem, baseline.differences
     done, swapped = {labels_of(fit.hypothesis) for fit in fits}, []
     for kept in best.hypothesis:
-        in_valley = is_searched(problem, kept)
+        in_valley = can_be_searched(problem, kept)
         if in_valley:
             alone = without_other_effects(problem, best, kept)
         else:

@@ -92,7 +92,8 @@ class Candidate:
         nothing is left of that: small changes then say little of large ones. Both bounds are finite.
     search_range : tuple of two floats
         Of an effect with one amplitude on which the motion depends so roughly that a fit converges from near by alone:
-        between which values it is searched, evenly in its logarithm; () of others.
+        between which values it is searched, evenly in its logarithm; () of others. Of the perturbation of a known
+        quantity evenly in the logarithm of what is left of that.
     families : tuple of LawFamily
         Laws of which the effect is one shape.
     """
@@ -115,10 +116,11 @@ class Candidate:
         """Refuse finite amplitudes that nothing could be derived from."""
         finite = [*self.search_range]
         finite += [guess[key] for guess in self.initial_guesses for key in self.amplitudes if key in guess]
-        if finite and (len(self.amplitudes) > 1 or 0.0 in finite or min(self.search_range, default=1.0) < 0.0):
+        least = min(self.search_range, default=np.inf)
+        if finite and (len(self.amplitudes) > 1 or 0.0 in finite or least <= self.nothing):
             raise ValueError(
                 f"{self.name}: initial_guesses and search_range hold values of a single amplitude, none of them 0, "
-                f"those of a search_range above 0; got {finite}"
+                f"those of a search_range above {self.nothing:g}; got {finite}"
             )
         if self.is_perturbation and not all(
             np.isfinite((p.low, p.high)).all() for p in self.coordinates if p.name in self.amplitudes
@@ -129,6 +131,13 @@ class Candidate:
     def label(self) -> str:
         """``name``, or ``name:site`` where there is a choice; unique among a model's candidates."""
         return f"{self.name}:{self.site}" if self.has_site else self.name
+
+    @property
+    def nothing(self) -> float:
+        """Where the first amplitude [SI] leaves nothing of what it changes: at 0, but for a perturbation."""
+        if not self.is_perturbation:
+            return 0.0
+        return next(p.low for p in self.coordinates if p.key == self.amplitudes[0])
 
     def coordinates_in(self, runs: Sequence[str]) -> tuple[Parameter, ...]:
         """The coordinates that matter to `runs`."""

@@ -54,8 +54,9 @@ class Box:
         own = [*(p for p in own if p.key == key or np.isfinite(p.high - p.low)), *nuisances]
         self._keys = [p.key for p in own]
         self._searched_later = np.array([p in nuisances for p in own])
-        self._logarithmic = np.array([p.key == key for p in own])
-        ends = np.array([np.log(candidate.search_range) if p.key == key else (p.low, p.high) for p in own])
+        self._logarithmic, self._nothing = np.array([p.key == key for p in own]), candidate.nothing
+        amplitudes = np.log(np.subtract(candidate.search_range, self._nothing))
+        ends = np.array([amplitudes if p.key == key else (p.low, p.high) for p in own])
         self._low, self._width = ends[:, 0], ends[:, 1] - ends[:, 0]
 
     def spread(
@@ -88,12 +89,13 @@ class Box:
         factor : float
         """
         plain = self._low + self._width * place
-        return dict(zip(self._keys, np.where(self._logarithmic, factor * np.exp(plain), plain).tolist(), strict=True))
+        sizes = self._nothing + factor * np.exp(plain)
+        return dict(zip(self._keys, np.where(self._logarithmic, sizes, plain).tolist(), strict=True))
 
     def place(self, values: Mapping[str, float]) -> np.ndarray:
         """Of values by key [SI], on the edge where they are beyond."""
         plain = np.array([values[key] for key in self._keys])
-        plain = np.where(self._logarithmic, np.log(np.maximum(plain, 1e-300)), plain)
+        plain = np.where(self._logarithmic, np.log(np.maximum(plain - self._nothing, 1e-300)), plain)
         return np.clip((plain - self._low) / self._width, 0.0, 1.0)
 
 

@@ -201,11 +201,17 @@ def simulate_signatures(
     return Signatures(base.parameters, base.values, base.jacobian, base.residual, finite, failed)
 
 
-def is_searched(problem: Problem, candidate: Candidate) -> bool:
-    """Whether a `candidate` is searched by features of the cycle: the motion depends on it roughly, and the `problem`
-    compares samples; statistics over cycles are smooth.
+def can_be_searched(problem: Problem, candidate: Candidate) -> bool:
+    """Whether a `candidate` can be searched by features of the cycle: the motion depends on it roughly, and the
+    `problem` compares samples; statistics over cycles are smooth.
     """
     return bool(candidate.search_range) and not problem.has_statistics
+
+
+def is_searched(problem: Problem, candidate: Candidate) -> bool:
+    """Whether nothing but that search leads to a `candidate`: small changes of what is there are told by derivatives
+    too."""
+    return can_be_searched(problem, candidate) and not candidate.is_perturbation
 
 
 def _initial_shapes(
