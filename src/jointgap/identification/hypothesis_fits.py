@@ -312,13 +312,19 @@ def _search_rough(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds, 
 
 
 def _search_alone(
-    baseline: Baseline, candidates: Sequence[Candidate], limits: Thresholds, until: float = np.inf
+    baseline: Baseline,
+    candidates: Sequence[Candidate],
+    limits: Thresholds,
+    until: float = np.inf,
+    least_share: float | None = None,
 ) -> list[Fit]:
     """The best fit to samples of each of some effects on which motion depends roughly, alone: where nothing rings, or
     something else explains the data, one population is enough.
     """
     populations = baseline.problem.settings.rough_search.populations_alone
-    found = search_rough(baseline, [baseline.base], candidates, limits.omnibus, populations, until)
+    found = search_rough(
+        baseline, [baseline.base], candidates, limits.omnibus, populations, until, least_share=least_share
+    )
     return lowest_of_each(fit for fit in found if fit.status != MATCHED)
 
 
@@ -329,7 +335,8 @@ def _search_changes(baseline: Baseline, limits: Thresholds, until: float) -> lis
     cost less than that fit.
     """
     changes = [candidate for candidate in _searched_candidates(baseline.problem) if candidate.is_perturbation]
-    return _search_alone(baseline, changes, limits, until) if changes else []
+    least_share = baseline.problem.settings.rough_search.least_share_of_changes
+    return _search_alone(baseline, changes, limits, until, least_share) if changes else []
 
 
 def _searched_candidates(problem: Problem) -> list[Candidate]:

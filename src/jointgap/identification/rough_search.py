@@ -386,6 +386,7 @@ def search_rough(
     populations: int,
     until: float = np.inf,
     others: Sequence[Fit] = (),
+    least_share: float | None = None,
 ) -> list[Fit]:
     """Fits of candidates on which motion depends roughly, each beside the effects of fits that are there.
 
@@ -406,6 +407,9 @@ def search_rough(
     others : sequence of Fit
         Of effects that may be there in place of those of an origin. Which of them it is samples do not tell where they
         cannot be followed, so the features of candidates are asked beside each.
+    least_share : float, optional
+        [1] Of the misfit of the features, what the first points of one candidate at least have to explain for a search
+        to go on; the settings' by default.
 
     Returns
     -------
@@ -424,7 +428,7 @@ def search_rough(
         for number, candidate in enumerate(candidates)
         if all(candidate.label != effect.label for effect in origin.hypothesis)
     ]
-    most_misfit = (1.0 - settings.least_explained_share) * absent
+    most_misfit = (1.0 - (least_share or settings.least_explained_share)) * absent
 
     def ends(fit: Fit) -> bool:
         return reduced_chi2(fit) <= sufficient and can_be_followed(problem, fit)

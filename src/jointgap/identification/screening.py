@@ -209,8 +209,8 @@ def can_be_searched(problem: Problem, candidate: Candidate) -> bool:
 
 
 def is_searched(problem: Problem, candidate: Candidate) -> bool:
-    """Whether nothing but that search leads to a `candidate`: small changes of what is there are told by derivatives
-    too."""
+    """Whether nothing but that search leads to a `candidate` of a `problem`: small changes of what is there are told by
+    derivatives too."""
     return can_be_searched(problem, candidate) and not candidate.is_perturbation
 
 
