@@ -37,8 +37,8 @@ class _Scatter:
         """Of what a regression leaves of realisations (members, n)."""
         _, singular_values, right = np.linalg.svd(left, full_matrices=False)
         variances = singular_values**2 / degrees_of_freedom
-        loud = variances > settings.least_variance
-        return cls(right[loud].T, variances[loud])
+        counted = variances > settings.least_variance
+        return cls(right[counted].T, variances[counted])
 
     def whiten(self, values: np.ndarray) -> np.ndarray:
         """Values (n,) or (n, k) that are whitened for noise, for noise and scatter."""

@@ -369,12 +369,12 @@ def depends_roughly(problem: Problem, fit: Fit) -> bool:
     settings = problem.settings.rough_search
     shared = (column for p, column in zip(fit.parameters, fit.jacobian.T, strict=True) if p.run is None)
     # features count what is beyond noise, so a change has to be far above it
-    loud = (
-        settings.loud_change * np.sqrt(problem.size) * column / np.linalg.norm(column)
+    enlarged = (
+        settings.enlarged_change * np.sqrt(problem.size) * column / np.linalg.norm(column)
         for column in shared
         if column.any()
     )
-    ringing = (CycleFeatures(problem, column).rough_share for column in loud)
+    ringing = (CycleFeatures(problem, column).rough_share for column in enlarged)
     return max(ringing, default=0.0) > settings.min_rough_share
 
 

@@ -251,7 +251,7 @@ class RoughSearchSettings:
         [1, of the energy beyond noise] What has to ring within a bin of the cycle: of a residual, for such an effect to
         be searched; of what small changes of a nuisance do, for scattered starts. Of the roughest of these it was 0.86
         to 0.99 in seven rigs with loose joints, and 0.00 in three with ideal ones.
-    loud_change : float
+    enlarged_change : float
         [1, of noise] How large these changes are made before it is asked whether they ring.
     first_points_log2 : int
         Logarithm to base 2 of how many points of a Sobol sequence are simulated first: 64 in five dimensions.
@@ -320,7 +320,7 @@ class RoughSearchSettings:
     """
 
     min_rough_share: float = 0.3
-    loud_change: float = 10.0
+    enlarged_change: float = 10.0
     first_points_log2: int = 6
     max_nuisances: int = 4
     rounds: int = 8
@@ -824,18 +824,20 @@ class EnsembleSettings:
         [1, of the variance of each parameter] What the last ensemble moved the minimum by, squared, for it to be the
         last: the errors count it.
     reach : float
-        [1, of the ensemble's standard deviation] How far from the ensemble's mean its minimum is sought.
+        [1, of the ensemble's standard deviation] How far from the ensemble's mean its minimum is sought: few members
+        lie farther out, and slopes say nothing of what is there.
     least_variance : float
         [1, of the variance of noise] Of a mode of the scatter that counts: what is quieter cannot be told from
         independent noise.
     draws : int
-        Of the parameters, for intervals.
+        Of the parameters, for intervals: ten of them lie beyond either end of one of 99 %.
     realisations : int
         Whose mean is what a fit leaves: the scatter of chi2 falls to a third.
     passes : int
-        Regressions one after the other at most, of the base.
+        Regressions one after the other at most, of the base (experience).
     marked_fall : float
-        [1, of chi2] By which one has to have lowered it for another.
+        [1, of chi2] By which one has to have lowered it for another: it then ended far from where slopes were taken
+        (experience).
     leading : int
         Explanations that are regressed before one is chosen, at most: each takes some 300 simulations of all runs.
     leading_share : float
