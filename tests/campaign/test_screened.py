@@ -56,7 +56,7 @@ def test_an_effect_that_is_searched_by_features_is_none_that_derivatives_recomme
     limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
     tables = signatures_to_frames(signatures) | {"screened": screened_frame(signatures, [])}
     read = signatures_from_frames(tables, base)
-    assert {one.candidate.label for one in read.entries if one.is_searched} == {"ringing"}
+    assert {one.candidate.label for one in read.entries if one.only_searched} == {"ringing"}
     assert [one.label for one in shortlist_singles(read, limits)] == [
         one.label for one in shortlist_singles(signatures, limits)
     ]

@@ -8,8 +8,9 @@ import pytest
 
 from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import other_numerics, recalibrate
-from jointgap.identification.fit import CONVERGED, FAILED, STOPPED, fit_hypothesis
+from jointgap.identification.fit import CONVERGED, FAILED, MATCHED, STOPPED, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs
+from jointgap.identification.nesting import labels_of
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
@@ -129,7 +130,50 @@ def test_a_joint_is_searched_beside_an_effect_that_explains_a_tenth_of_the_misfi
     assert hypothesis_fits._origins(base, alone) == ([base.base, best] if is_beside else [base.base])
 
 
-def test_a_clearance_that_has_grown_by_half_is_found_from_points_where_its_fit_from_the_base_is_lost():
+def changed_clearance(least_share):
+    """A baseline of knocks by a clearance that has grown by half; what the first points have to explain is given."""
+    model = knocking(clearance=1.5, seed=2)
+    model = replace(model, candidates=(*model.candidates, LOOSER))
+    settings = replace(DEFAULT_SETTINGS.rough_search, least_share_of_changes=least_share)
+    return recalibrate(model, stated_noise(model), replace(DEFAULT_SETTINGS, rough_search=settings))
+
+
+def test_changes_of_what_motion_depends_on_roughly_are_searched_if_the_first_points_explain_enough():
+    base = changed_clearance(0.2)
+    limits = SimpleNamespace(omnibus=1.1)
+    (found,) = hypothesis_fits._search_changes(base, limits, np.inf)
+    assert found.label == "looser" and found.chi2 < 1.1 * base.problem.size
+    assert found.mapping["looser.change_mm"] == pytest.approx(0.5, rel=0.01)
+    base = changed_clearance(0.9)
+    before = base.problem.simulations
+    assert hypothesis_fits._search_changes(base, limits, np.inf) == []
+    assert (
+        base.problem.simulations - before <= len(base.problem.runs) * 2**DEFAULT_SETTINGS.rough_search.first_points_log2
+    )
+
+
+@pytest.mark.parametrize("doubted", [True, False])
+def test_changes_are_searched_before_scattered_starts_but_not_of_doubted_data(analysed, monkeypatch, doubted):
+    base, signatures, limits = analysed
+    order = []
+    monkeypatch.setattr(hypothesis_fits, "_search_changes", lambda *args: order.append("changes") or [])
+    monkeypatch.setattr(hypothesis_fits, "_from_scattered_starts", lambda *args: order.append("scattered") or [])
+    monkeypatch.setattr(hypothesis_fits, "_search_far", lambda *args: ([], []))
+    fit_pairs(base, signatures, limits, [fit_of(base, "spring", chi2=6.0)], doubted=doubted)
+    assert order == ([] if doubted else ["changes", "scattered"])
+
+
+def test_what_features_lead_to_stands_for_what_samples_made_of_the_same_effects(analysed, monkeypatch):
+    base, signatures, limits = analysed
+    matched = fit_of(base, "spring", "coulomb", chi2=5.0, status=MATCHED)
+    monkeypatch.setattr(hypothesis_fits, "search_pairs", lambda *args: [fit_of(base, "coulomb", "spring", chi2=4.0)])
+    monkeypatch.setattr(hypothesis_fits, "_search_far", lambda *args: ([], [matched]))
+    found, seconds = fit_pairs(base, signatures, limits, [fit_of(base, "quadratic", chi2=6.0)])
+    assert [fit.status for fit in found if labels_of(fit.hypothesis) == {"spring", "coulomb"}] == [MATCHED]
+    assert len(found) == len(seconds)
+
+
+def test_a_clearance_that_has_grown_by_half_is_found_where_its_fit_from_the_base_is_lost():
     model = knocking(clearance=1.5, seed=2)
     base = recalibrate(model := replace(model, candidates=(*model.candidates, LOOSER)), stated_noise(model))
     signatures = simulate_signatures(base.problem, base.base, base.differences)
@@ -149,8 +193,18 @@ def test_a_search_over_statistics_simulates_fewer_runs_for_each_takes_longer():
         assert hypothesis_fits._max_simulations(Problem(one, stated_noise(one))) == most
 
 
-@pytest.mark.parametrize(("statistic", "order"), [(False, ["pairs", "singles", "pairs"]), (True, ["singles", "pairs"])])
-def test_pairs_come_first_beside_what_explains_half_but_last_where_motion_never_repeats(monkeypatch, statistic, order):
+@pytest.mark.parametrize(
+    ("statistic", "doubted", "order"),
+    [
+        (False, False, ["pairs", "singles", "pairs"]),
+        (True, False, ["singles", "pairs"]),
+        (False, True, ["pairs"]),
+        (True, True, ["pairs"]),
+    ],
+)
+def test_pairs_come_first_beside_what_explains_half_but_last_where_motion_never_repeats_unless_data_are_doubted(
+    monkeypatch, statistic, doubted, order
+):
     model = toy({"viscous": {"damping_N_s_m": 0.8}}, seed=3)
     model = replace(model, series=tuple(replace(one, statistic=statistic) for one in model.series))
     base = recalibrate(model, stated_noise(model))
@@ -160,7 +214,7 @@ def test_pairs_come_first_beside_what_explains_half_but_last_where_motion_never_
         monkeypatch.setattr(hypothesis_fits, f"search_{name}", lambda *args, name=name: searched.append(name) or [])
     monkeypatch.setattr(hypothesis_fits, "is_law_of_family", lambda *args: False)
     half = fit_of(base, "spring", chi2=0.3 * base.base.chi2 / base.problem.size, status=CONVERGED)
-    fit_pairs(base, signatures, limits, [half])
+    fit_pairs(base, signatures, limits, [half], doubted=doubted)
     assert searched == order
 
 

@@ -49,7 +49,7 @@ def signatures(rest, gains, searched=()):
     found = []
     for place in range(len(gains)):
         column = unit[:, [place + 1]]
-        found.append(Signature(effect(f"e{place}"), {}, column, residual, ("slow",), is_searched=place in searched))
+        found.append(Signature(effect(f"e{place}"), {}, column, residual, ("slow",), only_searched=place in searched))
     return Signatures((Parameter("mass", 1.0),), np.array([1.0]), unit[:, :1], residual, found, {})
 
 
@@ -211,6 +211,20 @@ def test_beside_what_rings_another_effect_is_sought_in_the_valley_of_the_pair():
     lost = replace(fit_hypothesis(base.problem, (RINGING,), {"ringing.size": 0.5}), status="stopped")
     swapped = {fit.label: fit for fit in swap_one_effect(base, signatures, [lost, pair])}
     assert swapped["ringing + viscous"].chi2 < 1.1 * base.problem.size < pair.chi2
+
+
+def test_in_the_valley_of_a_pair_an_effect_may_take_a_nuisance_beyond_its_range():
+    model = toy(nuisances={"slider_mass": 0.56}, hidden=lambda x, v, angle, time: ringing(0.31, angle), seed=6)
+    model = replace(model, candidates=(*model.candidates, RINGING))
+    base = recalibrate(model, stated_noise(model))
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    start = {"ringing.size": 0.31}
+    pair = fit_hypothesis(base.problem, (candidate_of("centrifugal"), RINGING), start, refresh=True)
+    heavier = next(fit for fit in swap_one_effect(base, signatures, [pair]) if fit.label == "ringing + added_mass")
+    assert heavier.mapping["added_mass.mass_kg"] == pytest.approx(0.06, abs=0.002)
+    again = base.problem.residual(heavier.mapping, heavier.hypothesis)
+    np.testing.assert_allclose(again, heavier.residual, rtol=0, atol=1e-9)
+    assert heavier.chi2 < 1.1 * base.problem.size < pair.chi2
 
 
 def test_nothing_is_swapped_where_no_pair_is_best():

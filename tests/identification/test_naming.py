@@ -339,9 +339,9 @@ def test_before_a_pair_is_named_one_effect_on_which_motion_depends_roughly_is_tr
     """It may do alone, and better, what two smooth effects do together."""
     tried, search = [], hypothesis_fits.search_rough
 
-    def recorded(baseline, origins, candidates, *rest):
+    def recorded(baseline, origins, candidates, *rest, **more):
         tried.extend((origin.label, [candidate.label for candidate in candidates]) for origin in origins)
-        return search(baseline, origins, candidates, *rest)
+        return search(baseline, origins, candidates, *rest, **more)
 
     monkeypatch.setattr(hypothesis_fits, "search_rough", recorded)
     decision, _ = named(hidden, more=[RINGING], seed=3)

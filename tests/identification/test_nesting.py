@@ -79,6 +79,14 @@ def test_of_a_pair_one_effect_leaves_what_it_does_with_the_other_absent_and_all_
     assert found.jacobian[:, slider_mass] == pytest.approx(again.jacobian[:, slider_mass], rel=0.05, abs=1.0)
 
 
+def test_a_nuisance_that_an_effect_replaces_is_at_nominal_whatever_values_say():
+    model = toy(seed=5)
+    problem, heavier = Problem(model, stated_noise(model)), (candidate_of("added_mass"),)
+    values = {p.key: p.nominal for p in problem.parameters(heavier)} | {"added_mass.mass_kg": 0.02}
+    other = problem.residual({**values, "slider_mass": 0.52}, heavier)
+    np.testing.assert_array_equal(problem.residual(values, heavier), other)
+
+
 def test_no_fit_of_a_single_effect_ends_above_the_base():
     """A ringing that is not there, whose fits start at a finite size and find no way back to none."""
     model = toy({"viscous": {"damping_N_s_m": 0.2}}, seed=3)

@@ -369,26 +369,61 @@ def test_features_decide_only_what_samples_leave_unexplained(monkeypatch):
     def never(special, general):
         return False
 
-    assert decided_by_features(unexplained, [], never) is unexplained
-    assert decided_by_features(replace(unexplained, verdict="ambiguous"), [found], never).verdict == "ambiguous"
-    named = decided_by_features(unexplained, [found], never)
+    assert decided_by_features(base.problem, unexplained, [], never) is unexplained
+    assert (
+        decided_by_features(base.problem, replace(unexplained, verdict="ambiguous"), [found], never).verdict
+        == "ambiguous"
+    )
+    named = decided_by_features(base.problem, unexplained, [found], never)
     assert (named.verdict, named.chosen, named.best_known) == ("named", found, None)
-    several = decided_by_features(unexplained, [found, found], never)
+    several = decided_by_features(base.problem, unexplained, [found, found], never)
     assert (several.verdict, several.chosen, several.equivalent) == ("ambiguous", base.base, [found, found])
 
 
-def test_of_two_that_features_call_equal_the_special_case_of_the_other_is_named(monkeypatch):
+def test_features_name_no_parameter_that_stays_within_its_range():
+    """The base is lost at one end of it; a clearance within it, or beyond it, meets the features."""
+    for clearance, verdict in ((1.06, "unexplained"), (1.4, "named")):
+        model = knocking(clearance=clearance, seed=2)
+        base = recalibrate(model := replace(model, candidates=(*model.candidates, LOOSER)), stated_noise(model))
+        true = {p.key: p.nominal for p in base.problem.nuisances}
+        lost = fit_at(base.problem, (), {**true, "clearance": 0.9})
+        found = fit_at(base.problem, (LOOSER,), {**true, "looser.change_mm": clearance - 1.0})
+        found = replace(found, status=MATCHED)
+        assert leaders_by_features(base.problem, lost, [], [found]) == [found]
+        unexplained = Decision("unexplained", lost, lost)
+        assert decided_by_features(base.problem, unexplained, [found], lambda *args: False).verdict == verdict
+
+
+def test_a_pair_that_was_found_from_either_of_its_effects_is_one_leader(monkeypatch):
+    base = rough(0.3, 4)
+    *_, found = blind_to_samples(base, monkeypatch)
+    one, other = (
+        replace(found, hypothesis=tuple(map(candidate_of, names)))
+        for names in (("spring", "viscous"), ("viscous", "spring"))
+    )
+    assert leaders_by_features(base.problem, base.base, [], [one, other]) == [one]
+
+
+def test_of_two_that_features_call_equal_the_special_case_is_named_unless_they_ask_for_more(monkeypatch):
     base = rough(0.3, 4)
     *_, found = blind_to_samples(base, monkeypatch)
     pairs = [
         replace(found, hypothesis=(candidate_of(name), *found.hypothesis)) for name in ("spring", "constant_force")
     ]
-    decision = decided_by_features(
-        Decision("unexplained", base.base, base.base),
-        pairs,
-        lambda special, general: (special[0].label, general[0].label) == ("constant_force", "spring"),
-    )
+
+    def is_special(special, general):
+        return (special[0].label, general[0].label) == ("constant_force", "spring")
+
+    unexplained = Decision("unexplained", base.base, base.base)
+    decision = decided_by_features(base.problem, unexplained, pairs, is_special)
     assert (decision.verdict, decision.chosen.label) == ("named", "constant_force + ringing")
+    spring, constant = pairs
+    farther = fit_at(
+        base.problem, found.hypothesis, {**found.mapping, "ringing.size": 1.1 * found.mapping["ringing.size"]}
+    )
+    constant = replace(constant, residual=farther.residual)
+    decision = decided_by_features(base.problem, unexplained, [spring, constant], is_special)
+    assert (decision.verdict, decision.equivalent) == ("ambiguous", [spring, constant])
 
 
 def test_held_out_data_confirm_by_features_what_rings_in_another_phase_and_not_what_is_elsewhere():

@@ -20,7 +20,7 @@ from jointgap.identification.law_family import FamilyInterval
 from jointgap.identification.noise_model import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.protocol import Candidate
-from jointgap.identification.screening import LinearizedFit, Signature, Signatures, is_searched
+from jointgap.identification.screening import LinearizedFit, Signature, Signatures, only_searched
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.tables.results_folder import Frames
 
@@ -133,7 +133,7 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
             )
         derivatives = np.column_stack([own[key] for key in sizes]) if sizes else np.empty((fit.residual.size, 0))
         origin = own.get(_ORIGIN, fit.residual)
-        own_shapes, searched = shapes.get((label, start), {}), is_searched(base.problem, candidate)
+        own_shapes, searched = shapes.get((label, start), {}), only_searched(base.problem, candidate)
         signatures.append(Signature(candidate, own_shapes, derivatives, origin, runs, factor, searched))
     failed = frames["screened"].query("kind == 'failed'")
     reasons = dict(zip(failed["explanation"], failed["reason"], strict=True))

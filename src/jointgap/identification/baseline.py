@@ -186,15 +186,14 @@ def with_intervals(problem: Problem, fit: Fit, differences: FiniteDifferences) -
     Where chi2 is quadratic, intervals count what other numerics, another start among them, change in the values: it is
     projected onto the parameters as the data and the widths of the bounds determine them. Along a curved valley a
     projection would lead astray, and there numerics count in the noise alone. Of chaotic motion the values are those of
-    the regression, and what is left is as it was. A fit that failed, that has draws, or
-    that cannot be simulated by other numerics, is left as it is; the `differences` know the numerical noise.
+    the regression, and what is left is as it was. A fit that failed, that has draws, that cannot be regressed, or that
+    cannot be simulated by other numerics, is left as it is; the `differences` know the numerical noise.
     """
     if fit.status == FAILED or fit.draws is not None:
         return fit
     if problem.has_statistics:
-        regressed = regressed_over_ensemble(problem, fit)
-        if regressed.draws is not None:
-            return replace(regressed, residual=fit.residual)  # by which explanations were compared
+        # what is left stays as it is: by that explanations were compared
+        return replace(regressed_over_ensemble(problem, fit), residual=fit.residual)
     draws = draws_along_valley(problem, fit, differences.numerical_noise_chi2)
     if draws is not None:
         return replace(fit, draws=draws)

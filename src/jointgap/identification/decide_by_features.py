@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from jointgap.identification.cycle_features import CycleFeatures
-from jointgap.identification.decide_verdict import AMBIGUOUS, NAMED, UNEXPLAINED, Decision
+from jointgap.identification.decide_verdict import AMBIGUOUS, NAMED, UNEXPLAINED, Decision, is_within_range
 from jointgap.identification.fit import FAILED, Fit
-from jointgap.identification.nesting import labels_of
+from jointgap.identification.nesting import labels_of, lowest_of_each
 from jointgap.identification.problem import Hypothesis, Problem
 
 
@@ -38,12 +38,13 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
     """
     features, misfit = _misfits_of(problem, base)
     settings = problem.settings.rough_search
+    matched = lowest_of_each(matched, misfit)
     ranked = sorted(((misfit(fit), place) for place, fit in enumerate(matched)))
     if not ranked or ranked[0][0] > settings.matched_misfit * features.size:
         return []
     enough = ranked[0][0] + settings.min_misfit_ahead
-    own = {fit.label for fit in matched}
-    rivals = [base, *(fit for fit in fits if fit.status != FAILED and fit.label not in own)]
+    own = {labels_of(fit.hypothesis) for fit in matched}
+    rivals = [base, *(fit for fit in fits if fit.status != FAILED and labels_of(fit.hypothesis) not in own)]
     if min(map(misfit, rivals)) < enough:
         return []
     leaders = [matched[place] for found, place in ranked if found < enough]
@@ -76,24 +77,45 @@ def _misfits_of(problem: Problem, base: Fit) -> tuple[CycleFeatures, Callable[[F
 
 
 def decided_by_features(
-    decision: Decision, leaders: Sequence[Fit], is_special_case: Callable[[Hypothesis, Hypothesis], bool]
+    problem: Problem,
+    decision: Decision,
+    leaders: Sequence[Fit],
+    is_special_case: Callable[[Hypothesis, Hypothesis], bool],
 ) -> Decision:
     """The decision of samples, or that of features where samples leave ``unexplained`` what is missing.
 
+    It stays that of samples where a leader changes no more than a parameter within its range: then nothing need be
+    missing. Of two leaders of which one is a special case of the other the special one counts, unless features ask for
+    more.
+
     Parameters
     ----------
+    problem : Problem
     decision : Decision
         Of fits to samples.
     leaders : sequence of Fit
-        As of `leaders_by_features`. One that holds a special case of it among them, and more, says nothing beside that.
+        As of `leaders_by_features`.
     is_special_case : function
         Whether the first of two hypotheses is a special case of the second.
     """
     if decision.verdict != UNEXPLAINED or not leaders:
         return decision
-    led = {fit.label for fit in leaders}
-    leaders = [fit for fit in leaders if not any(is_special_case(one.hypothesis, fit.hypothesis) for one in leaders)]
-    decision = replace(decision, ranking=[ranked for ranked in decision.ranking if ranked.fit.label not in led])
+    bounds = {p.name: (p.nominal, p.low, p.high) for p in problem.nuisances}
+    if any(is_within_range(fit, effect, bounds) for fit in leaders for effect in fit.hypothesis):
+        return decision
+    led = {labels_of(fit.hypothesis) for fit in leaders}
+    _, misfit = _misfits_of(problem, decision.base)
+    apart = 0.5 * problem.settings.decision.min_delta_bic  # as log likelihood
+    leaders = [
+        fit
+        for fit in leaders
+        if not any(
+            is_special_case(one.hypothesis, fit.hypothesis) and misfit(one) < misfit(fit) + apart for one in leaders
+        )
+    ]
+    decision = replace(
+        decision, ranking=[ranked for ranked in decision.ranking if labels_of(ranked.fit.hypothesis) not in led]
+    )
     if len(leaders) > 1:
         because = "several explanations meet where in the cycle impacts come and how hard they are equally well"
         return replace(decision, verdict=AMBIGUOUS, because=because, equivalent=list(leaders), best_known=None)

@@ -412,7 +412,7 @@ def _objection(fit: Fit, nuisance_bounds: Mapping[str, tuple[float, float, float
     An effect that replaces a nuisance (a mass other than nominal) is none as long as the nuisance stays within its
     stated range.
     """
-    values, errors = fit.mapping, None
+    values = fit.mapping
     for candidate in fit.hypothesis:
         amplitudes = {
             key: values[f"{candidate.label}.{key}"]
@@ -423,22 +423,44 @@ def _objection(fit: Fit, nuisance_bounds: Mapping[str, tuple[float, float, float
             return f"{candidate.label} is fitted with no size"
         if key := _drawn_to_a_bound(fit, candidate):
             return f"{candidate.label} is drawn to the bound of {key}: what it explains is something else"
-        # Where it leaves the rest of a shared nuisance to be fitted, the effect is that the two differ.
-        if not candidate.replaces or candidate.replaces.keys() & {p.name for p in candidate.coordinates}:
-            continue
-        errors = errors or dict(zip((p.key for p in fit.parameters), np.sqrt(np.diag(fit.covariance())), strict=True))
-        replaced = {amplitude: nuisance_bounds[name] for name, amplitude in candidate.replaces.items()}
-        if all(
-            _is_within(value, replaced[amplitude])
-            if amplitude in replaced
-            else abs(value) <= 2.0 * errors[f"{candidate.label}.{amplitude}"]  # 95 %: no sign of it
-            for amplitude, value in amplitudes.items()
-        ):
+        if is_within_range(fit, candidate, nuisance_bounds):
             return f"{candidate.label} is {' and '.join(candidate.replaces)} within its range: a parameter, no effect"
     for candidate in fit.hypothesis:
         if chance(fit, candidate) > settings.max_chance_of_size:
             return f"{candidate.label} may as well be absent: the interval of its size holds 0"
     return ""
+
+
+def is_within_range(fit: Fit, candidate: Candidate, nuisance_bounds: Mapping[str, tuple[float, float, float]]) -> bool:
+    """Whether an effect is no more than nuisances that it replaces, within their ranges.
+
+    Parameters
+    ----------
+    fit : Fit
+    candidate : Candidate
+        One of its effects.
+    nuisance_bounds : mapping of name to (nominal, low, high)
+        Ranges [SI] of the nuisances that effects may replace.
+    """
+    # Where it leaves the rest of a shared nuisance to be fitted, the effect is that the two differ.
+    if not candidate.replaces or candidate.replaces.keys() & {p.name for p in candidate.coordinates}:
+        return False
+    values = fit.mapping
+    replaced = {amplitude: nuisance_bounds[name] for name, amplitude in candidate.replaces.items()}
+
+    def error(key: str) -> float:
+        place = [p.key for p in fit.parameters].index(key)
+        return float(np.sqrt(fit.covariance()[place, place]))
+
+    amplitudes = {
+        key: f"{candidate.label}.{key}" for key in candidate.amplitudes if f"{candidate.label}.{key}" in values
+    }
+    return all(
+        _is_within(values[key], replaced[amplitude])
+        if amplitude in replaced
+        else abs(values[key]) <= 2.0 * error(key)  # 95 %: no sign of it
+        for amplitude, key in amplitudes.items()
+    )
 
 
 def _drawn_to_a_bound(fit: Fit, candidate: Candidate) -> str:

@@ -61,7 +61,7 @@ def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> 
         One of each hypothesis.
     """
     settings = problem.settings.ensemble
-    single = base if base.draws is None else replace(base, residual=problem.residual(base.mapping))
+    single = base if base.draws is None else _with_single_residual(problem, base)
     better = sorted((fit for fit in fits if fit.status != FAILED and fit.bic < single.bic), key=lambda fit: fit.bic)
     if not better:
         return base, list(fits)
@@ -83,6 +83,14 @@ def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> 
         values = np.clip(list(with_nuisances_of(problem, base, best).values()), *bounds_of(base.parameters))
         base = min(base, regressed_over_ensemble(problem, replace(base, values=values)), key=lambda fit: fit.chi2)
     return base, fits
+
+
+def _with_single_residual(problem: Problem, fit: Fit) -> Fit:
+    """The fit with the residual of one realisation; as it was where that cannot be simulated."""
+    try:
+        return replace(fit, residual=problem.residual(fit.mapping, fit.hypothesis))
+    except (InputError, SimulationError):
+        return fit
 
 
 def _with_mean_residual(problem: Problem, fit: Fit) -> Fit:

@@ -29,7 +29,7 @@ from jointgap.identification.rough_search import (
     search_rough,
 )
 from jointgap.identification.scattered_starts import fit_from_scattered_starts
-from jointgap.identification.screening import LinearizedFit, Signatures, can_be_searched, is_searched
+from jointgap.identification.screening import LinearizedFit, Signatures, can_be_searched, only_searched
 from jointgap.identification.smoother import smoothers_of
 from jointgap.identification.thresholds import Thresholds
 from jointgap.progress import followed
@@ -132,7 +132,8 @@ def _search(
     # steps as nobody else left them: the result must not depend on what else ran in this process
     start = {p.key: p.nominal for p in baseline.problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
-    before, candidates = baseline.problem.simulations, _searched_candidates(baseline.problem)
+    before = baseline.problem.simulations
+    others = [one for one in _searched_candidates(baseline.problem) if doubted or not one.is_perturbation]
     fits = [] if doubted else _search_changes(baseline, limits, until)
     fits += [] if doubted else _from_scattered_starts(baseline, [*alone, *fits], limits)
     until += baseline.problem.simulations - before  # what these simulate is bounded
@@ -140,13 +141,13 @@ def _search(
     singles, leaders = [*alone, *fits], []
     if _insufficient(baseline, singles, limits):
         # of motion that never repeats pairs come last: single effects from other starts take a third as long
-        pairs_first = _follows_samples(baseline, singles) and not baseline.problem.has_statistics
+        pairs_first = _follows_samples(baseline, singles) and (doubted or not baseline.problem.has_statistics)
         pairs = search_pairs(baseline, singles, limits, (), until) if pairs_first else []
         if sufficient := [fit for fit in pairs if _is_sufficient(fit, limits)]:
             best = min(sufficient, key=lambda fit: fit.chi2)
             found = [
                 *_moved(baseline, singles, best, limits, until),
-                *_search_alone(baseline, candidates, limits, until),
+                *_search_alone(baseline, others, limits, until),
             ]
         elif doubted:
             found = []
@@ -159,13 +160,14 @@ def _search(
     done = {labels_of(fit.hypothesis) for fit in fits}
     chosen = [each for each in _pairs_of_best(baseline, signatures, limits, singles) if _labels(each) not in done]
     fits += _fit_each(baseline, signatures, chosen, limits, singles)[0]
-    if chosen and not any(is_searched(baseline.problem, one) for fit in fits for one in fit.hypothesis):
-        fits += _search_alone(baseline, candidates, limits, until)
+    if chosen and not any(only_searched(baseline.problem, one) for fit in fits for one in fit.hypothesis):
+        fits += _search_alone(baseline, others, limits, until)
     best = lowest_of_each(fits)
     parts = [baseline.base, *singles, *best]
     sufficient = min((fit.chi2 for fit in parts if _is_sufficient(fit, limits)), default=np.inf)
     found = [not_above_its_parts(baseline.problem, baseline.differences, fit, parts, sufficient) for fit in best]
-    found += leaders
+    led = {labels_of(fit.hypothesis) for fit in leaders}  # these stand for what samples made of the same effects
+    found = [*(fit for fit in found if labels_of(fit.hypothesis) not in led), *leaders]
     share = (time.monotonic() - begin) / max(len(found), 1)
     return found, [share] * len(found)
 
@@ -186,8 +188,7 @@ def _search_far(
         return fits, []
     leaders = leaders_by_features(baseline.problem, baseline.base, [*alone, *pairs, *fits], matched)
     if leaders:
-        led = {fit.label for fit in leaders}
-        return [fit for fit in fits if fit.label not in led], leaders
+        return fits, leaders
     if explaining:
         return fits, []
     singles = [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
@@ -199,7 +200,8 @@ def _search_far(
         found = search_singles(baseline, limits, until)
         fits, singles = [*fits, *found], [*singles, *found]
     if not is_rough and goes_on():
-        found = _search_alone(baseline, candidates, limits, until)
+        others = [one for one in candidates if not one.is_perturbation]
+        found = _search_alone(baseline, others, limits, until)
         fits, singles = [*fits, *found], [*singles, *found]
     smoothers = smoothers_of(baseline.problem)
     if (smoothers or baseline.problem.has_statistics) and goes_on():

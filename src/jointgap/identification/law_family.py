@@ -27,7 +27,7 @@ from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import CONVERGED, FAILED, MATCHED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, LawFamily
-from jointgap.identification.screening import is_searched
+from jointgap.identification.screening import only_searched
 from jointgap.identification.thresholds import Thresholds
 
 
@@ -327,7 +327,7 @@ def _of_families(problem: Problem, found: Fit) -> list[tuple[Candidate, LawFamil
 
     None beside an effect on which motion depends roughly: no fit follows its valley from shape to shape.
     """
-    if any(is_searched(problem, candidate) for candidate in found.hypothesis):
+    if any(only_searched(problem, candidate) for candidate in found.hypothesis):
         return []
     laws = [family.law.label for family in _families(found)]
     pairs = ((candidate, family) for candidate in found.hypothesis for family in candidate.families)

@@ -390,7 +390,7 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         decision = refit_and_decide(baseline, signatures, fits, limits)
 
     subspaces = SignatureSubspaces(signatures, baseline.problem.settings.screening)
-    decision = decided_by_features(decision, by_features, subspaces.is_special_case)
+    decision = decided_by_features(baseline.problem, decision, by_features, subspaces.is_special_case)
 
     def stated(fit: Fit) -> Fit:
         return with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)

@@ -8,16 +8,15 @@ by more than its effect accounts for.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import FAILED, Fit, bounds_of, fit_hypothesis
+from jointgap.identification.fit import FAILED, STOPPED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.gauss_newton import bounded_step
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
-from jointgap.identification.screening import is_searched
+from jointgap.identification.screening import only_searched
 
 
 def labels_of(hypothesis: Hypothesis) -> frozenset[str]:
@@ -85,13 +84,13 @@ def not_above_its_parts(
     fit : Fit
     parts : sequence of Fit
         Of the model as it stands and of other hypotheses. Passed over are those that are no part of this one, and those
-        that lack an effect that is searched (`jointgap.identification.screening.is_searched`): no slope leads from its
-        absence to where it explains something.
+        that lack an effect that is `jointgap.identification.screening.only_searched`: no slope leads from its absence
+        to where it explains something.
     sufficient_chi2 : float
         As of `jointgap.identification.fit.fit_hypothesis`.
     """
     own = labels_of(fit.hypothesis)
-    searched = {candidate.label for candidate in fit.hypothesis if is_searched(problem, candidate)}
+    searched = {candidate.label for candidate in fit.hypothesis if only_searched(problem, candidate)}
     lower = [part for part in parts if searched <= labels_of(part.hypothesis) < own and part.chi2 < fit.chi2]
     if fit.status == FAILED or not lower:
         return fit
@@ -131,18 +130,20 @@ def without_other_effects(problem: Problem, fit: Fit, kept: Candidate) -> Fit:
         One of its effects.
     """
     columns = {p.key: column for p, column in zip(fit.parameters, fit.jacobian.T, strict=True)}
-    parameters, residual = problem.parameters((kept,)), fit.residual.copy()
+    parameters, residual, values = problem.parameters((kept,)), fit.residual.copy(), fit.mapping
+    names = {p.name for p in problem.nuisances}
     for candidate in (each for each in fit.hypothesis if each is not kept):
-        replaced = {amplitude: name for name, amplitude in candidate.replaces.items()}
-        for p in candidate.coordinates_in(problem.runs):
-            key = f"{candidate.label}.{p.key}"
-            if p.key in candidate.amplitudes:
-                residual -= columns[key] * fit.mapping[key]
-            if p.key in replaced:
-                columns[replaced[p.key]] = columns[key]
-    values = np.array([fit.mapping.get(p.key, p.nominal) for p in parameters])
+        own = {p.key: f"{candidate.label}.{p.key}" for p in candidate.coordinates_in(problem.runs)}
+        for key in candidate.amplitudes:
+            if key in own:
+                residual -= columns[own[key]] * values[own[key]]
+        for key in names & own.keys():  # the rest of a nuisance that it shares with others
+            values[key], columns[key] = values[own[key]], columns[own[key]]
+        for name, amplitude in candidate.replaces.items():
+            columns[name] = columns.get(name, 0.0) + columns[own[amplitude]]
+    here = np.array([values.get(p.key, p.nominal) for p in parameters])
     jacobian = np.column_stack([columns[p.key] for p in parameters])
-    return replace(fit, hypothesis=(kept,), parameters=parameters, values=values, residual=residual, jacobian=jacobian)
+    return Fit((kept,), parameters, here, residual, jacobian, 0, STOPPED, settings=fit.settings)
 
 
 def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit, sufficient_chi2: float = np.inf) -> Fit:

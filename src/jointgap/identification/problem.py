@@ -31,7 +31,7 @@ def values_in_run(
     model : Model
     run : str
     values : mapping of str to float
-        By key, as of `Problem.parameters`; absent nuisances are at nominal.
+        By key, as of `Problem.parameters`; nuisances that are absent, or that an effect replaces, are at nominal.
     hypothesis : tuple of Candidate
 
     Raises
@@ -39,7 +39,9 @@ def values_in_run(
     KeyError
         No value of an effect in this run.
     """
-    nuisances = {p.name: values.get(p.key, p.nominal) for p in model.nuisances if p.run in (None, run)}
+    replaced = {name for candidate in hypothesis for name in candidate.replaces}
+    here = [p for p in model.nuisances if p.run in (None, run)]
+    nuisances = {p.name: p.nominal if p.name in replaced else values.get(p.key, p.nominal) for p in here}
     effects = [
         (candidate, {p.name: values[f"{candidate.label}.{p.key}"] for p in candidate.coordinates_in((run,))})
         for candidate in hypothesis

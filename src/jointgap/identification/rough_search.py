@@ -36,7 +36,8 @@ class _Point:
 
 
 class Box:
-    """The ranges of a candidate's coordinates, each from 0 to 1; the amplitude by its logarithm, others as they are.
+    """The ranges of a candidate's coordinates, each from 0 to 1; what the amplitude is beyond `Candidate.nothing` by
+    its logarithm, others as they are.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ class Box:
         return places
 
     def values(self, place: np.ndarray, factor: float = 1.0) -> dict[str, float]:
-        """By key [SI], the amplitude times a `factor`.
+        """By key [SI], what the amplitude is beyond `Candidate.nothing` times a `factor`.
 
         Parameters
         ----------
@@ -416,7 +417,7 @@ def search_rough(
     list of Fit
         One for each candidate whose features are among the best, and for each valley that was reached before. Where
         none of these is sufficient and can be followed, but features are met, one to the features of each candidate
-        that was not dropped, and beside each of the others.
+        that was not dropped; of one beside an effect, beside each of the others too.
     """
     problem, fits = baseline.problem, []
     settings, reference = problem.settings.rough_search, origins[-1]

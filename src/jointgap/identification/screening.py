@@ -34,7 +34,7 @@ class Signature:
         The runs that residuals are of.
     secant_factor : float
         [1] A secant holds from this part of its amplitude to this multiple of it.
-    is_searched : bool
+    only_searched : bool
         Whether the motion depends so roughly on its amplitude that `columns` say nothing of where a fit should start,
         so that it is searched (`jointgap.identification.rough_search`).
     """
@@ -45,7 +45,7 @@ class Signature:
     origin: np.ndarray
     runs: tuple[str, ...]
     secant_factor: float = DEFAULT_SETTINGS.screening.secant_factor
-    is_searched: bool = False
+    only_searched: bool = False
 
     @property
     def coordinates(self) -> tuple[Parameter, ...]:
@@ -98,12 +98,23 @@ class Signatures:
     failed: Mapping[str, str]
 
     def about(self, fit: Fit) -> "Signatures":
-        """The other candidates' signatures beside the effects of a fit, as they are about the base."""
+        """The other candidates' signatures beside the effects of a fit, as they are about the base.
+
+        A nuisance that a candidate replaces goes back to nominal from where the fit has it.
+        """
         taken = {name for candidate in fit.hypothesis for name in (candidate.label, *candidate.replaces)}
+        base = dict(zip((p.key for p in self.parameters), self.values.tolist(), strict=True))
+
+        def origin(signature: Signature) -> np.ndarray:
+            keys = [p.key for p in signature.amplitudes]
+            moved = np.zeros(fit.residual.size)
+            for name, amplitude in signature.candidate.replaces.items():
+                if amplitude in keys and name in base and name in fit.mapping:
+                    moved = signature.columns[:, keys.index(amplitude)] * (base[name] - fit.mapping[name])
+            return fit.residual + (signature.origin - self.residual) + moved
+
         others = [
-            replace(s, origin=fit.residual + (s.origin - self.residual))
-            for s in self.entries
-            if not taken & {s.candidate.label, *s.candidate.replaces}
+            replace(s, origin=origin(s)) for s in self.entries if not taken & {s.candidate.label, *s.candidate.replaces}
         ]
         return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, others, self.failed)
 
@@ -208,7 +219,7 @@ def can_be_searched(problem: Problem, candidate: Candidate) -> bool:
     return bool(candidate.search_range) and not problem.has_statistics
 
 
-def is_searched(problem: Problem, candidate: Candidate) -> bool:
+def only_searched(problem: Problem, candidate: Candidate) -> bool:
     """Whether nothing but that search leads to a `candidate` of a `problem`: small changes of what is there are told by
     derivatives too."""
     return can_be_searched(problem, candidate) and not candidate.is_perturbation
@@ -251,7 +262,7 @@ def _signature(
         (key,) = finite
         # Not linear near zero: the derivative is a secant to a finite amplitude.
         change = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, both) - origin
-        rough = is_searched(problem, candidate)
+        rough = only_searched(problem, candidate)
         return Signature(candidate, dict(shapes), change[:, None] / shapes[key], origin, problem.runs, factor, rough)
     columns = [
         differences.column(p, values, origin, both) for p in problem.parameters((candidate,)) if p.key in amplitudes
@@ -322,7 +333,7 @@ class SignatureRegression:
     def singles(self) -> list[LinearizedFit]:
         """Every candidate that is not searched with its best start, best first."""
         best: dict[str, LinearizedFit] = {}
-        for signature in (signature for signature in self.signatures.entries if not signature.is_searched):
+        for signature in (signature for signature in self.signatures.entries if not signature.only_searched):
             screened = self.explained((signature,))
             if screened.label not in best or screened.chi2 < best[screened.label].chi2:
                 best[screened.label] = screened

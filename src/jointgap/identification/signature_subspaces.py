@@ -61,6 +61,10 @@ class SignatureSubspaces:
         ----------
         special, general : tuple of Candidate
         """
+        general_labels = {candidate.label for candidate in general}
+        own = [candidate.label for candidate in special if candidate.label not in general_labels]
+        if any(not self.span([label] if label in self.of else []).size for label in own):
+            return False  # nuisances take up all that it changes, or nothing is known of it
         inner, outer = (self.span([c.label for c in hyp if c.label in self.of]) for hyp in (special, general))
         if not 0 < inner.shape[1] < outer.shape[1]:
             return False
