@@ -174,6 +174,19 @@ def test_an_effect_that_is_a_nuisances_own_parameter_replaces_it():
     }
 
 
+def test_a_loose_joint_is_searched_from_half_to_three_times_its_clearance_but_within_what_it_can_have():
+    own = campaign(mechanism(("piston_pin",)))
+    nominal = own.mechanism.clearance("piston_pin")
+    model = build_model(own)
+    candidate, ideal = (chosen(model, f"{pin}_clearance") for pin in ("piston_pin", "crank_pin"))
+    assert candidate.search_range == pytest.approx((-0.5 * nominal, 2.0 * nominal))
+    assert candidate.nothing == pytest.approx(-0.95 * nominal)
+    assert ideal.nothing == 0.0 < ideal.search_range[0]
+    crank = own.mechanism.crank.model_copy(update={"length": nominal / 0.05})
+    own = own.model_copy(update={"mechanism": own.mechanism.model_copy(update={"crank": crank})})
+    assert chosen(build_model(own), "piston_pin_clearance").search_range == pytest.approx((-0.5 * nominal, nominal))
+
+
 def test_what_both_pins_share_beyond_its_range_is_one_effect_of_both():
     nuisance = {"joint_friction": [0.05, 0.15], "restitution": [0.3, 0.9]}
     own = campaign(mechanism(PINS), nuisance=nuisance, speeds=(30.0, 31.0))
