@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.identification import decide_by_features, rough_search
+from jointgap.identification import rough_search
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.confirmation import confirm
 from jointgap.identification.cycle_features import CycleFeatures
@@ -347,7 +347,6 @@ def test_features_are_asked_beside_each_smooth_effect_that_may_be_there(monkeypa
 
 
 def test_features_name_what_leads_by_far_and_call_equal_what_does_not(monkeypatch):
-    monkeypatch.setattr(decide_by_features, "other_numerics", lambda *args: [])  # of effects put in by hand
     base = rough(0.3, 4)
     problem, noise = base.problem, base.base.residual
     *_, found = blind_to_samples(base, monkeypatch)
@@ -360,16 +359,6 @@ def test_features_name_what_leads_by_far_and_call_equal_what_does_not(monkeypatc
     assert leaders_by_features(problem, base.base, [], [elsewhere, found]) == [found]
     assert leaders_by_features(problem, base.base, [replace(twin, status="converged")], [found]) == []
     assert leaders_by_features(problem, base.base, [], [elsewhere]) == []
-
-
-@pytest.mark.parametrize(("changed", "decides"), [(0.0, True), (0.1, True), (3.0, False)])
-def test_features_that_other_numerics_change_much_name_nothing(monkeypatch, changed, decides):
-    base = rough(0.3, 4)
-    *_, found = blind_to_samples(base, monkeypatch)
-    rng = np.random.default_rng(0)
-    changes = changed * rng.standard_normal((2, base.problem.size))
-    monkeypatch.setattr(decide_by_features, "other_numerics", lambda problem, fit: changes)
-    assert leaders_by_features(base.problem, base.base, [], [found]) == ([found] if decides else [])
 
 
 def test_features_decide_only_what_samples_leave_unexplained(monkeypatch):
@@ -406,7 +395,6 @@ def test_features_name_no_parameter_that_stays_within_its_range():
 
 
 def test_a_pair_that_was_found_from_either_of_its_effects_is_one_leader(monkeypatch):
-    monkeypatch.setattr(decide_by_features, "other_numerics", lambda *args: [])  # of effects put in by hand
     base = rough(0.3, 4)
     *_, found = blind_to_samples(base, monkeypatch)
     one, other = (

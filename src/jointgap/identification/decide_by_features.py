@@ -10,8 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointgap.errors import InputError, SimulationError
-from jointgap.identification.baseline import other_numerics
 from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import AMBIGUOUS, NAMED, UNEXPLAINED, Decision, is_within_range
 from jointgap.identification.fit import FAILED, Fit
@@ -35,9 +33,8 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
     Returns
     -------
     list of Fit
-        Of those `matched`, best first; none where a fit to samples has features that are as good, nor where other
-        numerics change those of the best by more than what a candidate of the search is dropped for: the one dropped
-        may be the true one. None holds all effects of another and more.
+        Of those `matched`, best first; none where a fit to samples has features that are as good. None holds all
+        effects of another and more.
     """
     features, misfit = _misfits_of(problem, base)
     settings = problem.settings.rough_search
@@ -45,10 +42,10 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
     ranked = sorted(((misfit(fit), place) for place, fit in enumerate(matched)))
     if not ranked or ranked[0][0] > settings.matched_misfit * features.size:
         return []
-    best, enough = matched[ranked[0][1]], ranked[0][0] + settings.min_misfit_ahead
+    enough = ranked[0][0] + settings.min_misfit_ahead
     own = {labels_of(fit.hypothesis) for fit in matched}
     rivals = [base, *(fit for fit in fits if fit.status != FAILED and labels_of(fit.hypothesis) not in own)]
-    if min(map(misfit, rivals)) < enough or _numerics_change(problem, features, base, best) > settings.min_behind:
+    if min(map(misfit, rivals)) < enough:
         return []
     leaders = [matched[place] for found, place in ranked if found < enough]
     # an effect that features do not ask for says nothing beside one that they do
@@ -77,20 +74,6 @@ def _misfits_of(problem: Problem, base: Fit) -> tuple[CycleFeatures, Callable[[F
     """The features of a base, and how far those of a fit are from them."""
     features = CycleFeatures(problem, base.residual)
     return features, lambda fit: sum(features.misfit(base.residual - fit.residual, run) for run in problem.runs)
-
-
-def _numerics_change(problem: Problem, features: CycleFeatures, base: Fit, fit: Fit) -> float:
-    """By how much [1] other numerics change the misfit of a fit's features at most; infinite where one fails."""
-    try:
-        changes = other_numerics(problem, fit)
-    except (InputError, SimulationError):
-        return np.inf
-
-    def misfit(residual: np.ndarray) -> float:
-        return sum(features.misfit(base.residual - residual, run) for run in problem.runs)
-
-    usual = misfit(fit.residual)
-    return max((abs(misfit(fit.residual + change) - usual) for change in changes), default=0.0)
 
 
 def decided_by_features(
