@@ -37,6 +37,15 @@ def test_a_wrong_name_has_the_first_cause_that_holds(sealed, found, words):
     assert words in cause(sealed, found, DRAG, SPRING)
 
 
+def test_a_truth_that_is_left_open_or_that_nothing_need_explain_is_told_so():
+    open_ = "the truth is one of several that are equally good"
+    assert cause(truth(numerics_gap=1.4), analysis(**BOTH), DRAG, frozenset(), [SPRING, DRAG]) == open_
+    assert cause(truth(), analysis(**BOTH), DRAG, frozenset(), [SPRING]) != open_
+    found = analysis(slider_spring=1020.0)
+    found["verdict"]["verdict"] = "parameters_only"
+    assert cause(truth(), found, DRAG, frozenset()) == "the model without it leaves noise alone"
+
+
 def test_what_nothing_hidden_leaves_is_compared_with_the_base():
     nothing = {"effects": [], "numerics_gap": 1.0}
     assert "did not reach it: chi2 2 per sample" in cause(nothing, analysis(**BOTH), frozenset(), SPRING)

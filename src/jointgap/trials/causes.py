@@ -1,8 +1,10 @@
 """Why a trial is not right, as far as the seal, the preflight and the fits of the analysis tell."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
+
+from jointgap.identification.decide_verdict import NO_DISAGREEMENT, PARAMETERS_ONLY
 
 NUMERICS_DECIDE = 1.15
 """Gap that the truth itself leaves by usual numerics from which on these can decide the verdict: half of the excess of
@@ -12,7 +14,13 @@ _REACHED = 4.0
 """Standard deviations of chi2 above what the truth leaves within which a fit has come to the truth."""
 
 
-def cause(truth: Mapping[str, Any], analysis: Mapping[str, Any], hidden: frozenset[str], named: frozenset[str]) -> str:
+def cause(
+    truth: Mapping[str, Any],
+    analysis: Mapping[str, Any],
+    hidden: frozenset[str],
+    named: frozenset[str],
+    equal: Collection[frozenset[str]] = (),
+) -> str:
     """Why not the truth was found; the first of the causes that holds.
 
     Parameters
@@ -23,6 +31,8 @@ def cause(truth: Mapping[str, Any], analysis: Mapping[str, Any], hidden: frozens
         As `jointgap.trials.analyse_trial` gives it.
     hidden, named : frozenset of str
         Labels of the effects; of what is named empty where nothing is.
+    equal : collection of frozenset of str
+        Labels of the explanations that an ``ambiguous`` verdict leaves.
     """
     if "verdict" not in analysis:
         return "the analysis failed"
@@ -34,9 +44,13 @@ def cause(truth: Mapping[str, Any], analysis: Mapping[str, Any], hidden: frozens
     extra, lacking = named - hidden, hidden - named
     if extra and lacking and any(extra | lacking <= group for group in merged):
         return "look-alikes, as preflight says"
+    if hidden in equal:
+        return "the truth is one of several that are equally good"
     numerics_gap = truth["numerics_gap"]
     if numerics_gap is not None and numerics_gap > NUMERICS_DECIDE:
         return f"the numerics decide the motion: the truth itself leaves a gap of {numerics_gap:.3g}"
+    if hidden and analysis["verdict"].get("verdict") in (NO_DISAGREEMENT, PARAMETERS_ONLY):
+        return "the model without it leaves noise alone"
     return _by_fits(analysis.get("fits"), numerics_gap, hidden, named)
 
 

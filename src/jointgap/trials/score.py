@@ -211,7 +211,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     row |= _samples_alone(row, verdict, hidden)
     if row["outcome"] != "right":
         names = named_labels((*verdict["effects"], *verdict["certain"]), hidden)
-        row["cause"] = cause(truth, analysis, hidden, names)
+        row["cause"] = cause(truth, analysis, hidden, names, _equivalent(verdict))
     left_open = sorted(" + ".join(sorted(explanation)) or "nothing" for explanation in _equivalent(verdict))
     row["reason"] = " or ".join(left_open) or verdict["because"]
     if "damage" in truth:
