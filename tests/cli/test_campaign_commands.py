@@ -10,7 +10,9 @@ from benchmarks.project import ROOT
 from jointgap.campaign.state import CampaignState
 from jointgap.cli import cli
 from jointgap.config.campaign_file import RESERVED_IDS
+from jointgap.effects import EFFECTS
 from jointgap.errors import InputError
+from jointgap.slider_crank import candidates
 from jointgap.stages.campaign_stages import CAMPAIGN_STAGES, measure
 from jointgap.tables import TABLES
 
@@ -85,3 +87,14 @@ def test_a_stage_after_a_change_of_the_file_says_which_key_and_to_measure_again(
 def test_the_former_name_of_a_stage_is_answered_with_its_new_one():
     with pytest.raises(InputError, match="rechain: is called `jointgap reoptimise` now"):
         asked("rechain", DEMONSTRATION, "--folder", "results")
+
+
+def test_a_whole_analysis_ends_with_its_verdict_in_words_and_on_a_page(tmp_path, monkeypatch):
+    # which effects it is told from is the subject of other tests
+    few = ("slider_coulomb_friction", "slider_viscous_friction")
+    monkeypatch.setattr(candidates, "EFFECTS", {name: EFFECTS[name] for name in few})
+    campaign = str(ROOT / "config/campaigns/demonstration.yaml")
+    ran = CliRunner().invoke(cli, ["analyse", campaign, "--folder", str(tmp_path)], catch_exceptions=False)
+    assert ran.exit_code == 0 and "Coulomb friction of the slider" in ran.output
+    for page in ("summary.md", "summary.html"):
+        assert "Coulomb friction of the slider" in (tmp_path / page).read_text()

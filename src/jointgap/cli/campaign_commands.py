@@ -111,7 +111,7 @@ def analyse(campaign: Path, folder: Path | None) -> None:
     from jointgap.stages.what_came_out import verdict_lines
 
     state = _state(campaign, folder)
-    analyse_campaign(campaign, state.folder.path)
+    analyse_campaign(campaign, state.folder.path, pictures=True)
     show(state)
     click.echo("\n".join(verdict_lines(state.folder.path)))
 

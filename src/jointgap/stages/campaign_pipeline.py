@@ -18,9 +18,6 @@ from jointgap.tables.results_folder import ResultsFolder
 
 # the optimum is no part of the verdict, which is concluded here without its figures
 _LEFT_OUT = ("reoptimise", "conclude", "track-campaign")
-_OPTIONS = {"measure": {"pictures": False}, "preflight": {"advice": False}}
-"""Advice is sought where the verdict needs it, and who wants pictures asks for them."""
-
 _ENDINGS = (".svg", ".png", ".parquet")
 
 
@@ -29,6 +26,7 @@ def analyse(
     folder: Path | str,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
     model_settings: SliderCrankSettings | None = None,
+    pictures: bool = False,
 ) -> dict[str, Any]:
     """Find where model and measurement of a campaign disagree and what is missing.
 
@@ -43,6 +41,8 @@ def analyse(
         Tuned numbers of the naming.
     model_settings : SliderCrankSettings, optional
         Tuned numbers of the slider-crank model; its own defaults where absent.
+    pictures : bool
+        Whether the cycles of the runs are drawn too. The summary page has their numbers.
 
     Returns
     -------
@@ -61,9 +61,11 @@ def analyse(
     written = (path for stage in (*stages, CAMPAIGN_STAGES["conclude"]) for path in stage.outputs())
     state.folder.check_writable(*written)
     _remove_conclusions(state.folder)
+    # advice is sought where the verdict needs it
+    options = {"measure": {"pictures": pictures}, "preflight": {"advice": False}}
     for stage in followed(stages, "stages of the analysis"):
         begin = time.monotonic()
-        stage.function(state, **_OPTIONS.get(stage.name, {}))
+        stage.function(state, **options.get(stage.name, {}))
         seconds[stage.name] = round(time.monotonic() - begin, 3)
     document = conclude(state) | {"seconds": seconds}
     write_text(state.folder.path / VERDICT, verdict.text(document))
