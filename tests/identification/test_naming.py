@@ -144,7 +144,7 @@ def test_what_is_told_of_the_size_of_an_effect_makes_it_no_other_effect():
 def test_the_change_of_something_known_is_searched_where_something_is_left_of_it():
     size = Parameter("change", 0.0, low=-1.0, high=2.0)
     searched = Candidate("odd", "slider", (size,), ("change",), is_perturbation=True, search_range=(-0.9, 2.0))
-    assert searched.nothing == -1.0
+    assert searched.vanishing_amplitude == -1.0
     with pytest.raises(ValueError, match="above -1"):
         replace(searched, search_range=(-1.0, 2.0))
 

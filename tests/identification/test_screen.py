@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.fit import CONVERGED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import SignatureRegression, simulate_signatures
+from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.identification.screening import Signature, SignatureRegression, Signatures, simulate_signatures
 from jointgap.identification.signature_subspaces import SignatureSubspaces
 from tests.identification.toy import stated_noise, toy
 
@@ -19,6 +20,22 @@ def screened(effects, **how):
     differences = FiniteDifferences(problem)
     base = fit_hypothesis(problem, differences=differences, refresh=True)
     return problem, differences, base, simulate_signatures(problem, base, differences)
+
+
+def test_beside_a_fit_an_effect_brings_every_nuisance_that_it_replaces_back_to_nominal():
+    """Residuals linear in two nuisances, which the fit has elsewhere than the base."""
+    rng = np.random.default_rng(0)
+    slopes, at_nominal = rng.standard_normal((20, 2)), rng.standard_normal(20)
+    nuisances = tuple(Parameter(name, 0.0) for name in ("crank_length", "rod_length"))
+    sizes = ("crank_m", "rod_m")
+    replaces = {p.name: size for p, size in zip(nuisances, sizes, strict=True)}
+    lengths = Candidate("lengths", "rod", tuple(Parameter(key, 0.0) for key in sizes), sizes, replaces=replaces)
+    base, fitted = np.array([0.1, -0.2]), np.array([0.3, 0.4])
+    signature = Signature(lengths, {}, slopes, at_nominal, ("slow",))
+    about_base = Signatures(nuisances, base, slopes, at_nominal + slopes @ base, [signature], {})
+    fit = Fit((), nuisances, fitted, at_nominal + slopes @ fitted, slopes, 0, CONVERGED)
+    (beside,) = about_base.about(fit).entries
+    np.testing.assert_allclose(beside.origin, at_nominal)
 
 
 @pytest.mark.parametrize(

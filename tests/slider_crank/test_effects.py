@@ -180,8 +180,8 @@ def test_a_loose_joint_is_searched_from_half_to_three_times_its_clearance_but_wi
     model = build_model(own)
     candidate, ideal = (chosen(model, f"{pin}_clearance") for pin in ("piston_pin", "crank_pin"))
     assert candidate.search_range == pytest.approx((-0.5 * nominal, 2.0 * nominal))
-    assert candidate.nothing == pytest.approx(-0.95 * nominal)
-    assert ideal.nothing == 0.0 < ideal.search_range[0]
+    assert candidate.vanishing_amplitude == pytest.approx(-0.95 * nominal)
+    assert ideal.vanishing_amplitude == 0.0 < ideal.search_range[0]
     crank = own.mechanism.crank.model_copy(update={"length": nominal / 0.05})
     own = own.model_copy(update={"mechanism": own.mechanism.model_copy(update={"crank": crank})})
     assert chosen(build_model(own), "piston_pin_clearance").search_range == pytest.approx((-0.5 * nominal, nominal))

@@ -134,7 +134,7 @@ def _search(
     baseline = replace(baseline, differences=probed_differences(baseline.problem, start))
     before = baseline.problem.simulations
     others = [one for one in _searched_candidates(baseline.problem) if doubted or not one.is_perturbation]
-    fits = [] if doubted else _search_changes(baseline, limits, until)
+    fits = [] if doubted else _search_perturbations(baseline, limits, until)
     fits += [] if doubted else _from_scattered_starts(baseline, [*alone, *fits], limits)
     until += baseline.problem.simulations - before  # what these simulate is bounded
     fits += _from_nuisances_of_best(baseline, [*alone, *fits], limits, until)
@@ -330,14 +330,14 @@ def _search_alone(
     return lowest_of_each(fit for fit in found if fit.status != MATCHED)
 
 
-def _search_changes(baseline: Baseline, limits: Thresholds, until: float) -> list[Fit]:
+def _search_perturbations(baseline: Baseline, limits: Thresholds, until: float) -> list[Fit]:
     """The best fit to samples of each change of something on which motion depends roughly, such as a clearance.
 
     A fit from the base ends in a valley beside it, and what it gains says little of the change; some dozens of points
     cost less than that fit.
     """
     changes = [candidate for candidate in _searched_candidates(baseline.problem) if candidate.is_perturbation]
-    least_share = baseline.problem.settings.rough_search.least_share_of_changes
+    least_share = baseline.problem.settings.rough_search.least_share_of_perturbations
     return _search_alone(baseline, changes, limits, until, least_share) if changes else []
 
 

@@ -228,7 +228,7 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
             if alone.status == FAILED:
                 continue
         about = signatures.about(alone)
-        partners = SignatureRegression(about.alone() if in_valley else about, alone.hypothesis).singles()
+        partners = SignatureRegression(about.without_nuisances() if in_valley else about, alone.hypothesis).singles()
         for pair in partners[: problem.settings.selection.partners]:
             labels = labels_of(pair.hypothesis)
             if labels in done:

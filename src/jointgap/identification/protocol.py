@@ -117,10 +117,10 @@ class Candidate:
         finite = [*self.search_range]
         finite += [guess[key] for guess in self.initial_guesses for key in self.amplitudes if key in guess]
         least = min(self.search_range, default=np.inf)
-        if finite and (len(self.amplitudes) > 1 or 0.0 in finite or least <= self.nothing):
+        if finite and (len(self.amplitudes) > 1 or 0.0 in finite or least <= self.vanishing_amplitude):
             raise ValueError(
                 f"{self.name}: initial_guesses and search_range hold values of a single amplitude, none of them 0, "
-                f"those of a search_range above {self.nothing:g}; got {finite}"
+                f"those of a search_range above {self.vanishing_amplitude:g}; got {finite}"
             )
         if self.is_perturbation and not all(
             np.isfinite((p.low, p.high)).all() for p in self.coordinates if p.name in self.amplitudes
@@ -133,7 +133,7 @@ class Candidate:
         return f"{self.name}:{self.site}" if self.has_site else self.name
 
     @property
-    def nothing(self) -> float:
+    def vanishing_amplitude(self) -> float:
         """Where the first amplitude [SI] leaves nothing of what it changes: at 0, but for a perturbation."""
         if not self.is_perturbation:
             return 0.0

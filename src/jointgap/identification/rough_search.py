@@ -36,8 +36,9 @@ class _Point:
 
 
 class Box:
-    """The ranges of a candidate's coordinates, each from 0 to 1; what the amplitude is beyond `Candidate.nothing` by
-    its logarithm, others as they are.
+    """The ranges of a candidate's coordinates, each from 0 to 1; others than the amplitude as they are.
+
+    The amplitude counts from `Candidate.vanishing_amplitude`, by its logarithm.
 
     Parameters
     ----------
@@ -55,8 +56,8 @@ class Box:
         own = [*(p for p in own if p.key == key or np.isfinite(p.high - p.low)), *nuisances]
         self._keys = [p.key for p in own]
         self._searched_later = np.array([p in nuisances for p in own])
-        self._logarithmic, self._nothing = np.array([p.key == key for p in own]), candidate.nothing
-        amplitudes = np.log(np.subtract(candidate.search_range, self._nothing))
+        self._logarithmic, self._vanishing = np.array([p.key == key for p in own]), candidate.vanishing_amplitude
+        amplitudes = np.log(np.subtract(candidate.search_range, self._vanishing))
         ends = np.array([amplitudes if p.key == key else (p.low, p.high) for p in own])
         self._low, self._width = ends[:, 0], ends[:, 1] - ends[:, 0]
 
@@ -81,7 +82,7 @@ class Box:
         return places
 
     def values(self, place: np.ndarray, factor: float = 1.0) -> dict[str, float]:
-        """By key [SI], what the amplitude is beyond `Candidate.nothing` times a `factor`.
+        """By key [SI], what the amplitude is beyond `Candidate.vanishing_amplitude` times a `factor`.
 
         Parameters
         ----------
@@ -90,13 +91,13 @@ class Box:
         factor : float
         """
         plain = self._low + self._width * place
-        sizes = self._nothing + factor * np.exp(plain)
+        sizes = self._vanishing + factor * np.exp(plain)
         return dict(zip(self._keys, np.where(self._logarithmic, sizes, plain).tolist(), strict=True))
 
     def place(self, values: Mapping[str, float]) -> np.ndarray:
         """Of values by key [SI], on the edge where they are beyond."""
         plain = np.array([values[key] for key in self._keys])
-        plain = np.where(self._logarithmic, np.log(np.maximum(plain - self._nothing, 1e-300)), plain)
+        plain = np.where(self._logarithmic, np.log(np.maximum(plain - self._vanishing, 1e-300)), plain)
         return np.clip((plain - self._low) / self._width, 0.0, 1.0)
 
 

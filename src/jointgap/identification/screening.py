@@ -106,20 +106,19 @@ class Signatures:
         base = dict(zip((p.key for p in self.parameters), self.values.tolist(), strict=True))
 
         def origin(signature: Signature) -> np.ndarray:
-            keys = [p.key for p in signature.amplitudes]
-            moved = np.zeros(fit.residual.size)
+            keys, left = [p.key for p in signature.amplitudes], fit.residual + (signature.origin - self.residual)
             for name, amplitude in signature.candidate.replaces.items():
                 if amplitude in keys and name in base and name in fit.mapping:
-                    moved = signature.columns[:, keys.index(amplitude)] * (base[name] - fit.mapping[name])
-            return fit.residual + (signature.origin - self.residual) + moved
+                    left = left + signature.columns[:, keys.index(amplitude)] * (base[name] - fit.mapping[name])
+            return left
 
         others = [
             replace(s, origin=origin(s)) for s in self.entries if not taken & {s.candidate.label, *s.candidate.replaces}
         ]
         return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, others, self.failed)
 
-    def alone(self) -> "Signatures":
-        """The same with nothing beside them that could move."""
+    def without_nuisances(self) -> "Signatures":
+        """The same with no nuisance beside them that could move."""
         return replace(self, parameters=(), values=self.values[:0], jacobian=self.jacobian[:, :0])
 
     def of(self, label: str) -> list[Signature]:

@@ -284,7 +284,7 @@ class RoughSearchSettings:
     least_explained_share : float
         [1, of the misfit of features] Candidates that all explain less are dropped after the first points already: the
         best of these explained 0.15 and more where a joint is loose, and 0.1 or less where nothing rings.
-    least_share_of_changes : float
+    least_share_of_perturbations : float
         [1] The same, of changes of known quantities before other ways are tried: a hidden one explained 0.57, and the
         best explained 0.31 where a force was hidden.
     beside_share : float
@@ -335,7 +335,7 @@ class RoughSearchSettings:
     least_spread: float = 0.01
     eliminated_share: float = 0.3
     least_explained_share: float = 0.1
-    least_share_of_changes: float = 0.4
+    least_share_of_perturbations: float = 0.4
     beside_share: float = 0.1
     min_behind: float = 40.0
     reached_share: float = 0.5
