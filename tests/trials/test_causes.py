@@ -7,8 +7,8 @@ from jointgap.trials.causes import cause
 DRAG, SPRING = frozenset({"slider_quadratic_drag"}), frozenset({"slider_spring"})
 
 
-def truth(listed=True, numerics_gap=1.0, **further) -> dict:
-    return {"effects": [{"listed": listed}], "numerics_gap": numerics_gap} | further
+def truth(listed=True, idle=False, numerics_gap=1.0, **further) -> dict:
+    return {"effects": [{"listed": listed, "idle": idle}], "numerics_gap": numerics_gap} | further
 
 
 def analysis(merged=(), **chi2) -> dict:
@@ -25,6 +25,7 @@ BOTH = {"slider_quadratic_drag": 1010.0, "slider_spring": 1020.0}
         (truth(), {"error": "MemoryError"}, "the analysis failed"),
         (truth(damage={"what": "sign"}), analysis(), "data damaged: sign"),
         (truth(listed=False), analysis(**BOTH), "the truth is no candidate"),
+        (truth(idle=True), analysis(**BOTH), "an effect that is none: within a stated range"),
         (truth(numerics_gap=1.4), analysis([DRAG | SPRING], **BOTH), "look-alikes, as preflight says"),
         (truth(numerics_gap=1.4), analysis(**BOTH), "the truth itself leaves a gap of 1.4"),
         (truth(), analysis(slider_spring=1020.0), "the truth was not fitted"),

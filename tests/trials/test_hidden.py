@@ -15,6 +15,7 @@ from jointgap.joints import PINS
 from jointgap.recordings import read_measurements
 from jointgap.slider_crank.modified_mechanism import with_nuisances
 from jointgap.trials.batches import cached_record, folder_digest
+from jointgap.trials.idle_effects import idle_effects
 from jointgap.trials.injected_effects import LISTED, OFF_LIST, InjectedEffect
 from jointgap.trials.make_trial import ar1_noise, draw_trial, make_trial, parameters_beyond_nominal
 from jointgap.trials.sensor_readings import CrankRun, faulty_reading, noise_free_readings, simulate_signals
@@ -278,6 +279,27 @@ def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(tmp_
     known = parameters_beyond_nominal(made, lengths, 1e-3)
     assert list(known) == ["rod_m", "crank_m"]
     assert known["rod_m"] == 1e-3 + made.true["rod"]["length"] - made.nominal["rod"]["length"]
+
+
+def test_an_effect_is_idle_where_it_is_a_parameter_within_its_stated_range_or_where_another_overwrites_it(tmp_path):
+    plan = TrialPlan("0123456789ab", 2, "single", "ideal", 5.0, ("added_slider_mass",))
+    assert make_trial(plan, 11, tmp_path)["effects"][0]["idle"] is False
+    file = tmp_path / "campaign.yaml"
+    mass = yaml.safe_load((tmp_path / "mechanism.yaml").read_text())["slider"]["mass"]
+    low, high = yaml.safe_load(file.read_text())["nuisance"]["slider_mass"]
+
+    def added(whole):
+        return {"name": "added_slider_mass", "site": "slider", "parameters": {"mass_kg": whole - mass}}
+
+    ends = [low - 1e-6, low + 1e-6, high - 1e-6, high + 1e-6]
+    assert [idle_effects(file, [added(end)])[0] for end in ends] == [False, True, True, False]
+    friction = {"name": "pin_friction", "site": "crank_pin", "parameters": {"coefficient": 0.3}}
+    clearance = {"name": "crank_pin_clearance", "site": "crank_pin", "parameters": {"clearance_m": 1e-5}}
+    stating = clearance | {"parameters": {"clearance_m": 1e-5, "friction": 0.1}}
+    assert idle_effects(file, [friction, clearance]) == [False, False]
+    assert idle_effects(file, [friction, stating]) == [True, False]
+    assert idle_effects(file, [friction]) == [False]
+    assert idle_effects(file, []) == []
 
 
 def test_a_trial_is_done_again_where_it_failed_or_its_files_or_code_are_others(tmp_path):

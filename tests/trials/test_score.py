@@ -20,9 +20,10 @@ from jointgap.trials.score import BASELINES, LEAST_GAP, TRIALS, effect_label, sc
 from jointgap.trials.trial_figures import draw_score
 from jointgap.trials.trials_report import EFFECT_CLASSES, class_confusion, metrics, page, rates, share_interval
 
-DRAG = {"name": "slider_quadratic_drag", "site": "slider", "listed": True, "parameters": {"drag_N_s2_m2": 2.0}}
-SPRING = {"name": "slider_spring", "site": "slider", "listed": True, "parameters": {"stiffness_N_m": 100.0}}
-LAG = {"name": "sensor_lag", "site": "crank_torque", "listed": True, "parameters": {"lag_s": 1e-3}}
+SHOWN = {"listed": True, "idle": False}
+DRAG = {"name": "slider_quadratic_drag", "site": "slider", **SHOWN, "parameters": {"drag_N_s2_m2": 2.0}}
+SPRING = {"name": "slider_spring", "site": "slider", **SHOWN, "parameters": {"stiffness_N_m": 100.0}}
+LAG = {"name": "sensor_lag", "site": "crank_torque", **SHOWN, "parameters": {"lag_s": 1e-3}}
 
 
 def truth(*effects, kind="single", gap=5.0, difference=None, name="a") -> dict:
@@ -94,7 +95,7 @@ def test_an_ambiguous_verdict_is_right_where_preflight_foresaw_it():
 
 def test_each_effect_of_a_pair_has_its_own_double_where_preflight_foresaw_the_ambiguity():
     def one(name):
-        return {"name": name, "site": "slider", "listed": True, "parameters": {"a": 1.0}}
+        return {"name": name, "site": "slider", **SHOWN, "parameters": {"a": 1.0}}
 
     a, b, c, d = (one(name) for name in "abcd")
     doubles = [[named(c), named(d)], [named(a), named(b)]]
@@ -120,7 +121,7 @@ def test_a_family_is_right_where_the_true_law_lies_in_it_and_its_interval_holds_
     viscous = {
         "name": "slider_viscous_friction",
         "site": "slider",
-        "listed": True,
+        **SHOWN,
         "parameters": {"damping_N_s_m": 2.0},
     }
     assert outcome(DRAG, effects=[drag_family()]) == "right"
@@ -134,7 +135,7 @@ def test_a_family_is_right_where_the_true_law_lies_in_it_and_its_interval_holds_
 
 
 def test_a_law_off_the_list_is_right_as_its_family_and_wrong_as_another_law():
-    fifth = {"name": "fifth_power_drag", "site": "slider", "listed": False, "parameters": {"s": 3.0}}
+    fifth = {"name": "fifth_power_drag", "site": "slider", "listed": False, "idle": False, "parameters": {"s": 3.0}}
     stribeck = fifth | {"name": "stribeck_friction"}
     assert outcome(fifth, kind="off_list", effects=[drag_family("slider_power_drag", 4.7, 5.2)]) == "right"
     assert outcome(fifth, kind="off_list", effects=[drag_family("slider_power_drag", 2.7, 3.2)]) == "wrong"
@@ -171,7 +172,14 @@ def test_a_discovered_force_is_right_within_a_tenth_of_the_true_one(off, found):
     v = np.linspace(-1, 1, 21)
     force = {"kind": "discovered_slider_force", "v": v.tolist(), "value": (-3 * v**3).tolist()}
     force |= {key: [0.5] * 21 for key in ("x", "w", "theta", "t")}
-    hidden = {"name": "cubic_drag", "site": "slider", "listed": False, "parameters": {"s": 3.0}, "force": force}
+    hidden = {
+        "name": "cubic_drag",
+        "site": "slider",
+        "listed": False,
+        "idle": False,
+        "parameters": {"s": 3.0},
+        "force": force,
+    }
     sealed = truth(hidden, kind="off_list")
     assert score_trial(sealed, analysis(effects=[law("-c*v^3", c=3.0 * off)]))["outcome"] == found
     assert score_trial(sealed, analysis(effects=[named(DRAG)]))["outcome"] == "wrong"
@@ -183,6 +191,15 @@ def test_what_preflight_calls_undetectable_is_apart_and_so_is_what_could_not_be_
     assert not score_trial(truth(DRAG), analysis(undetectable=["slider_quadratic_drag"]))["detectable"]
     assert not score_trial(truth(DRAG, gap=1.1), analysis())["detectable"]
     assert score_trial(truth(DRAG), analysis(undetectable=["slider_quadratic_drag"]))["foreseen"]
+
+
+def test_an_effect_that_is_within_a_stated_range_is_none_and_so_is_a_pair_with_it():
+    row = score_trial(truth(DRAG | {"idle": True}), analysis("parameters_only"))
+    assert (row["idle"], row["detectable"], row["outcome"]) == (True, False, "missed")
+    assert row["cause"] == "an effect that is none: within a stated range, or overwritten by another"
+    pair = score_trial(truth(DRAG, SPRING | {"idle": True}, kind="pair"), analysis(effects=[named(DRAG)]))
+    assert (pair["idle"], pair["detectable"]) == (True, False)
+    assert not score_trial(truth(DRAG), analysis())["idle"]
     assert not score_trial(truth(DRAG, gap=1.1), analysis())["foreseen"]
 
 
@@ -384,7 +401,7 @@ def rows_of(*rows) -> pd.DataFrame:
     hidden = np.where(frame["kind"] == "clearance", "piston_pin_clearance", "gravity")
     hidden[frame["size"] == 0.0] = "nothing"
     baselines = dict.fromkeys(BASELINES, "not asked") | {"greedy": "wrong"}
-    return frame.assign(hidden=hidden, told=False, named="gravity", **baselines, **numbers)
+    return frame.assign(hidden=hidden, told=False, idle=False, named="gravity", **baselines, **numbers)
 
 
 def test_every_rate_counts_the_trials_that_it_says():
@@ -434,6 +451,7 @@ def test_every_rate_counts_the_trials_that_it_says():
         "wrong name, two effects": (1, 2),
         "undetectable": (2, 9),
         "undetectable, as preflight says": (1, 9),
+        "undetectable, within a stated range or overwritten": (0, 9),
         "failed": (1, 15),
         "size within the 90 % interval": (2, 5),  # five halves, to the even number
         "size within the 50 % interval": (0, 5),
@@ -528,7 +546,7 @@ def wired(what="sign", *channels):
 
 
 DOUBT = {"run": "run1", "channel": "crank_torque", "other": "", "kind": "sign"}
-GAIN = {"name": "sensor_gain", "site": "crank_torque", "listed": True, "parameters": {"gain_error": 0.5}}
+GAIN = {"name": "sensor_gain", "site": "crank_torque", **SHOWN, "parameters": {"gain_error": 0.5}}
 
 
 def test_wrongly_wired_data_are_right_where_the_channel_is_told_and_no_effect_is_named():

@@ -40,6 +40,8 @@ def cause(
         return f"data damaged: {truth['damage']['what']}"
     if not all(effect["listed"] for effect in truth["effects"]):
         return "the truth is no candidate"
+    if any(effect["idle"] for effect in truth["effects"]):
+        return "an effect that is none: within a stated range, or overwritten by another"
     merged = [frozenset(group) for group in analysis["verdict"]["preflight"]["merged"]]
     extra, lacking = named - hidden, hidden - named
     if extra and lacking and any(extra | lacking <= group for group in merged):

@@ -16,6 +16,7 @@ from jointgap.errors import SimulationError
 from jointgap.formula import Program, compile_formula
 from jointgap.trials import exudyn_contact, exudyn_model
 from jointgap.trials.campaign_writer import write_campaign
+from jointgap.trials.idle_effects import idle_effects
 from jointgap.trials.injected_effects import LISTED, OFF_LIST, InjectedEffect
 from jointgap.trials.sensor_readings import (
     SETTLING_REVOLUTIONS,
@@ -195,12 +196,14 @@ def _write_trial(
     calibrator, effects = draw.calibrator, draw.effects
     repeats = isinstance(calibrator, SizeCalibrator)
     comparable = repeats and rig is draw.rig  # sampled at the same times
+    records = [_effect_record(draw.rig, effect, size) for effect, size in effects]
+    idle = idle_effects(folder / "campaign.yaml", records)
     return {
         **_truth_record(plan, draw),
         "numerics": numerics,
         "numerics_gap": round(calibrator.numerics_gap(effects, clean), 3) if comparable else None,
         "difference": _base_difference(draw.rig, calibrator, effects) if repeats else None,
-        "effects": [_effect_record(draw.rig, effect, size) for effect, size in effects],
+        "effects": [record | {"idle": none} for record, none in zip(records, idle, strict=True)],
     }
 
 

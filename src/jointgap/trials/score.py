@@ -104,7 +104,13 @@ TRIALS = Table(
     "Blind trials: what was hidden, and what was found",
     (
         *(Column(name, "", meaning, "text") for name, meaning in _TEXT.items()),
-        Column("detectable", "", "an effect is hidden that preflight calls detectable, as large as asked for", "bool"),
+        Column(
+            "detectable",
+            "",
+            "an effect is hidden that preflight calls detectable, as large as asked for, and none is idle",
+            "bool",
+        ),
+        Column("idle", "", "an effect is hidden that is within a stated range, or overwritten by another", "bool"),
         Column("told", "", "of the kind wiring: a remark, an error or a fault of a sensor names the channel", "bool"),
         Column("foreseen", "", "an effect is hidden that preflight calls undetectable", "bool"),
         *(Column(name, unit, meaning, nullable=True) for name, (unit, meaning) in _NUMBERS.items()),
@@ -134,7 +140,7 @@ def score_batches(truths: Iterable[Path], analyses: Iterable[Path]) -> pd.DataFr
     rows = pd.DataFrame([score_trial(truth[trial], analysis[trial]) for trial in sorted(truth)])
     columns = [column.name for column in TRIALS.columns]
     return rows.reindex(columns=columns).astype(
-        dict.fromkeys(("detectable", "told", "foreseen"), bool) | dict.fromkeys(_NUMBERS, float)
+        dict.fromkeys(("detectable", "idle", "told", "foreseen"), bool) | dict.fromkeys(_NUMBERS, float)
     )
 
 
@@ -184,6 +190,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
         "verdict": verdict["verdict"] if verdict else "failed",
         "named": "",
         "detectable": bool(hidden),
+        "idle": any(effect["idle"] for effect in truth["effects"]),
         "told": False,
         "foreseen": False,
         "cause": "",
@@ -203,7 +210,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     if verdict is None:
         return row | {"outcome": "failed", "cause": cause(truth, analysis, hidden, frozenset())}
     row["foreseen"] = bool(hidden & set(verdict["preflight"]["undetectable"]))
-    row["detectable"] = bool(hidden) and not row["foreseen"] and min(truth["gaps"]) >= LEAST_GAP
+    row["detectable"] = bool(hidden) and not row["foreseen"] and not row["idle"] and min(truth["gaps"]) >= LEAST_GAP
     row["named"] = " + ".join(sorted(map(_name_stated, verdict["effects"]))) or verdict["verdict"]
     row["outcome"] = (
         _wiring_outcome(damaged, verdict, row["told"]) if "damage" in truth else _outcome(truth, verdict, hidden)

@@ -105,6 +105,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         _outcomes("wrong name, two effects", detectable_pairs, "wrong"),
         _share("undetectable", hidden, ~hidden["detectable"]),
         _share("undetectable, as preflight says", hidden, hidden["foreseen"]),
+        _share("undetectable, within a stated range or overwritten", hidden, hidden["idle"]),
         *_by_base("wrong name, data wired wrongly", wiring, wiring["outcome"] == "wrong"),
         *_by_base("told which channel, data wired wrongly", wiring, wiring["told"]),
         _outcomes("failed", trials, "failed"),
