@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.identification import rough_search
+from jointgap.identification import decide_by_features, rough_search
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.confirmation import confirm
 from jointgap.identification.cycle_features import CycleFeatures
@@ -15,7 +15,7 @@ from jointgap.identification.estimates import effect_estimates, nuisance_estimat
 from jointgap.identification.fit import MATCHED, STOPPED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem, label_of
 from jointgap.identification.protocol import FAST
-from jointgap.identification.rough_search import leaves_rough_motion, search_rough
+from jointgap.identification.rough_search import can_be_followed, leaves_rough_motion, search_rough
 from tests.identification.knocks import LOOSER, knocking
 from tests.identification.toy import CANDIDATES, RINGING, candidate_of, ringing, stated_noise, toy
 
@@ -105,7 +105,8 @@ def test_an_effect_of_which_no_first_point_explains_anything_is_dropped_after_th
     before = base.problem.simulations
     assert search_rough(base, [base.base], [never], 1.2, 1) == []
     points = 2**base.problem.settings.rough_search.first_points_log2
-    assert base.problem.simulations - before <= points * len(base.problem.runs)
+    derivatives = 2 * len(base.base.parameters)  # simulations at most
+    assert base.problem.simulations - before <= (points + derivatives) * len(base.problem.runs)
 
 
 def rounds_of(monkeypatch, candidates, **changed):
@@ -159,9 +160,11 @@ def test_joints_alone_and_beside_an_effect_compete_in_what_that_effect_leaves(mo
         seen.add(label_of(one.hypothesis))
         point = next(point for point in one.points if np.isfinite(point.chi2))
         values = one._origin.mapping | one._box.values(point.place)
-        change = beside.residual - base.problem.residual(values, one.hypothesis, numerics=FAST)
+        residual, runs = base.problem.residual(values, one.hypothesis, numerics=FAST), base.problem.runs
+        left, adapted = one._nuisances.adapted(residual, runs, one._origin.mapping)
         features = CycleFeatures(base.problem, beside.residual)
-        assert point.misfit == pytest.approx(sum(features.misfit(change, run) for run in base.problem.runs))
+        assert point.misfit == pytest.approx(sum(features.misfit(beside.residual - left, run) for run in runs))
+        assert (point.chi2, point.beside) == (pytest.approx(left @ left), adapted)
 
     monkeypatch.setattr(rough_search._Contestant, "go_on", watched)
     found = search_rough(base, [base.base, beside], [RINGING], 1.2, 1)
@@ -205,8 +208,14 @@ def fit_at(problem, hypothesis, start):
     )
 
 
+def cannot_follow_samples(monkeypatch):
+    for module in (rough_search, decide_by_features):
+        monkeypatch.setattr(module, "can_be_followed", lambda *args: False)
+
+
 def blind_to_samples(base, monkeypatch, origin=None, candidates=(RINGING,), others=()):
-    """The search where no point of samples' valley is met: fits of samples end where they begin."""
+    """The search where samples cannot be followed and no point of their valley is met: fits end where they begin."""
+    cannot_follow_samples(monkeypatch)
     monkeypatch.setattr(rough_search._Contestant, "reached", lambda self, chi2: False)
     monkeypatch.setattr(
         rough_search._Contestant,
@@ -245,7 +254,7 @@ def test_of_the_best_points_of_the_search_the_usual_numerics_choose(monkeypatch)
     )
     monkeypatch.setattr(Problem, "residual", coarse)
     *_, found = blind_to_samples(base, monkeypatch)
-    (contestant,), features = seen, CycleFeatures(base.problem, base.base.residual)
+    (contestant,), features = {*seen}, CycleFeatures(base.problem, base.base.residual)
     best = min(contestant.points, key=lambda point: point.misfit)
     size = contestant._box.values(best.place)["ringing.size"]
 
@@ -283,33 +292,39 @@ def test_points_are_drawn_about_where_a_fit_of_samples_ended_with_what_was_not_s
         Problem, "residual", lambda self, values, *args: simulated.append(values) or residual(self, values, *args)
     )
     search_rough(replace(base, problem=problem), [base.base], [RINGING], 0.0, 2)
-    box = rough_search.Box(
-        RINGING, problem.parameters((RINGING,)), rough_search.searched_nuisances(problem, (RINGING,))
-    )
-    place = box.place(ended)
+    place = rough_search.Box(RINGING, problem.parameters((RINGING,))).place(ended)
     about = [any(np.array_equal(place, one) for one in elite) for elite in drawn]
     assert not about[0] and about[-1]
     assert simulated[0]["speed@slow"] != ended["speed@slow"] and simulated[-1]["speed@slow"] == ended["speed@slow"]
 
 
-def test_a_search_that_begins_anew_draws_points_in_the_nuisances_that_runs_share_too():
+def test_points_are_compared_beside_the_nuisances_that_suit_each_best():
     base = rough(0.2, 5)
-    nuisances = rough_search.searched_nuisances(base.problem, (RINGING,))
-    assert [p.run for p in nuisances] == [None] * len(nuisances) and nuisances
-    box = rough_search.Box(RINGING, base.problem.parameters((RINGING,)), nuisances)
-    settings = base.problem.settings.rough_search
-    first, anew = (
-        [box.values(place) for place in box.spread(settings, np.random.default_rng(0), known)]
-        for known in (base.base.mapping, None)
-    )
-    for p in nuisances:
-        assert [values[p.key] for values in first] == pytest.approx([base.base.mapping[p.key]] * len(first))
-        assert max(values[p.key] for values in anew) - min(values[p.key] for values in anew) > 0.9 * (p.high - p.low)
-    few = replace(settings, max_nuisances=len(nuisances) - 1)
-    problem = Problem(
-        base.problem.model, stated_noise(base.problem.model), settings=replace(base.problem.settings, rough_search=few)
-    )
-    assert rough_search.searched_nuisances(problem, (RINGING,)) == []
+    problem, fit = base.problem, base.base
+    nuisances = rough_search._Nuisances(base, fit)
+    p = next(p for p in fit.parameters if p.run is None)
+    off = fit.mapping | {p.key: fit.mapping[p.key] + 0.1 * (p.high - fit.mapping[p.key])}
+    residual = problem.residual(off)
+    moved, adapted = nuisances.adapted(residual, problem.runs, off)
+    assert moved @ moved == pytest.approx(fit.chi2, abs=0.05 * (residual @ residual - fit.chi2))
+    assert abs(adapted[p.key] - fit.mapping[p.key]) < 0.3 * abs(off[p.key] - fit.mapping[p.key])
+    one = problem.runs[:1]
+    alone, _ = nuisances.adapted(residual, one, off)
+    others = [part.place for part in problem.parts if part.series.run not in one]
+    assert all(np.array_equal(alone[place], residual[place]) for place in others)
+    replaced = {key: value for key, value in off.items() if key != p.key}
+    assert p.key not in nuisances.adapted(residual, problem.runs, replaced)[1]
+
+
+def test_adapted_nuisances_stay_within_their_ranges():
+    base = rough(0.2, 5)
+    fit = base.base
+    p = next(p for p in fit.parameters if p.run is None)
+    at_its_end = fit.mapping | {p.key: p.high}
+    direction = dict(zip([q.key for q in fit.parameters], fit.jacobian.T, strict=True))[p.key]
+    beyond = fit.residual - 1e3 * direction * (p.high - p.low)
+    _, adapted = rough_search._Nuisances(base, fit).adapted(beyond, base.problem.runs, at_its_end)
+    assert adapted[p.key] == pytest.approx(p.high)
 
 
 def test_of_a_known_quantity_what_is_left_of_it_is_searched_evenly_in_its_logarithm():
@@ -380,8 +395,29 @@ def test_features_decide_only_what_samples_leave_unexplained(monkeypatch):
     assert (several.verdict, several.chosen, several.equivalent) == ("ambiguous", base.base, [found, found])
 
 
-def test_features_name_no_parameter_that_stays_within_its_range():
+def test_features_name_nothing_where_samples_can_be_followed(monkeypatch):
+    base = rough(0.3, 4)
+    with monkeypatch.context() as patched:
+        *_, found = blind_to_samples(base, patched)
+    assert can_be_followed(base.problem, found)
+    assert leaders_by_features(base.problem, base.base, [base.base], [found]) == []
+
+
+def test_a_search_begins_anew_though_features_are_met_where_samples_can_be_followed(monkeypatch):
+    base, begun, begin = rough(0.3, 4), [], rough_search._Contestant.begin
+    monkeypatch.setattr(
+        rough_search._Contestant, "begin", lambda self, features: begun.append(self) or begin(self, features)
+    )
+    blind_to_samples(base, monkeypatch)
+    assert len(begun) == 1
+    monkeypatch.setattr(rough_search, "can_be_followed", can_be_followed)
+    search_rough(base, [base.base], [RINGING], 0.0, POPULATIONS)
+    assert len(begun) == 1 + POPULATIONS
+
+
+def test_features_name_no_parameter_that_stays_within_its_range(monkeypatch):
     """The base is lost at one end of it; a clearance within it, or beyond it, meets the features."""
+    cannot_follow_samples(monkeypatch)
     for clearance, verdict in ((1.06, "unexplained"), (1.4, "named")):
         model = knocking(clearance=clearance, seed=2)
         base = recalibrate(model := replace(model, candidates=(*model.candidates, LOOSER)), stated_noise(model))

@@ -15,6 +15,7 @@ from jointgap.identification.decide_verdict import AMBIGUOUS, NAMED, UNEXPLAINED
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.nesting import labels_of, lowest_of_each
 from jointgap.identification.problem import Hypothesis, Problem
+from jointgap.identification.rough_search import can_be_followed
 
 
 def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matched: Sequence[Fit]) -> list[Fit]:
@@ -33,8 +34,8 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
     Returns
     -------
     list of Fit
-        Of those `matched`, best first; none where a fit to samples has features that are as good. None holds all
-        effects of another and more.
+        Of those `matched`, best first; none where a fit to samples has features that are as good, or where samples can
+        be followed at one of them: these are not met there. None holds all effects of another and more.
     """
     features, misfit = _misfits_of(problem, base)
     settings = problem.settings.rough_search
@@ -50,7 +51,8 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
     leaders = [matched[place] for found, place in ranked if found < enough]
     # an effect that features do not ask for says nothing beside one that they do
     labels = [labels_of(fit.hypothesis) for fit in leaders]
-    return [fit for fit, own in zip(leaders, labels, strict=True) if not any(other < own for other in labels)]
+    leaders = [fit for fit, own in zip(leaders, labels, strict=True) if not any(other < own for other in labels)]
+    return [] if any(can_be_followed(problem, fit) for fit in leaders) else leaders
 
 
 def with_feature_gains(problem: Problem, decision: Decision) -> Decision:

@@ -3,9 +3,11 @@
 Around the truth chi2 of samples has a valley that is a percent wide; outside it is flat. Features of the cycle
 (`jointgap.identification.cycle_features`) lead there. As in sequential Monte Carlo without likelihoods (Sisson, Fan and
 Tanaka, PNAS 104 (2007) 1760-1765) points are drawn from the range of the coordinates, the best are kept, and the next
-ones drawn about these. Candidates compete: one that falls behind is dropped. From the best points fits of the samples
-start. One that ends in a valley, but not at its bottom, is where points are drawn once more, now for the samples. Where
-a fit ended is a point like others: if its features are among the best, the next ones are drawn about it.
+ones drawn about these. At each of them nuisances are where derivatives say that samples are met best: those of the base
+make up for what is missing, and with them a valley may not be seen. Candidates compete: one that falls behind is
+dropped. From the best points fits of the samples start. One that ends in a valley, but not at its bottom, is where
+points are drawn once more, now for the samples. Where a fit ended is a point like others: if its features are among the
+best, the next ones are drawn about it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,10 +17,11 @@ import numpy as np
 from scipy.stats import qmc
 
 from jointgap.errors import InputError, SimulationError
-from jointgap.identification.baseline import Baseline, other_numerics, shared_nuisances
+from jointgap.identification.baseline import Baseline, other_numerics
 from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import reduced_chi2
-from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
+from jointgap.identification.fit import FAILED, MATCHED, Fit, bounds_of, fit_hypothesis
+from jointgap.identification.gauss_newton import bounded_step
 from jointgap.identification.nesting import derivatives_of, labels_of
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import FAST, Candidate, Parameter
@@ -31,7 +34,7 @@ class _Point:
 
     place: np.ndarray  # in the box of the coordinates, each from 0 to 1
     misfit: float  # of the features of the cycle; infinite where it was given up
-    chi2: float  # of the samples
+    chi2: float  # of the samples, as derivatives predict it beside these values
     beside: Mapping[str, float]  # values by key [SI] of what is not searched
 
 
@@ -46,40 +49,27 @@ class Box:
         One with a `search_range`.
     parameters : sequence of Parameter
         Of a hypothesis that holds it.
-    nuisances : sequence of Parameter
-        Further coordinates, all bounded.
     """
 
-    def __init__(self, candidate: Candidate, parameters: Sequence[Parameter], nuisances: Sequence[Parameter] = ()):
+    def __init__(self, candidate: Candidate, parameters: Sequence[Parameter]):
         key = f"{candidate.label}.{candidate.amplitudes[0]}"
         own = [p for p in parameters if p.name.startswith(f"{candidate.label}.")]
-        own = [*(p for p in own if p.key == key or np.isfinite(p.high - p.low)), *nuisances]
+        own = [p for p in own if p.key == key or np.isfinite(p.high - p.low)]
         self._keys = [p.key for p in own]
-        self._searched_later = np.array([p in nuisances for p in own])
         self._logarithmic, self._vanishing = np.array([p.key == key for p in own]), candidate.vanishing_amplitude
         amplitudes = np.log(np.subtract(candidate.search_range, self._vanishing))
         ends = np.array([amplitudes if p.key == key else (p.low, p.high) for p in own])
         self._low, self._width = ends[:, 0], ends[:, 1] - ends[:, 0]
 
-    def spread(
-        self,
-        settings: RoughSearchSettings,
-        generator: np.random.Generator,
-        known: Mapping[str, float] | None = None,
-    ) -> np.ndarray:
+    def spread(self, settings: RoughSearchSettings, generator: np.random.Generator) -> np.ndarray:
         """Places (points, dimensions) spread evenly over the box: the first ones of a search.
 
         Parameters
         ----------
         settings : RoughSearchSettings
         generator : numpy Generator
-        known : mapping of str to float, optional
-            Values by key [SI] that the nuisances have at all of them; else these are spread too.
         """
-        places = qmc.Sobol(len(self._keys), seed=generator).random_base2(settings.first_points_log2)
-        if known is not None and self._searched_later.any():
-            places[:, self._searched_later] = self.place({**self.values(places[0]), **known})[self._searched_later]
-        return places
+        return qmc.Sobol(len(self._keys), seed=generator).random_base2(settings.first_points_log2)
 
     def values(self, place: np.ndarray, factor: float = 1.0) -> dict[str, float]:
         """By key [SI], what the amplitude is beyond `Candidate.vanishing_amplitude` times a `factor`.
@@ -120,20 +110,51 @@ def drawn_about(
     return np.clip(generator.multivariate_normal(np.zeros(dimensions), spread, settings.points) + centres, 0, 1)
 
 
-def searched_nuisances(problem: Problem, hypothesis: Hypothesis) -> list[Parameter]:
-    """The nuisances in which points are drawn too: those that runs share, if they are few.
-
-    The base has them as they make up best for what is missing, and a valley may be too narrow for that: 1.4 % of the
-    slider's mass was enough to lose one.
+class _Nuisances:
+    """What small changes of the parameters of a fit do, by which they are adapted to a point without another fit.
 
     Parameters
     ----------
-    problem : Problem
-    hypothesis : tuple of Candidate
-        Nuisances that it replaces are left out.
+    baseline : Baseline
+    origin : Fit
     """
-    shared = shared_nuisances(problem, hypothesis)
-    return shared if len(shared) <= problem.settings.rough_search.max_nuisances else []
+
+    def __init__(self, baseline: Baseline, origin: Fit):
+        problem = self._problem = baseline.problem
+        self._parameters = origin.parameters
+        values = origin.mapping
+        self._columns = baseline.differences.jacobian(origin.parameters, values, origin.residual, origin.hypothesis)
+        self._rows = {
+            run: np.concatenate(
+                [np.arange(part.place.start, part.place.stop) for part in problem.parts if part.series.run == run]
+            )
+            for run in problem.runs
+        }
+
+    def adapted(
+        self, residual: np.ndarray, runs: Sequence[str], values: Mapping[str, float]
+    ) -> tuple[np.ndarray, dict[str, float]]:
+        """The residual (n,) and the values by key [SI] of what is left to fit, where those of some runs are least.
+
+        Parameters
+        ----------
+        residual : (n,) array
+            Whitened, of a simulation with `values`.
+        runs : sequence of str
+            Residuals of others stay.
+        values : mapping of str to float
+            By key [SI]; those that are not there are not adapted, as an effect replaces them.
+        """
+        chosen = [place for place, p in enumerate(self._parameters) if p.key in values]
+        present = np.array([values[self._parameters[place].key] for place in chosen])
+        low, high = bounds_of([self._parameters[place] for place in chosen])
+        rows = np.concatenate([self._rows[run] for run in runs])
+        columns = self._columns[np.ix_(rows, chosen)]
+        step, _ = bounded_step(columns, residual[rows], low - present, high - present)
+        moved = residual.copy()
+        moved[rows] += columns @ step
+        keys = [self._parameters[place].key for place in chosen]
+        return moved, dict(zip(keys, (present + step).tolist(), strict=True))
 
 
 class _Contestant:
@@ -142,14 +163,22 @@ class _Contestant:
     Features are those of what a `reference` leaves, the same for all that compete.
     """
 
-    def __init__(self, baseline: Baseline, origin: Fit, reference: Fit, candidate: Candidate, number: int):
-        self._baseline, self._origin, self._reference = baseline, origin, reference
+    def __init__(
+        self,
+        baseline: Baseline,
+        origin: Fit,
+        nuisances: _Nuisances,
+        reference: Fit,
+        candidate: Candidate,
+        number: int,
+    ):
+        self._baseline, self._origin, self._nuisances, self._reference = baseline, origin, nuisances, reference
         self._settings: RoughSearchSettings = baseline.problem.settings.rough_search
         self._generator = np.random.default_rng([number, self._settings.seed])
         self.hypothesis: Hypothesis = (*origin.hypothesis, candidate)
-        self._box = Box(
-            candidate, baseline.problem.parameters((candidate,)), searched_nuisances(baseline.problem, self.hypothesis)
-        )
+        self._box = Box(candidate, baseline.problem.parameters((candidate,)))
+        free = {p.key for p in baseline.problem.parameters(self.hypothesis)}
+        self._beside = {key: value for key, value in origin.mapping.items() if key in free}
         self.points: list[_Point] = []
         self._population: list[_Point] = []
         self._fits: list[_Point] = []  # where fits of the samples ended
@@ -187,13 +216,9 @@ class _Contestant:
         return None if best.misfit == np.inf or any(best is one for one in (*self._started, *self._fits)) else best
 
     def begin(self, features: CycleFeatures) -> None:
-        """Simulate points spread evenly over the box, others at each call: a new population, with the ends of fits.
-
-        The first one has the nuisances as the origin has them, where most valleys can be found.
-        """
-        known = None if self.points else self._origin.mapping
+        """Simulate points spread evenly over the box, others at each call: a new population, with the ends of fits."""
         self._population, self._progress = list(self._fits), []
-        self._simulate(features, self._box.spread(self._settings, self._generator, known))
+        self._simulate(features, self._box.spread(self._settings, self._generator))
 
     def go_on(self, features: CycleFeatures) -> None:
         """Simulate points about those of the population with the best features."""
@@ -204,25 +229,28 @@ class _Contestant:
     def _simulate(self, features: CycleFeatures, places: np.ndarray) -> None:
         """Simulate places run by run, each as long as its misfit may still be among the best.
 
-        What is not searched is as at the best point.
+        What is not searched is adapted to each, from where it is at the best point.
         """
-        problem, origin, reference = self._baseline.problem, self._origin, self._reference
+        problem, reference = self._baseline.problem, self._reference
         for place in places:
             known = sorted(self._population, key=lambda point: point.misfit)
             limit = known[self._settings.elite - 1].misfit if len(known) >= self._settings.elite else np.inf
-            beside = known[0].beside if known else origin.mapping
-            values, residual, misfit = beside | self._box.values(place), origin.residual, 0.0
+            beside = known[0].beside if known else self._beside
+            values, residual, misfit, adapted = beside | self._box.values(place), self._origin.residual, 0.0, beside
+            left = residual
             try:
-                for run in problem.runs:
+                for number, run in enumerate(problem.runs):
                     residual = problem.residual(values, self.hypothesis, (run,), residual, FAST)
-                    misfit += features.misfit(reference.residual - residual, run)
+                    simulated = problem.runs[: number + 1]
+                    left, adapted = self._nuisances.adapted(residual, simulated, beside)
+                    misfit = sum(features.misfit(reference.residual - left, one) for one in simulated)
                     if misfit > limit:
                         misfit = np.inf
                         break
             except (InputError, SimulationError):
                 misfit = np.inf
-            chi2 = float(residual @ residual) if misfit < np.inf else np.inf
-            self._population.append(_Point(place, misfit, chi2, beside))
+            chi2 = float(left @ left) if misfit < np.inf else np.inf
+            self._population.append(_Point(place, misfit, chi2, adapted))
             self.points.append(self._population[-1])
         self._progress.append(min((point.misfit for point in self._population), default=np.inf))
 
@@ -240,8 +268,9 @@ class _Contestant:
                 break
             fit = again
         if fit.status != FAILED:
+            beside = {key: fit.mapping[key] for key in self._beside}
             self._fits.append(
-                _Point(self._box.place(fit.mapping), self._misfit(features, fit.residual), fit.chi2, fit.mapping)
+                _Point(self._box.place(fit.mapping), self._misfit(features, fit.residual), fit.chi2, beside)
             )
             self.points.append(self._fits[-1])
             self._population.append(self._fits[-1])
@@ -380,6 +409,20 @@ def depends_roughly(problem: Problem, fit: Fit) -> bool:
     return max(ringing, default=0.0) > settings.min_rough_share
 
 
+def _ends_by_features(problem: Problem, contestants: Sequence[_Contestant], features: CycleFeatures) -> bool:
+    """Whether features say all that can be known: they are met where samples cannot be followed, or none competes.
+
+    Where samples can be, those at the truth would have been met.
+    """
+    best = min(contestants, key=lambda one: one.least, default=None)
+    if best is None:
+        return True
+    if best.least >= problem.settings.rough_search.matched_misfit * features.size:
+        return False
+    fit = best.matched(features)
+    return fit is not None and not can_be_followed(problem, fit)
+
+
 def search_rough(
     baseline: Baseline,
     origins: Sequence[Fit],
@@ -403,7 +446,7 @@ def search_rough(
     sufficient : float
         [1] Reduced chi2 of a fit that ends the search, if it can be followed.
     populations : int
-        How often it begins at most, as long as the features are not met.
+        How often it begins at most, until features are met where samples cannot be followed.
     until : float
         Once the problem has been simulated more often no further round begins, and the best candidate alone is fitted.
     others : sequence of Fit
@@ -425,8 +468,8 @@ def search_rough(
     features = CycleFeatures(problem, reference.residual)
     absent = sum(features.misfit(np.zeros(problem.size), run) for run in problem.runs)
     contestants = [
-        _Contestant(baseline, origin, reference, candidate, number)
-        for origin in origins
+        _Contestant(baseline, origin, nuisances, reference, candidate, number)
+        for origin, nuisances in ((origin, _Nuisances(baseline, origin)) for origin in origins)
         for number, candidate in enumerate(candidates)
         if all(candidate.label != effect.label for effect in origin.hypothesis)
     ]
@@ -436,8 +479,7 @@ def search_rough(
         return reduced_chi2(fit) <= sufficient and can_be_followed(problem, fit)
 
     for population in range(populations):
-        met = min((one.least for one in contestants), default=0.0) < settings.matched_misfit * features.size
-        if met or problem.simulations > until:
+        if problem.simulations > until or (population and _ends_by_features(problem, contestants, features)):
             break
         for one in contestants:
             one.begin(features)

@@ -255,9 +255,6 @@ class RoughSearchSettings:
         [1, of noise] How large these changes are made before it is asked whether they ring.
     first_points_log2 : int
         Logarithm to base 2 of how many points of a Sobol sequence are simulated first: 64 in five dimensions.
-    max_nuisances : int
-        So many nuisances that runs share are coordinates of the search too: those of ideal joints, masses and lengths.
-        Where there are more, as with loose joints, points are too few for them.
     rounds, points : int
         How often points are drawn about the best ones at most, each time it begins, and how many (experience).
     rounds_for_all : int
@@ -322,7 +319,6 @@ class RoughSearchSettings:
     min_rough_share: float = 0.3
     enlarged_change: float = 10.0
     first_points_log2: int = 6
-    max_nuisances: int = 4
     rounds: int = 8
     rounds_for_all: int = 2
     stalled_rounds: int = 3
