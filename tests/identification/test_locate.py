@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.identification.disagreement import circular_spans, ljung_box, map_disagreement
+from jointgap.identification.disagreement import circular_spans, flag_bins, ljung_box, map_disagreement
 from jointgap.identification.order_spectrum import order_spectrum, speed_scaling, standout_orders
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
@@ -103,11 +103,44 @@ def test_ljung_box_is_flat_for_independent_numbers_with_gaps_and_sees_memory():
     assert ljung_box(noise_of(300, 0.5, np.random.default_rng(0)), np.arange(300)) < 1e-6
 
 
-def test_probabilities_of_bins_are_adjusted_for_their_number_as_by_benjamini_and_hochberg():
-    bins = mapped(toy({"coulomb": {"force_N": 0.5}}, seed=3)).bins
-    p = np.sort(bins["p"].to_numpy())
-    expected = [min(1.0, *(p[later] * p.size / (later + 1) for later in range(i, p.size))) for i in range(p.size)]
-    assert np.sort(bins["p_adjusted"].to_numpy()) == pytest.approx(expected, rel=1e-12)
+def bins_with(p: dict[int, float], size: float = 1.0) -> pd.DataFrame:
+    """Bins of one channel, of probability 0.5 and without size but for those numbered in `p`."""
+    rows = pd.DataFrame({"run": "slow", "channel": "torque", "start_deg": 10.0 * np.arange(36), "p": 0.5, "size": 0.0})
+    rows.loc[list(p), "p"], rows.loc[list(p), "size"] = list(p.values()), size
+    return rows
+
+
+def flagged(bins: pd.DataFrame) -> list[int]:
+    found = flag_bins(bins, DEFAULT_SETTINGS.disagreement, 0.01)
+    return np.flatnonzero(found["flagged"]).tolist()
+
+
+def test_what_is_small_over_many_bins_is_sure_for_these_together():
+    weak = dict.fromkeys(range(5, 14), 0.02)
+    assert flagged(bins_with(weak)) == list(range(5, 14))
+    assert flagged(bins_with({7: 0.02, 20: 0.02})) == []
+    assert flagged(bins_with(weak, size=0.05)) == []  # too small for anyone to look for its cause
+
+
+def test_a_weak_bin_between_others_belongs_to_their_window_and_one_beside_them_does_not():
+    many = dict.fromkeys([4, 5, 6, 7, 9, 10, 11, 12], 1e-3)
+    assert flagged(bins_with(many | {8: 0.4})) == list(range(4, 13))
+    assert flagged(bins_with(many | {13: 0.4})) == [4, 5, 6, 7, 8, 9, 10, 11, 12]
+
+
+def test_one_sure_bin_does_not_make_what_is_around_it_sure():
+    assert flagged(bins_with({7: 1e-30, 10: 0.03, 13: 0.03})) == [7]
+
+
+def test_a_window_runs_across_the_beginning_of_the_circle():
+    assert flagged(bins_with({35: 1e-9, 0: 1e-9})) == [0, 35]
+
+
+def test_the_adjusted_probability_of_a_bin_is_that_of_the_surest_span_that_holds_it():
+    found = flag_bins(bins_with({7: 1e-9}), DEFAULT_SETTINGS.disagreement, 0.01)["p_adjusted"]
+    spans = 36 * len(DEFAULT_SETTINGS.disagreement.spans)
+    assert found[7] == pytest.approx(1e-9 * spans, rel=1e-9)
+    assert found.drop(7).min() > 0.01
 
 
 def test_rows_on_a_circle_run_across_its_beginning():

@@ -9,7 +9,7 @@ from scipy.stats import false_discovery_control
 
 from jointgap.identification.order_spectrum import order_spectrum, speed_scaling, standout_orders
 from jointgap.identification.problem import Part, Problem
-from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.identification.settings import DEFAULT_SETTINGS, DisagreementSettings
 from jointgap.identification.whitening import Noise, unwhiten, whiten
 
 
@@ -26,7 +26,7 @@ class DisagreementMap:
         Per run and channel: samples, chi2, p_chi2, p_ljung_box (whether whitened residuals are correlated).
     bins : DataFrame
         Per run, channel and bin of the crank angle: start_deg, end_deg, samples, mean and rms [standard deviations of
-        the noise], p, p_adjusted (Benjamini-Hochberg over all bins), flagged.
+        the noise], p, p_adjusted (of the surest span that holds it; Benjamini-Hochberg over all spans), flagged.
     windows : DataFrame
         Neighbouring flagged bins as one: run, channel, start_deg, end_deg (smaller than the start where 0 lies
         between), mean, rms, p_adjusted; the surest first.
@@ -56,6 +56,11 @@ class DisagreementMap:
 def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: float = 0.01) -> DisagreementMap:
     """Test the residual run by run, channel by channel, bin by bin of the crank angle.
 
+    What is small over many bins is sure only for these together. So spans of several widths are tested, each by all its
+    bins (Fisher's sum of logarithms, to which none of them adds more than a certain amount), and within the sure ones
+    bins are flagged that disagree together with their neighbours; such a window begins and ends with bins that do so by
+    themselves.
+
     Parameters
     ----------
     problem : Problem
@@ -75,9 +80,8 @@ def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: fl
         [row for part in problem.parts for row in _bins(part, residual[part.place], settings.bins)],
         columns=["run", "channel", "start_deg", "end_deg", "samples", "mean", "rms", "size", "p"],
     )
-    bins["p_adjusted"] = false_discovery_control(bins["p"].to_numpy(float))
-    bins["flagged"] = (bins["p_adjusted"] <= false_discovery) & (bins["size"] >= settings.min_size)
-    windows = _windows(bins, settings.bins, false_discovery)
+    bins = flag_bins(bins, settings, false_discovery)
+    windows = _windows(bins, settings.bins)
     chi2 = float(residual @ residual)
     return DisagreementMap(
         chi2,
@@ -214,12 +218,76 @@ def _disagreement(white: np.ndarray, basis: np.ndarray) -> tuple[float, float]:
     return float(min(1.0, len(p) * min(p))), float(np.sqrt(max(estimated, 0.0)))
 
 
-def _windows(bins: pd.DataFrame, count: int, false_discovery: float) -> pd.DataFrame:
-    """Neighbouring flagged bins as one, where at least one of them is sure among all bins (Bonferroni).
+def flag_bins(bins: pd.DataFrame, settings: DisagreementSettings, sure: float) -> pd.DataFrame:
+    """Which bins disagree: sure within a span, and likely beside their neighbours.
 
-    The share of false discoveries among bins says little of windows: a true window is many bins, a false one is one
-    bin.
+    Parameters
+    ----------
+    bins : DataFrame
+        run, channel, start_deg, p and size [standard deviations of the noise] of each; those of one run and channel lie
+        on a circle of as many as the settings say, some of which may be absent.
+    settings : DisagreementSettings
+    sure : float
+        [1] Adjusted probability of a span by noise alone up to which it is sure.
+
+    Returns
+    -------
+    DataFrame
+        The same with the columns p_adjusted and flagged.
     """
+    groups = [rows.index for _, rows in bins.groupby(["run", "channel"], sort=False)]
+    if not groups:
+        return bins.assign(p_adjusted=np.empty(0), flagged=np.empty(0, bool))
+    count = settings.bins
+    numbers = [np.rint(bins.loc[rows, "start_deg"] * count / 360.0).to_numpy(int) for rows in groups]
+    # all spans of all widths, each as the bins that it holds
+    held = np.array([np.roll(np.arange(count) < width, begin) for width in settings.spans for begin in range(count)])
+    around = np.array(
+        [np.roll(np.arange(count) < settings.neighbours, i - settings.neighbours // 2) for i in range(count)]
+    )
+    probabilities = np.ones((len(groups), count))
+    there = np.zeros((len(groups), count), bool)
+    for group, (rows, number) in enumerate(zip(groups, numbers, strict=True)):
+        probabilities[group, number], there[group, number] = bins.loc[rows, "p"], True
+    shared = np.maximum(probabilities, settings.least_of_one)
+    wide = held.sum(axis=1) > 1
+    spans = np.where(wide, _together(shared, there, held), _together(probabilities, there, held))
+    adjusted = false_discovery_control(spans.ravel()).reshape(len(groups), -1)
+    least = np.min(np.where(held[None], adjusted[:, :, None], 1.0), axis=1)
+    of_one = np.min(np.where(held[None, ~wide], adjusted[:, ~wide, None], 1.0), axis=1)
+    likely = (_together(shared, there, around) <= settings.likely) | (of_one <= sure)
+    alone = probabilities <= settings.likely_end
+    p_adjusted, flagged = np.ones(len(bins)), np.zeros(len(bins), bool)
+    for group, (rows, number) in enumerate(zip(groups, numbers, strict=True)):
+        large = np.zeros(count, bool)
+        large[number] = bins.loc[rows, "size"] >= settings.min_size
+        inside = _trimmed((least[group] <= sure) & likely[group] & there[group], alone[group] & large)
+        p_adjusted[rows], flagged[rows] = least[group, number], inside[number]
+    return bins.assign(p_adjusted=p_adjusted, flagged=flagged)
+
+
+def _together(probabilities: np.ndarray, there: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """Probability (groups, spans) by noise alone of the bins together that each span holds (spans, bins), by Fisher's
+    method; `probabilities` of bins and whether they are `there`, each (groups, bins).
+    """
+    logarithms = np.where(there, -2.0 * np.log(np.maximum(probabilities, 1e-300)), 0.0)
+    degrees = 2 * there.astype(int) @ held.T
+    return np.where(degrees > 0, chdtrc(np.maximum(degrees, 1), logarithms @ held.T), 1.0)
+
+
+def _trimmed(flagged: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Runs of flagged bins on a circle, from the first to the last one each that may be at an end; all else False."""
+    kept = np.zeros(flagged.size, bool)
+    for begin, length in circular_spans(flagged):
+        chosen = (begin + np.arange(length)) % flagged.size
+        if (places := np.flatnonzero(ends[chosen])).size:
+            whole = length == flagged.size
+            kept[chosen if whole else chosen[places[0] : places[-1] + 1]] = True
+    return kept
+
+
+def _windows(bins: pd.DataFrame, count: int) -> pd.DataFrame:
+    """Neighbouring flagged bins as one."""
     rows = []
     for (run, channel), rows_here in bins.groupby(["run", "channel"], sort=False):
         number = np.rint(rows_here["start_deg"] * count / 360.0).to_numpy(int)
@@ -227,8 +295,6 @@ def _windows(bins: pd.DataFrame, count: int, false_discovery: float) -> pd.DataF
         flagged[number] = rows_here["flagged"]
         for begin, length in circular_spans(flagged):
             chosen = rows_here[np.isin(number, (begin + np.arange(length)) % count)]
-            if chosen["p"].min() * len(bins) > false_discovery:
-                continue
             weight = chosen["samples"] / chosen["samples"].sum()
             end = 360.0 if length == count else (begin + length) % count * 360.0 / count or 360.0
             rows.append(

@@ -688,8 +688,19 @@ class DisagreementSettings:
     bins : int
         Bins of the crank angle: 10 deg each, about the width of what an impact leaves.
     min_size : float
-        [standard deviations of the noise] Disagreements that are estimated to be smaller are not flagged, however
-        significant: no one would look for their cause.
+        [standard deviations of the noise] No window begins or ends where the disagreement is estimated to be smaller,
+        however significant: no one would look for its cause.
+    spans : tuple of int
+        [bins] How wide the spans are that are tested: a single impact, a part of a stroke, a quarter of a turn.
+    least_of_one : float
+        [1] Probability down to which one bin counts in a wider span, or beside its neighbours: else one impact would
+        make all around it sure.
+    neighbours : int
+        [bins] A bin in a sure span is judged together with those around it, so many in all.
+    likely : float
+        [1] Probability by noise alone up to which it counts then.
+    likely_end : float
+        [1] The same of a bin by itself, with which a window may begin or end.
     ljung_box_lags : int
         Lags over which whitened residuals are tested for correlation; the usual ten (Ljung and Box 1978).
     highest_order : float
@@ -707,6 +718,11 @@ class DisagreementSettings:
 
     bins: int = 36
     min_size: float = 0.1
+    spans: tuple[int, ...] = (1, 3, 9)
+    least_of_one: float = 0.03
+    neighbours: int = 5
+    likely: float = 0.2
+    likely_end: float = 0.05
     ljung_box_lags: int = 10
     highest_order: float = 24.0
     lowest_standout_order: int = 3

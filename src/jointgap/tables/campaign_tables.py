@@ -126,7 +126,9 @@ _SPAN = (
     Column("start_deg", "deg", "crank angle at which it begins"),
     Column("end_deg", "deg", "crank angle at which it ends; smaller than start_deg where 0 lies between"),
 )
-_ADJUSTED = Column("p_adjusted", "1", "the same, adjusted for the number of bins (Benjamini-Hochberg)")
+_ADJUSTED = Column(
+    "p_adjusted", "1", "of the surest span of bins that holds it, adjusted for their number (Benjamini-Hochberg)"
+)
 
 MAP_BINS = Table(
     "map_bins",
