@@ -200,6 +200,9 @@ def test_an_effect_that_is_within_a_stated_range_is_none_and_so_is_a_pair_with_i
     pair = score_trial(truth(DRAG, SPRING | {"idle": True}, kind="pair"), analysis(effects=[named(DRAG)]))
     assert (pair["idle"], pair["detectable"]) == (True, False)
     assert not score_trial(truth(DRAG), analysis())["idle"]
+    off = {"run1": {"crank_torque": [2.0] * ANGLE_PIECES}}
+    assert score_trial(truth(DRAG, difference=off), analysis())["bins_off"] == 36
+    assert np.isnan(score_trial(truth(DRAG | {"idle": True}, difference=off), analysis())["bins_off"])
     assert not score_trial(truth(DRAG, gap=1.1), analysis())["foreseen"]
 
 

@@ -402,7 +402,8 @@ def _held_out_gaps(verdict: Mapping) -> dict[str, float]:
 
 def _windows(truth: Mapping, verdict: Mapping) -> dict[str, float]:
     """Windows of the map where the noise-free difference is small, and bins without a window where it is large."""
-    if truth.get("difference") is None:
+    # Of an effect that is none the difference is what a linear recalibration left: the analyst's leaves nothing.
+    if truth.get("difference") is None or any(effect["idle"] for effect in truth["effects"]):
         return {}
     counted, false, bins = 0, 0, set()
     for window in verdict["where"]:
