@@ -7,7 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.identification.disagreement import circular_spans, flag_bins, ljung_box, map_disagreement
+from jointgap.identification.disagreement import (
+    bin_correlations,
+    circular_spans,
+    flag_bins,
+    ljung_box,
+    map_disagreement,
+)
 from jointgap.identification.order_spectrum import order_spectrum, speed_scaling, standout_orders
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
@@ -124,8 +130,55 @@ def test_what_is_small_over_many_bins_is_sure_for_these_together():
 
 def test_a_weak_bin_between_others_belongs_to_their_window_and_one_beside_them_does_not():
     many = dict.fromkeys([4, 5, 6, 7, 9, 10, 11, 12], 1e-3)
-    assert flagged(bins_with(many | {8: 0.4})) == list(range(4, 13))
-    assert flagged(bins_with(many | {13: 0.4})) == [4, 5, 6, 7, 8, 9, 10, 11, 12]
+    assert flagged(bins_with(many | {8: 0.4, 13: 0.4})) == list(range(4, 13))
+    few = bins_with(many | {8: 0.4, 13: 0.4}).drop(index=[0, 1, 20, 21])  # bins without samples, before and after
+    assert few.index[np.array(flagged(few))].tolist() == list(range(4, 13))
+
+
+def test_statistics_in_fewer_bins_are_windows_too():
+    rows = bins_with(dict.fromkeys(range(6, 18), 1e-3) | {9: 0.4})
+    rows = rows[rows["start_deg"].isin(10.0 * np.floor(1.5 * np.arange(24)))]  # of 15 deg each
+    found = flag_bins(rows, DEFAULT_SETTINGS.disagreement, 0.01)
+    assert found.loc[found["flagged"], "start_deg"].tolist() == [60.0, 70.0, 90.0, 100.0, 120.0, 130.0, 150.0, 160.0]
+
+
+def test_windows_of_channels_that_agree_are_rare_beside_channels_that_are_off_everywhere():
+    windows, false = 0, 0
+    for seed in range(20):
+        model = toy(seed=seed)
+        off = [series.key for series in model.series][:2]
+        for key in off:
+            model = with_bump(model, key, 0.0, 359.9999, 2.0)
+        found = mapped(model).windows
+        windows += len(found)
+        false += sum(key not in off for key in zip(found["run"], found["channel"], strict=True))
+    assert windows >= 40
+    assert false <= 1
+
+
+def test_the_memory_of_noise_makes_neighbours_count_for_fewer():
+    weak = bins_with(dict.fromkeys(range(5, 14), 0.02))
+    alike = {("slow", "torque"): 0.9 ** np.arange(1, 36)}
+    assert not flag_bins(weak, DEFAULT_SETTINGS.disagreement, 0.01, alike)["flagged"].any()
+    maps = [mapped(toy(seed=seed, autocorrelation=0.95, cycles=2.0), 0.95, 1) for seed in range(40)]
+    assert sum(len(one.windows) > 0 for one in maps) <= 3  # 0.4 expected at a rate of 1 %
+
+
+def test_correlations_of_bins_are_those_of_means_over_as_many_samples():
+    turn, rng = 72, np.random.default_rng(0)
+    noise = noise_of(turn * 4000, 0.8, rng)
+    part = SimpleNamespace(
+        series=SimpleNamespace(angle=2 * np.pi * np.arange(noise.size) / turn),
+        used=np.ones(noise.size, bool),
+        noise=Noise(np.ones(noise.size), (0.8,)),
+    )
+    means = noise.reshape(-1, 2).mean(axis=1)
+    seen = [np.corrcoef(means[:-apart], means[apart:])[0, 1] for apart in (1, 2, 5)]
+    assert bin_correlations(part, 36)[[0, 1, 4]] == pytest.approx(seen, abs=0.02)
+    white = SimpleNamespace(noise=Noise(np.ones(3)))
+    assert bin_correlations(white, 36).size == 0
+    part.series.angle = np.full(noise.size, np.nan)
+    assert bin_correlations(part, 36).size == 0
 
 
 def test_one_sure_bin_does_not_make_what_is_around_it_sure():
@@ -138,7 +191,7 @@ def test_a_window_runs_across_the_beginning_of_the_circle():
 
 def test_the_adjusted_probability_of_a_bin_is_that_of_the_surest_span_that_holds_it():
     found = flag_bins(bins_with({7: 1e-9}), DEFAULT_SETTINGS.disagreement, 0.01)["p_adjusted"]
-    spans = 36 * len(DEFAULT_SETTINGS.disagreement.spans)
+    spans = 36 * (1 + len(DEFAULT_SETTINGS.disagreement.spans))
     assert found[7] == pytest.approx(1e-9 * spans, rel=1e-9)
     assert found.drop(7).min() > 0.01
 

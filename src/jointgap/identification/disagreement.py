@@ -1,5 +1,6 @@
 """Where simulation and measurement disagree: runs, channels and crank angles, at a stated rate of false discoveries."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.stats import false_discovery_control
 from jointgap.identification.order_spectrum import order_spectrum, speed_scaling, standout_orders
 from jointgap.identification.problem import Part, Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS, DisagreementSettings
-from jointgap.identification.whitening import Noise, unwhiten, whiten
+from jointgap.identification.whitening import Noise, autoregression, unwhiten, whiten
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: fl
     What is small over many bins is sure only for these together. So spans of several widths are tested, each by all its
     bins (Fisher's sum of logarithms, to which none of them adds more than a certain amount), and within the sure ones
     bins are flagged that disagree together with their neighbours; such a window begins and ends with bins that do so by
-    themselves.
+    themselves. It has to be sure itself, too: where much disagrees, spans that overlap are many, and the share of false
+    ones among them says little of windows.
 
     Parameters
     ----------
@@ -80,8 +82,9 @@ def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: fl
         [row for part in problem.parts for row in _bins(part, residual[part.place], settings.bins)],
         columns=["run", "channel", "start_deg", "end_deg", "samples", "mean", "rms", "size", "p"],
     )
-    bins = flag_bins(bins, settings, false_discovery)
-    windows = _windows(bins, settings.bins)
+    correlations = {part.series.key: bin_correlations(part, settings.bins) for part in problem.parts}
+    bins = flag_bins(bins, settings, false_discovery, correlations)
+    windows = _windows(bins)
     chi2 = float(residual @ residual)
     return DisagreementMap(
         chi2,
@@ -218,91 +221,150 @@ def _disagreement(white: np.ndarray, basis: np.ndarray) -> tuple[float, float]:
     return float(min(1.0, len(p) * min(p))), float(np.sqrt(max(estimated, 0.0)))
 
 
-def flag_bins(bins: pd.DataFrame, settings: DisagreementSettings, sure: float) -> pd.DataFrame:
-    """Which bins disagree: sure within a span, and likely beside their neighbours.
+def flag_bins(
+    bins: pd.DataFrame,
+    settings: DisagreementSettings,
+    sure: float,
+    correlations: Mapping[tuple[str, str], np.ndarray] | None = None,
+) -> pd.DataFrame:
+    """Which bins disagree: within a sure span, likely beside their neighbours, and in a window that is sure itself.
 
     Parameters
     ----------
     bins : DataFrame
-        run, channel, start_deg, p and size [standard deviations of the noise] of each; those of one run and channel lie
-        on a circle of as many as the settings say, some of which may be absent.
+        run, channel, start_deg, p and size [standard deviations of the noise] of each; those of one run and channel
+        follow each other around the circle.
     settings : DisagreementSettings
     sure : float
-        [1] Adjusted probability of a span by noise alone up to which it is sure.
+        [1] Probability by noise alone up to which a span is sure, adjusted by Benjamini and Hochberg, and a window, by
+        Bonferroni among all spans.
+    correlations : mapping of (run, channel) to (n,) array, optional
+        [1] Of the means of noise in bins 1, 2, ... apart; 0 by default.
 
     Returns
     -------
     DataFrame
-        The same with the columns p_adjusted and flagged.
+        The same with the columns p_adjusted, of the surest span that holds a bin, and flagged.
     """
-    groups = [rows.index for _, rows in bins.groupby(["run", "channel"], sort=False)]
-    if not groups:
-        return bins.assign(p_adjusted=np.empty(0), flagged=np.empty(0, bool))
-    count = settings.bins
-    numbers = [np.rint(bins.loc[rows, "start_deg"] * count / 360.0).to_numpy(int) for rows in groups]
-    # all spans of all widths, each as the bins that it holds
-    held = np.array([np.roll(np.arange(count) < width, begin) for width in settings.spans for begin in range(count)])
-    around = np.array(
-        [np.roll(np.arange(count) < settings.neighbours, i - settings.neighbours // 2) for i in range(count)]
-    )
-    probabilities = np.ones((len(groups), count))
-    there = np.zeros((len(groups), count), bool)
-    for group, (rows, number) in enumerate(zip(groups, numbers, strict=True)):
-        probabilities[group, number], there[group, number] = bins.loc[rows, "p"], True
-    shared = np.maximum(probabilities, settings.least_of_one)
-    wide = held.sum(axis=1) > 1
-    spans = np.where(wide, _together(shared, there, held), _together(probabilities, there, held))
-    adjusted = false_discovery_control(spans.ravel()).reshape(len(groups), -1)
-    least = np.min(np.where(held[None], adjusted[:, :, None], 1.0), axis=1)
-    of_one = np.min(np.where(held[None, ~wide], adjusted[:, ~wide, None], 1.0), axis=1)
-    likely = (_together(shared, there, around) <= settings.likely) | (of_one <= sure)
-    alone = probabilities <= settings.likely_end
+    bins = bins.reset_index(drop=True)
+    circles = [
+        _Circle(rows["p"].to_numpy(float), settings, (correlations or {}).get(key, np.empty(0)))
+        for key, rows in bins.groupby(["run", "channel"], sort=False)
+    ]
+    places = [rows.index for _, rows in bins.groupby(["run", "channel"], sort=False)]
+    adjusted = false_discovery_control(np.concatenate([np.empty(0), *(circle.spans for circle in circles)]))
     p_adjusted, flagged = np.ones(len(bins)), np.zeros(len(bins), bool)
-    for group, (rows, number) in enumerate(zip(groups, numbers, strict=True)):
-        large = np.zeros(count, bool)
-        large[number] = bins.loc[rows, "size"] >= settings.min_size
-        inside = _trimmed((least[group] <= sure) & likely[group] & there[group], alone[group] & large)
-        p_adjusted[rows], flagged[rows] = least[group, number], inside[number]
+    for circle, rows in zip(circles, places, strict=True):
+        own, adjusted = adjusted[: circle.spans.size], adjusted[circle.spans.size :]
+        least = np.min(np.where(circle.held, own[:, None], 1.0), axis=0)
+        alone = own[: circle.p.size]  # spans of one bin come first
+        likely = (circle.around <= settings.likely) | (alone <= sure)
+        ends = (circle.p <= settings.likely_end) & (bins.loc[rows, "size"].to_numpy() >= settings.min_size)
+        for window in _trimmed((least <= sure) & likely, ends):
+            if circle.together(window) * sum(each.spans.size for each in circles) <= sure:
+                flagged[rows[window]] = True
+        p_adjusted[rows] = least
     return bins.assign(p_adjusted=p_adjusted, flagged=flagged)
 
 
-def _together(probabilities: np.ndarray, there: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Probability (groups, spans) by noise alone of the bins together that each span holds (spans, bins), by Fisher's
-    method; `probabilities` of bins and whether they are `there`, each (groups, bins).
+class _Circle:
+    """The bins of one channel of one run, and spans of them.
+
+    Attributes
+    ----------
+    p : (m,) array
+        [1] Probability of each bin by noise alone.
+    held : (k, m) array
+        Which bins each span holds; those of one bin come first.
+    spans : (k,) array
+        [1] Probability of each span by noise alone.
+    around : (m,) array
+        [1] Probability of each bin and its neighbours, in which none counts more than the settings say.
     """
-    logarithms = np.where(there, -2.0 * np.log(np.maximum(probabilities, 1e-300)), 0.0)
-    degrees = 2 * there.astype(int) @ held.T
-    return np.where(degrees > 0, chdtrc(np.maximum(degrees, 1), logarithms @ held.T), 1.0)
+
+    def __init__(self, p: np.ndarray, settings: DisagreementSettings, correlations: np.ndarray):
+        self.p, self._least, self._squares = p, settings.least_of_one, np.square(correlations)
+        widths = [1, *(width for width in settings.spans if width <= p.size)]
+        self.held = np.vstack([self._rolled(width) for width in widths])
+        self.spans = np.concatenate([p, *(self._fisher(self._rolled(width)) for width in widths[1:])])
+        around = self._rolled(min(settings.neighbours, p.size))
+        self.around = np.roll(self._fisher(around), settings.neighbours // 2)
+
+    def _rolled(self, width: int) -> np.ndarray:
+        """All spans (m, m) of a width, by where they begin."""
+        return np.array([np.roll(np.arange(self.p.size) < width, begin) for begin in range(self.p.size)])
+
+    def _fisher(self, held: np.ndarray) -> np.ndarray:
+        """Probability by noise alone of the bins together that each of some spans (k, m) of one width holds.
+
+        Fisher's sum of logarithms. Noise with a memory makes neighbours alike, so that they count for fewer (Brown,
+        Biometrics 31 (1975) 987-992): squares of normal numbers correlate by the square of their correlation.
+        """
+        width = int(held[0].sum())
+        squares = self._squares[: width - 1]
+        share = 1.0 - np.arange(1, squares.size + 1) / width
+        alike = 1.0 + 2.0 * float(share @ squares)
+        logarithms = -2.0 * np.log(np.maximum(self.p, self._least))
+        return chdtrc(2.0 * width / alike, held @ logarithms / alike)
+
+    def together(self, window: np.ndarray) -> float:
+        """Probability by noise alone of a window, the places of its bins: of its surest one, or of all together."""
+        held = np.isin(np.arange(self.p.size), window)[None]
+        return min(float(self.p[window].min()), float(self._fisher(held)[0]))
 
 
-def _trimmed(flagged: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Runs of flagged bins on a circle, from the first to the last one each that may be at an end; all else False."""
-    kept = np.zeros(flagged.size, bool)
+def bin_correlations(part: Part, count: int) -> np.ndarray:
+    """Correlations (count - 1,) of the means of a part's noise in bins 1, 2, ... apart [1]; none of white noise, or where
+    no angle is known.
+
+    Parameters
+    ----------
+    part : Part
+    count : int
+        Bins of the crank angle.
+    """
+    if not part.noise.autocorrelation:
+        return np.empty(0)
+    turned = np.abs(np.diff(part.series.angle[part.used]))
+    turned = turned[turned > 0.0]  # not those that are not known
+    if not turned.size:
+        return np.empty(0)
+    samples = max(round(2 * np.pi / count / float(np.median(turned))), 1)
+    weights, _ = autoregression(part.noise.autocorrelation)[-1]
+    lags = [1.0]
+    for lag in range(1, samples * count):
+        reach = min(lag, weights.size)
+        known = np.array([lags[lag - back] for back in range(1, reach + 1)])
+        lags.append(float(weights[:reach] @ known) if lag > weights.size else part.noise.autocorrelation[lag - 1])
+    offsets = np.subtract.outer(np.arange(samples), np.arange(samples))
+    means = [np.mean(np.array(lags)[np.abs(offsets + apart * samples)]) for apart in range(count - 1)]
+    return np.array(means[1:]) / means[0]
+
+
+def _trimmed(flagged: np.ndarray, ends: np.ndarray) -> list[np.ndarray]:
+    """Places of the bins of each run of flagged ones on a circle, from the first to the last that may be at an end."""
+    windows = []
     for begin, length in circular_spans(flagged):
         chosen = (begin + np.arange(length)) % flagged.size
-        if (places := np.flatnonzero(ends[chosen])).size:
-            whole = length == flagged.size
-            kept[chosen if whole else chosen[places[0] : places[-1] + 1]] = True
-    return kept
+        at_ends = np.flatnonzero(ends[chosen])
+        if at_ends.size:
+            windows.append(chosen if length == flagged.size else chosen[at_ends[0] : at_ends[-1] + 1])
+    return windows
 
 
-def _windows(bins: pd.DataFrame, count: int) -> pd.DataFrame:
+def _windows(bins: pd.DataFrame) -> pd.DataFrame:
     """Neighbouring flagged bins as one."""
     rows = []
     for (run, channel), rows_here in bins.groupby(["run", "channel"], sort=False):
-        number = np.rint(rows_here["start_deg"] * count / 360.0).to_numpy(int)
-        flagged = np.zeros(count, bool)
-        flagged[number] = rows_here["flagged"]
-        for begin, length in circular_spans(flagged):
-            chosen = rows_here[np.isin(number, (begin + np.arange(length)) % count)]
+        for begin, length in circular_spans(rows_here["flagged"].to_numpy(bool)):
+            chosen = rows_here.iloc[(begin + np.arange(length)) % len(rows_here)]
             weight = chosen["samples"] / chosen["samples"].sum()
-            end = 360.0 if length == count else (begin + length) % count * 360.0 / count or 360.0
             rows.append(
                 {
                     "run": run,
                     "channel": channel,
-                    "start_deg": begin * 360.0 / count,
-                    "end_deg": end,
+                    "start_deg": float(chosen["start_deg"].iloc[0]),
+                    "end_deg": float(chosen["end_deg"].iloc[-1]),
                     "mean": float(weight @ chosen["mean"]),
                     "rms": float(np.sqrt(weight @ chosen["rms"] ** 2)),
                     "p_adjusted": float(chosen["p_adjusted"].min()),
