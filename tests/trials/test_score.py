@@ -191,6 +191,7 @@ def test_what_preflight_calls_undetectable_is_apart_and_so_is_what_could_not_be_
     assert not score_trial(truth(DRAG), analysis(undetectable=["slider_quadratic_drag"]))["detectable"]
     assert not score_trial(truth(DRAG, gap=1.1), analysis())["detectable"]
     assert score_trial(truth(DRAG), analysis(undetectable=["slider_quadratic_drag"]))["foreseen"]
+    assert not score_trial(truth(DRAG, gap=1.1), analysis())["foreseen"]
 
 
 def test_an_effect_that_is_within_a_stated_range_is_none_and_so_is_a_pair_with_it():
@@ -200,10 +201,11 @@ def test_an_effect_that_is_within_a_stated_range_is_none_and_so_is_a_pair_with_i
     pair = score_trial(truth(DRAG, SPRING | {"idle": True}, kind="pair"), analysis(effects=[named(DRAG)]))
     assert (pair["idle"], pair["detectable"]) == (True, False)
     assert not score_trial(truth(DRAG), analysis())["idle"]
+    before = {key: value for key, value in DRAG.items() if key != "idle"}  # sealed before this was asked
+    assert not score_trial(truth(before), analysis())["idle"]
     off = {"run1": {"crank_torque": [2.0] * ANGLE_PIECES}}
     assert score_trial(truth(DRAG, difference=off), analysis())["bins_off"] == 36
     assert np.isnan(score_trial(truth(DRAG | {"idle": True}, difference=off), analysis())["bins_off"])
-    assert not score_trial(truth(DRAG, gap=1.1), analysis())["foreseen"]
 
 
 def test_error_coverage_and_the_share_of_the_excess_closed():
@@ -492,6 +494,7 @@ def test_clearances_hidden_on_purpose_are_scored_by_themselves_and_those_from_ex
     assert shares["size within 10 %, a clearance named right", "all"] == (1, 2)
     assert shares["nothing found, nothing hidden", "from Exudyn, joints loose"] == (1, 1)
     assert shares["undetectable", "all"] == (0, 3)
+    assert shares["undetectable, a clearance hidden", "all"] == (0, 3)
 
 
 def test_a_trial_is_detectable_from_the_least_gap_on_and_by_its_smallest_effect():

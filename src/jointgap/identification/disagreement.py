@@ -314,8 +314,9 @@ class _Circle:
 
 
 def bin_correlations(part: Part, count: int) -> np.ndarray:
-    """Correlations (count - 1,) of the means of a part's noise in bins 1, 2, ... apart [1]; none of white noise, or where
-    no angle is known.
+    """Correlations (count - 1,) of the means of a part's noise in bins 1, 2, ... apart [1].
+
+    None (0,) of white noise, or where no angle is known.
 
     Parameters
     ----------

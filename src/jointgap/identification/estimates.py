@@ -21,7 +21,7 @@ nothing."""
 
 NOT_ESTIMATED = "not estimated"
 """A number that goes with an effect and that no fit varies, such as the length of a film or a whole order; a nuisance
-where features of the cycle decide: few of them are searched, and none is fitted."""
+where features of the cycle decide: it is adapted, and not fitted."""
 
 CHANGES_NOTHING = "changes nothing in what was measured"
 """A parameter on which no measured value depends, such as a mass where no force is read: its value was not fitted."""

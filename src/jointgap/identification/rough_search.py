@@ -12,6 +12,7 @@ best, the next ones are drawn about it.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import qmc
@@ -110,8 +111,10 @@ def drawn_about(
     return np.clip(generator.multivariate_normal(np.zeros(dimensions), spread, settings.points) + centres, 0, 1)
 
 
-class _Nuisances:
-    """What small changes of the parameters of a fit do, by which they are adapted to a point without another fit.
+class _LinearAdaptation:
+    """Adapts nuisances, and the effects of a fit, to a point by what small changes of them do, without another fit.
+
+    Where no derivatives can be had nothing is adapted.
 
     Parameters
     ----------
@@ -120,16 +123,24 @@ class _Nuisances:
     """
 
     def __init__(self, baseline: Baseline, origin: Fit):
-        problem = self._problem = baseline.problem
-        self._parameters = origin.parameters
-        values = origin.mapping
-        self._columns = baseline.differences.jacobian(origin.parameters, values, origin.residual, origin.hypothesis)
+        self._baseline, self._origin, problem = baseline, origin, baseline.problem
         self._rows = {
             run: np.concatenate(
                 [np.arange(part.place.start, part.place.stop) for part in problem.parts if part.series.run == run]
             )
             for run in problem.runs
         }
+
+    @cached_property
+    def _columns(self) -> dict[str, tuple[Parameter, np.ndarray]]:
+        """By key, a parameter and the derivative by it (n,)."""
+        origin, differences = self._origin, self._baseline.differences
+        try:
+            columns = differences.jacobian(origin.parameters, origin.mapping, origin.residual, origin.hypothesis).T
+            derivatives = dict(zip((p.key for p in origin.parameters), columns, strict=True))
+        except (InputError, SimulationError):  # at the edge of what can be simulated
+            derivatives = derivatives_of(origin)
+        return {p.key: (p, derivatives[p.key]) for p in origin.parameters if p.key in derivatives}
 
     def adapted(
         self, residual: np.ndarray, runs: Sequence[str], values: Mapping[str, float]
@@ -145,15 +156,16 @@ class _Nuisances:
         values : mapping of str to float
             By key [SI]; those that are not there are not adapted, as an effect replaces them.
         """
-        chosen = [place for place, p in enumerate(self._parameters) if p.key in values]
-        present = np.array([values[self._parameters[place].key] for place in chosen])
-        low, high = bounds_of([self._parameters[place] for place in chosen])
+        keys = [key for key in self._columns if key in values]
+        if not keys:
+            return residual, {}
+        present = np.array([values[key] for key in keys])
+        low, high = bounds_of([self._columns[key][0] for key in keys])
         rows = np.concatenate([self._rows[run] for run in runs])
-        columns = self._columns[np.ix_(rows, chosen)]
+        columns = np.column_stack([self._columns[key][1][rows] for key in keys])
         step, _ = bounded_step(columns, residual[rows], low - present, high - present)
         moved = residual.copy()
         moved[rows] += columns @ step
-        keys = [self._parameters[place].key for place in chosen]
         return moved, dict(zip(keys, (present + step).tolist(), strict=True))
 
 
@@ -167,12 +179,12 @@ class _Contestant:
         self,
         baseline: Baseline,
         origin: Fit,
-        nuisances: _Nuisances,
+        adaptation: _LinearAdaptation,
         reference: Fit,
         candidate: Candidate,
         number: int,
     ):
-        self._baseline, self._origin, self._nuisances, self._reference = baseline, origin, nuisances, reference
+        self._baseline, self._origin, self._adaptation, self._reference = baseline, origin, adaptation, reference
         self._settings: RoughSearchSettings = baseline.problem.settings.rough_search
         self._generator = np.random.default_rng([number, self._settings.seed])
         self.hypothesis: Hypothesis = (*origin.hypothesis, candidate)
@@ -227,9 +239,10 @@ class _Contestant:
         self._simulate(features, drawn_about(elite, self._settings, self._generator))
 
     def _simulate(self, features: CycleFeatures, places: np.ndarray) -> None:
-        """Simulate places run by run, each as long as its misfit may still be among the best.
+        """Simulate places run by run, each as long as its misfit is less than that of the last of the best.
 
-        What is not searched is adapted to each, from where it is at the best point.
+        What is not searched is adapted to each, from where it is at the best point: after each run to those that are
+        simulated by then, so that a misfit may fall with the next run, which is not waited for.
         """
         problem, reference = self._baseline.problem, self._reference
         for place in places:
@@ -242,7 +255,8 @@ class _Contestant:
                 for number, run in enumerate(problem.runs):
                     residual = problem.residual(values, self.hypothesis, (run,), residual, FAST)
                     simulated = problem.runs[: number + 1]
-                    left, adapted = self._nuisances.adapted(residual, simulated, beside)
+                    left, moved = self._adaptation.adapted(residual, simulated, beside)
+                    adapted = beside | moved
                     misfit = sum(features.misfit(reference.residual - left, one) for one in simulated)
                     if misfit > limit:
                         misfit = np.inf
@@ -258,8 +272,7 @@ class _Contestant:
         """The fit of the samples from a point; from others about it where it ends in a valley, not at its bottom. Where
         it ends is a point of those to come."""
         self._started.append(point)
-        start = point.beside | self._box.values(point.place)
-        fit = self._fitted(start, derivatives_of(self._origin), sufficient)
+        fit = self._fitted(self._start(point), derivatives_of(self._origin), sufficient)
         for _ in range(self._settings.refinements):
             if not self.reached(fit.chi2) or reduced_chi2(fit) <= sufficient:
                 break
@@ -270,13 +283,31 @@ class _Contestant:
         if fit.status != FAILED:
             beside = {key: fit.mapping[key] for key in self._beside}
             self._fits.append(
-                _Point(self._box.place(fit.mapping), self._misfit(features, fit.residual), fit.chi2, beside)
+                _Point(self._box.place(fit.mapping), self.misfit(features, fit.residual), fit.chi2, beside)
             )
             self.points.append(self._fits[-1])
             self._population.append(self._fits[-1])
         return fit
 
-    def _misfit(self, features: CycleFeatures, residual: np.ndarray) -> float:
+    def _start(self, point: _Point) -> dict[str, float]:
+        """Values by key [SI] of a point, with what is not searched as adapted or as the origin has it, whichever leaves
+        less: derivatives may be wrong far from there. The point has the chi2 that it has then."""
+        problem, started = self._baseline.problem, []
+        for beside in (point.beside, self._beside):
+            values = beside | self._box.values(point.place)
+            try:
+                residual = problem.residual(values, self.hypothesis)
+            except (InputError, SimulationError):
+                continue
+            started.append((float(residual @ residual), values))
+        if not started:
+            point.chi2 = np.inf
+            return point.beside | self._box.values(point.place)
+        point.chi2, values = min(started, key=lambda each: each[0])
+        return values
+
+    def misfit(self, features: CycleFeatures, residual: np.ndarray) -> float:
+        """Of the features, where a simulation leaves a `residual` (n,)."""
         changes = self._reference.residual - residual
         return sum(features.misfit(changes, run) for run in self._baseline.problem.runs)
 
@@ -288,7 +319,7 @@ class _Contestant:
     def matched(self, features: CycleFeatures, other: Fit | None = None) -> Fit | None:
         """The point whose features are best, as a fit to these alone; None where none can be simulated.
 
-        Beside the effects of the `other` fit, where one is given, in place of those of its origin.
+        Beside the effects of the `other` fit, where one is given, in place of those of its origin, and adapted alike.
 
         Of the best points by the numerics of the search it is the one that is best by the usual numerics, by which the
         features of others are known too: in the demonstration 0.64 became 0.85 for each.
@@ -301,6 +332,7 @@ class _Contestant:
         hypothesis = (*origin.hypothesis, self.hypothesis[-1])
         parameters = problem.parameters(hypothesis)
         misfits = np.array([point.misfit for point in self.points])
+        adaptation = _LinearAdaptation(self._baseline, other) if other else None
         simulated = []
         for place in np.argsort(misfits, kind="stable")[: self._settings.elite]:
             point = self.points[place]
@@ -309,9 +341,12 @@ class _Contestant:
             at = {p.key: at[p.key] for p in parameters}
             try:
                 residual = problem.residual(at, hypothesis)
+                if adaptation is not None:
+                    at |= adaptation.adapted(residual, problem.runs, at)[1]
+                    residual = problem.residual(at, hypothesis)
             except (InputError, SimulationError):
                 continue
-            simulated.append((self._misfit(features, residual), at, residual))
+            simulated.append((self.misfit(features, residual), at, residual))
         if not simulated:
             return None
         _, values, residual = min(simulated, key=lambda each: each[0])
@@ -372,6 +407,7 @@ def can_be_followed(problem: Problem, fit: Fit) -> bool:
 
     Motion that never quite repeats can be met by parameters that are wrong, if they are tuned finely enough: in the
     example campaign a clearance 3 % off left what noise does, and other numerics changed nine times as much there.
+    Where a model has no other numerics they are taken as followed.
 
     Parameters
     ----------
@@ -417,10 +453,11 @@ def _ends_by_features(problem: Problem, contestants: Sequence[_Contestant], feat
     best = min(contestants, key=lambda one: one.least, default=None)
     if best is None:
         return True
-    if best.least >= problem.settings.rough_search.matched_misfit * features.size:
+    enough = problem.settings.rough_search.matched_misfit * features.size
+    if best.least >= enough:
         return False
     fit = best.matched(features)
-    return fit is not None and not can_be_followed(problem, fit)
+    return fit is not None and best.misfit(features, fit.residual) < enough and not can_be_followed(problem, fit)
 
 
 def search_rough(
@@ -468,8 +505,8 @@ def search_rough(
     features = CycleFeatures(problem, reference.residual)
     absent = sum(features.misfit(np.zeros(problem.size), run) for run in problem.runs)
     contestants = [
-        _Contestant(baseline, origin, nuisances, reference, candidate, number)
-        for origin, nuisances in ((origin, _Nuisances(baseline, origin)) for origin in origins)
+        _Contestant(baseline, origin, adaptation, reference, candidate, number)
+        for origin, adaptation in ((origin, _LinearAdaptation(baseline, origin)) for origin in origins)
         for number, candidate in enumerate(candidates)
         if all(candidate.label != effect.label for effect in origin.hypothesis)
     ]

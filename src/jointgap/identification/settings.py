@@ -262,8 +262,8 @@ class RoughSearchSettings:
     stalled_rounds : int
         After so many in which the best features of no candidate became better the search begins anew, or ends.
     populations : int
-        How often the search begins at most, as long as the features are not met: in five dimensions a population may
-        end in a valley that is none of the truth.
+        How often the search begins at most, until features are met where samples cannot be followed: in five dimensions
+        a population may end in a valley that is none of the truth.
     populations_alone : int
         The same where nothing rings, or something else explains the data.
     matched_misfit : float
@@ -279,8 +279,9 @@ class RoughSearchSettings:
         [1, of what the features of the best candidate explain] One that explains so much less is dropped
         (experience).
     least_explained_share : float
-        [1, of the misfit of features] Candidates that all explain less are dropped after the first points already: the
-        best of these explained 0.15 and more where a joint is loose, and 0.1 or less where nothing rings.
+        [1, of the misfit of features] Candidates that all explain less are dropped after the first points already:
+        before nuisances were adapted to each, the best of these explained 0.15 and more where a joint is loose, and 0.1
+        or less where nothing rings.
     least_share_of_perturbations : float
         [1] The same, of changes of known quantities before other ways are tried: a hidden one explained 0.57, and the
         best explained 0.31 where a force was hidden.
@@ -308,8 +309,8 @@ class RoughSearchSettings:
         [1] By which the misfit of features has to be below that of any other explanation, for a name: right names lead
         by 40 to 370, the one wrong name that was seen by 10.
     size_error : float
-        [1, of the size] Standard error of a size by features from what is not searched with it: with the nuisances as
-        the base has them sizes were 0.4 to 3.2 % off.
+        [1, of the size] Standard error of a size by features from what is not searched with it: before nuisances were
+        adapted to each point sizes were 0.4 to 3.2 % off.
     draws : int
         Of the coordinates, for intervals.
     seed : int

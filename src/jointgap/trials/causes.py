@@ -40,7 +40,7 @@ def cause(
         return f"data damaged: {truth['damage']['what']}"
     if not all(effect["listed"] for effect in truth["effects"]):
         return "the truth is no candidate"
-    if any(effect["idle"] for effect in truth["effects"]):
+    if has_idle_effect(truth):
         return "an effect that is none: within a stated range, or overwritten by another"
     merged = [frozenset(group) for group in analysis["verdict"]["preflight"]["merged"]]
     extra, lacking = named - hidden, hidden - named
@@ -54,6 +54,17 @@ def cause(
     if hidden and analysis["verdict"].get("verdict") in (NO_DISAGREEMENT, PARAMETERS_ONLY):
         return "the model without it leaves noise alone"
     return _by_fits(analysis.get("fits"), numerics_gap, hidden, named)
+
+
+def has_idle_effect(truth: Mapping[str, Any]) -> bool:
+    """Whether an effect is hidden that is none (`jointgap.trials.idle_effects`).
+
+    Parameters
+    ----------
+    truth : mapping
+        The sealed truth; one that was sealed before this was asked does not say, and none is taken as idle.
+    """
+    return any(effect.get("idle", False) for effect in truth["effects"])
 
 
 def _by_fits(

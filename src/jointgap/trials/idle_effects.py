@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jointgap.config.load import load_campaign
+from jointgap.config.load import load_campaign, validate
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.effects import EFFECTS
 from jointgap.identification.protocol import Candidate, Parameter
@@ -27,7 +27,7 @@ def idle_effects(campaign_file: Path, effects: Sequence[Mapping[str, Any]]) -> l
     Raises
     ------
     InputError
-        The campaign cannot be read, or its mechanism cannot be simulated.
+        The campaign cannot be read, or its mechanism cannot be simulated, or is impossible with some of the effects.
     """
     if not effects:
         return []
@@ -71,7 +71,8 @@ def _is_overwritten(mechanism: Mechanism, effect: Mapping[str, Any], effects: Se
             | ({"site": one["site"]} if EFFECTS[one["name"]].sites() else {})
             for one in chosen
         ]
-        return Mechanism.model_validate(mechanism.model_dump() | {"effects": entries}).applied()
+        content = mechanism.model_dump() | {"effects": entries}
+        return validate(Mechanism, content, "the mechanism with what is hidden").applied()
 
     if effect["name"] not in EFFECTS:
         return False

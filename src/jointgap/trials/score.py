@@ -18,7 +18,7 @@ from jointgap.identification.estimates import LEVELS
 from jointgap.slider_crank.sensor_faults import ENCODER_FAULTS, FAULTS
 from jointgap.tables.columns import Column, Table
 from jointgap.trials.batches import read_trial_records
-from jointgap.trials.causes import cause
+from jointgap.trials.causes import cause, has_idle_effect
 from jointgap.trials.injected_effects import SHAPES
 from jointgap.trials.make_trial import ANGLE_PIECES, formula_values
 from jointgap.trials.size_calibration import GAP_TOLERANCE
@@ -190,7 +190,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
         "verdict": verdict["verdict"] if verdict else "failed",
         "named": "",
         "detectable": bool(hidden),
-        "idle": any(effect["idle"] for effect in truth["effects"]),
+        "idle": has_idle_effect(truth),
         "told": False,
         "foreseen": False,
         "cause": "",
@@ -403,7 +403,7 @@ def _held_out_gaps(verdict: Mapping) -> dict[str, float]:
 def _windows(truth: Mapping, verdict: Mapping) -> dict[str, float]:
     """Windows of the map where the noise-free difference is small, and bins without a window where it is large."""
     # Of an effect that is none the difference is what a linear recalibration left: the analyst's leaves nothing.
-    if truth.get("difference") is None or any(effect["idle"] for effect in truth["effects"]):
+    if truth.get("difference") is None or has_idle_effect(truth):
         return {}
     counted, false, bins = 0, 0, set()
     for window in verdict["where"]:

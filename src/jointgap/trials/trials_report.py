@@ -67,7 +67,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
     is_one = trials["kind"].isin(["single", "exudyn", "clearance"]) & (trials["hidden"] != "nothing")
     one, is_drawn_evenly = trials[is_one & trials["detectable"]], trials["kind"] != "clearance"
     single = one[one["kind"] != "clearance"]
-    clearances = one[one["hidden"].isin(CLEARANCES)]
+    clearances, all_clearances = (rows[rows["hidden"].isin(CLEARANCES)] for rows in (one, trials[is_one]))
     nothing = trials[(trials["hidden"] == "nothing") & (trials["kind"] != "wiring")]
     pairs = trials[trials["kind"] == "pair"]
     detectable_pairs, off_list = pairs[pairs["detectable"]], trials[trials["kind"] == "off_list"]
@@ -106,6 +106,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         _share("undetectable", hidden, ~hidden["detectable"]),
         _share("undetectable, as preflight says", hidden, hidden["foreseen"]),
         _share("undetectable, within a stated range or overwritten", hidden, hidden["idle"]),
+        _share("undetectable, a clearance hidden", all_clearances, ~all_clearances["detectable"]),
         *_by_base("wrong name, data wired wrongly", wiring, wiring["outcome"] == "wrong"),
         *_by_base("told which channel, data wired wrongly", wiring, wiring["told"]),
         _outcomes("failed", trials, "failed"),
