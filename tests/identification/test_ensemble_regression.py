@@ -261,3 +261,15 @@ def test_regressions_go_on_as_long_as_they_help(monkeypatch):
         monkeypatch.setattr(ensemble_regression, "regressed_over_ensemble", lambda *_, left=left: next(left))
         assert fit_over_ensembles(problem, fit, 0.0) is found[best]
     assert fit_over_ensembles(problem, fit, fit.chi2) is fit
+
+
+def test_a_decomposition_that_does_not_converge_is_made_by_another_algorithm(monkeypatch):
+    def gives_up(*args, **kwargs):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    left = np.random.default_rng(0).standard_normal((20, 50))
+    usual = ensemble_regression._Scatter.of(left, 10, DEFAULT_SETTINGS.ensemble)
+    monkeypatch.setattr(np.linalg, "svd", gives_up)
+    other = ensemble_regression._Scatter.of(left, 10, DEFAULT_SETTINGS.ensemble)
+    assert other.variances == pytest.approx(usual.variances, rel=1e-10)
+    assert other.whiten(left[0]) == pytest.approx(usual.whiten(left[0]), rel=1e-9)

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 
 from jointgap.errors import InputError, SimulationError
 from jointgap.identification.bounded_normal import BoundedNormal, bounded_normal
@@ -35,7 +36,10 @@ class _Scatter:
     @classmethod
     def of(cls, left: np.ndarray, degrees_of_freedom: int, settings: EnsembleSettings) -> "_Scatter":
         """Of what a regression leaves of realisations (members, n)."""
-        _, singular_values, right = np.linalg.svd(left, full_matrices=False)
+        try:
+            _, singular_values, right = np.linalg.svd(left, full_matrices=False)
+        except np.linalg.LinAlgError:  # divide and conquer gives up now and then; what is slower does not
+            _, singular_values, right = scipy.linalg.svd(left, full_matrices=False, lapack_driver="gesvd")
         variances = singular_values**2 / degrees_of_freedom
         counted = variances > settings.least_variance
         return cls(right[counted].T, variances[counted])
