@@ -22,7 +22,11 @@ def made_up(right: int, count: int = 4) -> pd.DataFrame:
     text = {column.name: "-" for column in TRIALS.columns if column.kind == "text"}
     frame = pd.DataFrame([text | numbers | {"base": "ideal", "size": 5.0, "seconds": 2.0} | row for row in rows])
     return frame.assign(
-        detectable=frame["kind"] == "single", told=False, foreseen=False, id=[f"trial{i}" for i in frame.index]
+        detectable=frame["kind"] == "single",
+        told=False,
+        foreseen=False,
+        idle=False,
+        id=[f"trial{i}" for i in frame.index],
     )
 
 
