@@ -247,27 +247,28 @@ def flag_bins(
         The same with the columns p_adjusted, of the surest span that holds a bin, and flagged.
     """
     bins = bins.reset_index(drop=True)
+    groups = list(bins.groupby(["run", "channel"], sort=False))
     circles = [
-        _Circle(rows["p"].to_numpy(float), settings, (correlations or {}).get(key, np.empty(0)))
-        for key, rows in bins.groupby(["run", "channel"], sort=False)
+        _ChannelBins(rows["p"].to_numpy(float), settings, (correlations or {}).get(key, np.empty(0)))
+        for key, rows in groups
     ]
-    places = [rows.index for _, rows in bins.groupby(["run", "channel"], sort=False)]
+    spans = sum(circle.spans.size for circle in circles)
     adjusted = false_discovery_control(np.concatenate([np.empty(0), *(circle.spans for circle in circles)]))
     p_adjusted, flagged = np.ones(len(bins)), np.zeros(len(bins), bool)
-    for circle, rows in zip(circles, places, strict=True):
+    for circle, (_, rows) in zip(circles, groups, strict=True):
         own, adjusted = adjusted[: circle.spans.size], adjusted[circle.spans.size :]
         least = np.min(np.where(circle.held, own[:, None], 1.0), axis=0)
         alone = own[: circle.p.size]  # spans of one bin come first
         likely = (circle.around <= settings.likely) | (alone <= sure)
-        ends = (circle.p <= settings.likely_end) & (bins.loc[rows, "size"].to_numpy() >= settings.min_size)
+        ends = (circle.p <= settings.likely_end) & (rows["size"].to_numpy() >= settings.min_size)
         for window in _trimmed((least <= sure) & likely, ends):
-            if circle.together(window) * sum(each.spans.size for each in circles) <= sure:
-                flagged[rows[window]] = True
-        p_adjusted[rows] = least
+            if circle.together(window) * spans <= sure:
+                flagged[rows.index[window]] = True
+        p_adjusted[rows.index] = least
     return bins.assign(p_adjusted=p_adjusted, flagged=flagged)
 
 
-class _Circle:
+class _ChannelBins:
     """The bins of one channel of one run, and spans of them.
 
     Attributes
@@ -285,16 +286,16 @@ class _Circle:
     def __init__(self, p: np.ndarray, settings: DisagreementSettings, correlations: np.ndarray):
         self.p, self._least, self._squares = p, settings.least_of_one, np.square(correlations)
         widths = [1, *(width for width in settings.spans if width <= p.size)]
-        self.held = np.vstack([self._rolled(width) for width in widths])
-        self.spans = np.concatenate([p, *(self._fisher(self._rolled(width)) for width in widths[1:])])
-        around = self._rolled(min(settings.neighbours, p.size))
-        self.around = np.roll(self._fisher(around), settings.neighbours // 2)
+        self.held = np.vstack([self._spans_of(width) for width in widths])
+        self.spans = np.concatenate([p, *(self._combined(self._spans_of(width)) for width in widths[1:])])
+        around = self._spans_of(min(settings.neighbours, p.size))
+        self.around = np.roll(self._combined(around), settings.neighbours // 2)
 
-    def _rolled(self, width: int) -> np.ndarray:
+    def _spans_of(self, width: int) -> np.ndarray:
         """All spans (m, m) of a width, by where they begin."""
         return np.array([np.roll(np.arange(self.p.size) < width, begin) for begin in range(self.p.size)])
 
-    def _fisher(self, held: np.ndarray) -> np.ndarray:
+    def _combined(self, held: np.ndarray) -> np.ndarray:
         """Probability by noise alone of the bins together that each of some spans (k, m) of one width holds.
 
         Fisher's sum of logarithms. Noise with a memory makes neighbours alike, so that they count for fewer (Brown,
@@ -310,7 +311,7 @@ class _Circle:
     def together(self, window: np.ndarray) -> float:
         """Probability by noise alone of a window, the places of its bins: of its surest one, or of all together."""
         held = np.isin(np.arange(self.p.size), window)[None]
-        return min(float(self.p[window].min()), float(self._fisher(held)[0]))
+        return min(float(self.p[window].min()), float(self._combined(held)[0]))
 
 
 def bin_correlations(part: Part, count: int) -> np.ndarray:

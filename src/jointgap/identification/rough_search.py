@@ -132,7 +132,7 @@ class _LinearAdaptation:
         }
 
     @cached_property
-    def _columns(self) -> dict[str, tuple[Parameter, np.ndarray]]:
+    def _derivatives(self) -> dict[str, tuple[Parameter, np.ndarray]]:
         """By key, a parameter and the derivative by it (n,)."""
         origin, differences = self._origin, self._baseline.differences
         try:
@@ -156,13 +156,13 @@ class _LinearAdaptation:
         values : mapping of str to float
             By key [SI]; those that are not there are not adapted, as an effect replaces them.
         """
-        keys = [key for key in self._columns if key in values]
+        keys = [key for key in self._derivatives if key in values]
         if not keys:
             return residual, {}
         present = np.array([values[key] for key in keys])
-        low, high = bounds_of([self._columns[key][0] for key in keys])
+        low, high = bounds_of([self._derivatives[key][0] for key in keys])
         rows = np.concatenate([self._rows[run] for run in runs])
-        columns = np.column_stack([self._columns[key][1][rows] for key in keys])
+        columns = np.column_stack([self._derivatives[key][1][rows] for key in keys])
         step, _ = bounded_step(columns, residual[rows], low - present, high - present)
         moved = residual.copy()
         moved[rows] += columns @ step
@@ -272,7 +272,7 @@ class _Contestant:
         """The fit of the samples from a point; from others about it where it ends in a valley, not at its bottom. Where
         it ends is a point of those to come."""
         self._started.append(point)
-        fit = self._fitted(self._start(point), derivatives_of(self._origin), sufficient)
+        fit = self._fitted(self._start_values(point), derivatives_of(self._origin), sufficient)
         for _ in range(self._settings.refinements):
             if not self.reached(fit.chi2) or reduced_chi2(fit) <= sufficient:
                 break
@@ -289,7 +289,7 @@ class _Contestant:
             self._population.append(self._fits[-1])
         return fit
 
-    def _start(self, point: _Point) -> dict[str, float]:
+    def _start_values(self, point: _Point) -> dict[str, float]:
         """Values by key [SI] of a point, with what is not searched as adapted or as the origin has it, whichever leaves
         less: derivatives may be wrong far from there. The point has the chi2 that it has then."""
         problem, started = self._baseline.problem, []
