@@ -235,12 +235,14 @@ def test_friction_in_a_loose_pin_is_its_contacts_and_in_an_ideal_one_an_effect()
 
 
 def test_the_contact_of_a_clearance_is_its_joints_alone():
-    told = {"restitution": 0.35, "friction": 0.02, "stiffness_factor": 2.0, "damping_factor": 0.5}
+    told = {"restitution": 0.35, "friction": 0.02}
+    told |= {"stiffness_factor": 2.0, "damping_factor": 0.5, "friction_speed_factor": 3.0}
     applied = mechanism(effect("crank_pin_clearance", clearance_m=1e-4, **told)).applied()
     own, other = applied.joint("crank_pin").contact, applied.joint("piston_pin").contact
     assert other == paper().joint("piston_pin").contact
     assert (own.restitution, own.friction) == (0.35, 0.02)
     assert own.reference_speed == pytest.approx(other.reference_speed / 0.5)
+    assert own.friction_speed == pytest.approx(3.0 * other.friction_speed)
     nominal = mechanism(effect("crank_pin_clearance", clearance_m=1e-4)).applied().joint("crank_pin")
     assert hertz_stiffness(applied.joint("crank_pin")) == pytest.approx(2.0 * hertz_stiffness(nominal))
 

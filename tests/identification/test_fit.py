@@ -15,6 +15,7 @@ from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.knocks import knocking
+from tests.identification.linear import SAMPLES, Levels
 from tests.identification.toy import stated_noise, toy
 
 
@@ -272,3 +273,54 @@ def test_a_failed_fit_has_a_criterion_though_nothing_is_known_of_its_derivatives
     lost = Fit((), parameters, np.zeros(2), np.full(9, np.nan), np.empty((9, 0)), 1, "failed", "the slider jams")
     assert lost.bic == np.inf
     assert lost.active.all()
+
+
+def stairs(starts: dict[str, int], held_out: tuple[str, ...] = (), noise_sd: float = 0.1) -> Levels:
+    """Runs that rise by 3 from one of four places on, `starts` of the last one by run: a whole number of each run."""
+    shift = SAMPLES // 4
+
+    class Stairs(Levels):
+        def simulate(self, run, values, effects=(), numerics=0):
+            flat = np.full(SAMPLES, values["shared"] + values["own"])
+            for _, own in effects:
+                flat += np.roll(own["rise"] * np.linspace(0.0, 1.0, SAMPLES), shift * round(own["start"]))
+            return {"y": flat}
+
+    model = Stairs({run: (0.0, 0.0) for run in starts}, held_out, noise_sd)
+    own = tuple(Parameter("start", 0.0, -0.5, 3.5, run=run, whole=True) for run in starts)
+    guess = {"rise": 1.0} | {p.key: 0.0 for p in own}
+    rise = Candidate("rise", "sensor", (Parameter("rise", 0.0, step=0.1), *own), ("rise",), (guess,))
+    model.candidates = (rise,)
+    model.series = [
+        replace(series, value=series.value + np.roll(np.linspace(0.0, 3.0, SAMPLES), shift * starts[series.run]))
+        for series in model.series
+    ]
+    return model
+
+
+def test_of_whole_numbers_of_a_run_the_one_that_leaves_least_is_found():
+    model = stairs({"a": 2, "b": 3})
+    found = fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0})
+    assert (found.mapping["rise.start@a"], found.mapping["rise.start@b"]) == (2.0, 3.0)
+    assert found.mapping["rise.rise"] == pytest.approx(3.0, abs=0.1)
+    assert found.chi2 == pytest.approx(found.residual.size, rel=0.1)
+
+
+def test_whole_numbers_of_a_run_that_is_met_are_not_tried():
+    model = stairs({"a": 0, "b": 3})
+    here, tried = Problem(model, model.noise), []
+    predict = here.predict
+    here.predict = lambda run, values, *more: tried.append((run, values["rise.start@a"])) or predict(run, values, *more)
+    start = {"rise.rise": 3.0, "rise.start@b": 3.0}
+    assert fit_hypothesis(here, model.candidates, start).chi2 == pytest.approx(here.size, rel=0.1)
+    assert {start for _, start in tried} == {0.0}
+
+
+def test_no_derivative_by_a_whole_number_of_a_run_is_simulated():
+    model = stairs({"a": 0})
+    here = Problem(model, model.noise)
+    (start,) = (p for p in here.parameters(model.candidates) if p.choices)
+    values = {p.key: p.nominal for p in here.parameters(model.candidates)}
+    column = FiniteDifferences(here).column(start, values, np.zeros(here.size), model.candidates)
+    assert not column.any()
+    assert here.simulations == 0

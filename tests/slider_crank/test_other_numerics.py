@@ -8,6 +8,9 @@ import pytest
 
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.dynamics.model.friction import coulomb, threlfall
+from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.problem import Problem
+from jointgap.identification.whitening import Noise
 from jointgap.joints import JOINTS
 from jointgap.slider_crank import build_model
 from jointgap.slider_crank.run_simulation import NUMERICS, channels_read, numerics_for, other_numerics
@@ -94,3 +97,72 @@ def test_a_start_that_is_stated_is_where_the_motion_begins():
     assert read["two turns"] == pytest.approx(read["near two turns"], rel=1e-9)
     early = np.abs(read["two turns"] - read["dead centre"])[:20]
     assert early.max() > 0.05 * np.std(read["two turns"])
+
+
+LOOSE = {
+    "change_m": 1.448e-4,
+    "contact_restitution": 0.4792,
+    "contact_friction": 0.2016,
+    "log_stiffness_factor": 0.0,
+    "log_friction_speed_factor": 0.0,
+    "log_damping_factor": 0.0,
+}
+"""A crank pin that lasts in one of two steady motions, by where it began."""
+
+
+def loose_crank_pin(own):
+    model = build_model(own, recorded(own))
+    (candidate,) = (one for one in model.candidates if one.name == "crank_pin_clearance")
+    return model, candidate
+
+
+@pytest.mark.parametrize(
+    ("keys", "runs"),
+    [
+        ({"run": {"start": "settled"}}, ["slow", "fast"]),
+        ({"run": {"start": "unknown"}}, ["slow", "fast"]),
+        ({"run": {"start": "dead_centre"}}, []),
+        ({"run": {"start": {"angle": "0 deg", "turned": "2 turn"}}}, []),
+        ({"drive": "measured_angle"}, []),
+    ],
+)
+def test_a_joint_that_could_be_loose_has_a_start_in_each_run_of_which_nobody_knows_where_it_began(keys, runs):
+    _, candidate = loose_crank_pin(campaign(mechanism(), **keys))
+    starts = [p for p in candidate.coordinates if p.name == "start"]
+    assert [p.run for p in starts] == runs
+    assert all(list(p.choices) == list(range(8)) for p in starts)
+
+
+def test_a_loose_joint_lasts_in_more_than_one_motion_and_the_start_decides_in_which():
+    own = campaign(mechanism())
+    model, candidate = loose_crank_pin(own)
+    read = [
+        channels_read(own, model.plans["slow"], {}, [(candidate, LOOSE | {"start": start})])["crank_torque"]
+        for start in (0.0, 1.0, 3.0)
+    ]
+    apart = [np.sqrt(np.mean((one - read[0]) ** 2)) / np.std(read[0]) for one in read[1:]]
+    assert apart[0] > 0.1
+    assert apart[1] < 0.01
+
+
+def test_a_fit_finds_in_which_of_its_motions_a_loose_joint_was_measured():
+    own = campaign(mechanism(), channels=("time", "crank_angle", "crank_torque"))
+    model, candidate = loose_crank_pin(own)
+    values = {f"crank_pin_clearance.{name}": value for name, value in LOOSE.items()}
+    values |= {f"crank_pin_clearance.{p.key}": 0.0 for p in candidate.coordinates if p.run is not None}
+    generator, noise = np.random.default_rng(0), {}
+    true = Problem(model, {series.key: Noise(np.ones(series.value.size)) for series in model.series}).predict(
+        "slow", values | {"crank_pin_clearance.start@slow": 1.0}, (candidate,)
+    )
+    for place, series in enumerate(model.series):
+        if series.run == "slow":
+            sd = 0.02 * np.std(series.value)
+            scattered = true[series.channel] + sd * generator.standard_normal(series.value.size)
+            model.series = (*model.series[:place], replace(series, value=scattered), *model.series[place + 1 :])
+            noise[series.key] = Noise(np.full(series.value.size, sd))
+    here = Problem(model, noise | {s.key: Noise(np.ones(s.value.size)) for s in model.series if s.run == "fast"})
+    assert np.mean(here.residual(values, (candidate,)) ** 2) > 10.0
+    found = fit_hypothesis(here, (candidate,), values)
+    usual = here.residual(found.mapping | {"crank_pin_clearance.start@slow": 0.0}, (candidate,))
+    assert found.chi2 == pytest.approx(here.size, rel=0.2)
+    assert usual @ usual > 10.0 * found.chi2

@@ -1,6 +1,12 @@
-"""Clearance of a joint: one effect for each of the three."""
+"""Clearance of a joint: one effect for each of the three.
+
+A loose joint may move in more than one way under the same parameters: whirl or slide, or the same in another phase.
+Which of them lasts depends on where the motion began. Of a run whose start nobody knows the start is a whole number,
+`START`, that a fit tries: the steady motions of one mechanism that are there together.
+"""
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
@@ -37,9 +43,13 @@ RESTITUTIONS, FRICTIONS = (0.3, 0.9), (0.0, 0.3)
 """What the contact of a joint may have that was taken as ideal: nobody measured it. Steel on bronze or steel, dry to
 greased."""
 
-STIFFNESS_FACTOR, DAMPING_FACTOR = 3.0, 4.0
+STIFFNESS_FACTOR, DAMPING_FACTOR, FRICTION_SPEED_FACTOR = 3.0, 4.0, 4.0
 """By what factor its stiffness may differ from what the file says of its contact, either way, and the damping of a
-contact that lasts: lengths of bearings and their alignment are not in Hertz's formula."""
+contact that lasts: lengths of bearings and their alignment are not in Hertz's formula; and the sliding speed over which
+its friction rises: where a journal sticks, what is read depends on it by many times the noise."""
+
+START = "start"
+"""Coordinate of a run: from which of several starts its motion came."""
 
 
 def _none_or_more_than_atoms(clearance: float) -> float:
@@ -73,6 +83,9 @@ class ClearanceParameters(Section):
         description="factor on the damping of a contact that lasts, which needs one whose memory fades",
         examples=[0.5],
     )
+    friction_speed_factor: quantity("", gt=0) = Field(
+        1.0, description="factor on the sliding speed over which the contact's friction rises", examples=[2.0]
+    )
 
 
 class Clearance(Effect):
@@ -99,6 +112,8 @@ class Clearance(Effect):
         if own.damping_factor != 1.0:
             reference = contact["reference_approach_speed"] or REFERENCE_APPROACH_SPEED
             changed["reference_approach_speed"] = reference / own.damping_factor
+        if own.friction_speed_factor != 1.0:
+            changed["friction_speed"] = own.friction_speed_factor * contact["friction_speed"]
         return changed
 
     @classmethod
@@ -108,7 +123,7 @@ class Clearance(Effect):
             return
         nominal, longest = mechanism.clearance(cls.SITE), 0.05 * mechanism.crank.length
         if not nominal:
-            yield cls._of_ideal_joint(mechanism.joint(cls.SITE).contact, longest)
+            yield cls._of_ideal_joint(mechanism.joint(cls.SITE).contact, longest, context.starts)
             return
         yield cls.candidate(
             amplitude("change_m", 0.05 * nominal, "m", -0.95 * nominal, longest),
@@ -120,18 +135,20 @@ class Clearance(Effect):
         )
 
     @classmethod
-    def _of_ideal_joint(cls, contact: Any, longest: float) -> Candidate:
+    def _of_ideal_joint(cls, contact: Any, longest: float, starts: Mapping[str, int]) -> Candidate:
         """The candidate of a joint without clearance, up to the `longest` [m], whose `contact` nobody measured."""
         shapes = []
         if contact.restitution is not None:
             shapes.append(Parameter("contact_restitution", contact.restitution, *RESTITUTIONS, step=0.05))
         shapes.append(Parameter("contact_friction", contact.friction, *FRICTIONS, step=0.02))
-        factors = {"stiffness": STIFFNESS_FACTOR}
+        factors = {"stiffness": STIFFNESS_FACTOR, "friction_speed": FRICTION_SPEED_FACTOR}
         if contact.reference_speed is not None:
             factors["damping"] = DAMPING_FACTOR
         for name, factor in factors.items():
             reach = math.log(factor)
             shapes.append(Parameter(f"log_{name}_factor", 0.0, -reach, reach, step=0.05 * reach))
+        for run, count in starts.items():
+            shapes.append(Parameter(START, 0.0, -0.5, count - 0.5, run=run, whole=True))
 
         def parameters(values: Values) -> dict[str, float]:
             measured = {"restitution": "contact_restitution", "friction": "contact_friction"}
@@ -139,7 +156,7 @@ class Clearance(Effect):
             stated |= {f"{name}_factor": math.exp(values[f"log_{name}_factor"]) for name in factors}
             return {"clearance_m": values["change_m"], **stated}
 
-        nominal = {shape.name: min(max(shape.nominal, shape.low), shape.high) for shape in shapes}
+        nominal = {shape.key: min(max(shape.nominal, shape.low), shape.high) for shape in shapes}
         return cls.candidate(
             amplitude("change_m", 2e-5, "m", 0.0, longest),
             *shapes,
@@ -147,6 +164,7 @@ class Clearance(Effect):
             parameters=parameters,
             initial_guesses=tuple({"change_m": value, **nominal} for value in _FIRST_CLEARANCES),
             search_range=(_CLEARANCES[0], min(_CLEARANCES[1], longest)),
+            unsearched=("log_friction_speed_factor",),
         )
 
     @classmethod

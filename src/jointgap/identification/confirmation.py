@@ -300,7 +300,7 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     joint that became loose, impacts at another speed may ask for a restitution that the slower runs hardly feel. A
     model is contradicted by held-out data if no values that the fit leaves open meet these, not if those at the minimum
     do not. The fit is as it was where it has no such draws, where its own values leave noise alone, or where motion is
-    chaotic: among many realisations one is always luckier.
+    chaotic: among many realisations one is always luckier. Choices of a held-out run are other ones at each draw.
 
     Parameters
     ----------
@@ -320,12 +320,15 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     size = sum(problem.size for problem, _, _ in own)
     keys = [parameter.key for parameter in fit.parameters]
 
-    def chi2(values: np.ndarray) -> float:
-        """With what a run has for itself moved linearly to where it fits these values best."""
+    def chi2(values: np.ndarray, number: int | None = None) -> float:
+        """With what a run has for itself moved linearly to where it fits these values best; of choices each draw, by
+        its `number`, takes the next one."""
         shared, total = dict(zip(keys, map(float, values), strict=True)), 0.0
         for problem, found, directions in own:
+            choices = (p for p in problem.parameters(fit.hypothesis) if p.choices and p.key not in keys)
+            chosen = {} if number is None else {p.key: float(p.choices[number % len(p.choices)]) for p in choices}
             try:
-                residual = problem.residual(found | shared, fit.hypothesis)
+                residual = problem.residual(found | chosen | shared, fit.hypothesis)
             except (InputError, SimulationError):
                 return np.inf
             total += float(residual @ residual - np.sum((directions.T @ residual) ** 2))
@@ -334,7 +337,8 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     if chi2(fit.values) <= size * fit.settings.decision.max_gap_of_noise**2:
         return fit
     drawn = fit.draws[:: -(-len(fit.draws) // fit.settings.confirmation.valley_draws)]
-    return replace(fit, values=min((fit.values, *drawn), key=chi2))
+    found = [chi2(fit.values), *(chi2(values, number) for number, values in enumerate(drawn))]
+    return replace(fit, values=(fit.values, *drawn)[int(np.argmin(found))])
 
 
 def fit_run_parameters(problem: Problem, fit: Fit) -> dict[str, float]:
@@ -359,7 +363,8 @@ def _with_run_parameters(problem: Problem, fit: Fit) -> tuple[dict[str, float], 
     if not own:
         return fit.mapping, np.empty((problem.size, 0))
     found = fit_hypothesis(problem, fit.hypothesis, start=fit.mapping, vary=own)
-    return fit.mapping | found.mapping, np.linalg.qr(found.jacobian)[0]
+    moving = found.jacobian[:, found.jacobian.any(axis=0)]  # a choice moves nothing by derivatives
+    return fit.mapping | found.mapping, np.linalg.qr(moving)[0]
 
 
 def _compared(problem: Problem, before: dict, after: dict | None = None, hypothesis: Hypothesis = ()) -> pd.DataFrame:

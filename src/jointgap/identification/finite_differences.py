@@ -113,7 +113,7 @@ class FiniteDifferences:
         hypothesis: Hypothesis,
         fine: bool = False,
     ) -> np.ndarray:
-        """Derivative with respect to one parameter, (n,) [1/SI].
+        """Derivative with respect to one parameter, (n,) [1/SI]; zero of a choice.
 
         Parameters
         ----------
@@ -126,6 +126,8 @@ class FiniteDifferences:
         InputError, SimulationError
             The model cannot be simulated to either side.
         """
+        if parameter.choices:
+            return np.zeros(residual.size)  # flat but for its steps
         settings, target = self.settings, self.target
         if not fine:
             target = max(target, settings.target_share_of_residual * float(np.linalg.norm(residual)))

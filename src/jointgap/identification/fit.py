@@ -178,7 +178,9 @@ def fit_hypothesis(
     """Fit nuisances and the parameters of a hypothesis's effects, with few simulations.
 
     Gauss-Newton steps within bounds, damped where they overreach; the Jacobian is made once, corrected after each step
-    by what the step found, and made anew where that no longer helps (`jointgap.identification.gauss_newton`).
+    by what the step found, and made anew where that no longer helps (`jointgap.identification.gauss_newton`). Of whole
+    numbers of a run, which no step leads from one to another, all are tried before the first step and after the last
+    one.
 
     Parameters
     ----------
@@ -220,17 +222,20 @@ def fit_hypothesis(
         descent.begin(known_derivatives)
     except (InputError, SimulationError) as error:
         return finished(FAILED, str(error))
-    stopping = StoppingRule(
-        problem.settings.stopping,
-        problem.size,
-        differences.numerical_noise_chi2,
-        sufficient_chi2,
-        smoothed=smoother is not None,
-    )
-    try:
-        status, reason = _descend(descent, stopping, problem.settings.damping)
-    except (InputError, SimulationError) as error:  # of a Jacobian that was to be made anew
-        status, reason = STOPPED, str(error)
+    status, reason, goes_on = STOPPED, "", True
+    while goes_on:
+        stopping = StoppingRule(
+            problem.settings.stopping,
+            problem.size,
+            differences.numerical_noise_chi2,
+            sufficient_chi2,
+            smoothed=smoother is not None,
+        )
+        try:
+            status, reason = _descend(descent, stopping, problem.settings.damping)
+        except (InputError, SimulationError) as error:  # of a Jacobian that was to be made anew
+            status, reason = STOPPED, str(error)
+        goes_on = descent.choose()
     if refresh:
         try:
             descent.jacobian = descent.derivatives(fine=smoother is None)
@@ -304,6 +309,7 @@ class _Descent:
         """Simulate the start; columns of the Jacobian in `known_derivatives` are taken as they are."""
         self.residual = self._simulate(self.values)
         self._smoothed = self._smooth(self.residual)
+        self.choose()
         self.jacobian = self.derivatives(known_derivatives)
         self.fresh = not known_derivatives
 
@@ -318,6 +324,33 @@ class _Descent:
         return self._differences.jacobian(
             self._parameters, at, self.residual, self._hypothesis, known_derivatives, fine
         )
+
+    def choose(self) -> bool:
+        """Try every choice of each run that is not met, and take the one that leaves least: whether chi2 fell by more
+        than slow progress."""
+        before, settings = self.chi2, self._problem.settings.stopping
+        for place, parameter in enumerate(self._parameters):
+            if not parameter.choices:
+                continue
+            parts = [part.place for part in self._problem.parts if part.series.run == parameter.run]
+            own = np.concatenate([self.residual[part] for part in parts])
+            if own @ own <= settings.met_chi2_per_sample * own.size:
+                continue
+            for choice in parameter.choices:
+                if choice == round(self.values[place]):
+                    continue
+                values = self.values.copy()
+                values[place] = choice
+                try:
+                    residual = self._problem.residual(
+                        self._by_key(values), self._hypothesis, (parameter.run,), self.residual
+                    )
+                except (InputError, SimulationError):
+                    continue
+                smoothed = self._smooth(residual)
+                if smoothed @ smoothed < self.chi2:
+                    self.values, self.residual, self._smoothed, self.fresh = values, residual, smoothed, False
+        return before - self.chi2 > settings.poor_progress * before
 
     def renew(self) -> None:
         """Make the Jacobian anew here; the next step is undamped."""

@@ -36,7 +36,8 @@ class Parameter:
     run : str, optional
         The one run that it belongs to, such as a run's speed; None where all runs share it.
     whole : bool
-        Counts by the whole number next to it: chi2 is flat but for its steps, so that draws about a fit hold it.
+        Counts by the whole number next to it: chi2 is flat but for its steps, so that draws about a fit hold it. Of a
+        run's own, within finite bounds, a fit tries all.
     """
 
     name: str
@@ -52,6 +53,13 @@ class Parameter:
     def key(self) -> str:
         """``name``, or ``name@run`` of a run's own."""
         return self.name if self.run is None else f"{self.name}@{self.run}"
+
+    @property
+    def choices(self) -> range:
+        """The whole numbers that a fit tries; none of a parameter that is not `whole`, or that runs share."""
+        if not self.whole or self.run is None:
+            return range(0)
+        return range(math.ceil(self.low), math.floor(self.high) + 1)
 
 
 @dataclass(frozen=True)
@@ -94,6 +102,8 @@ class Candidate:
         Of an effect with one amplitude on which the motion depends so roughly that a fit converges from near by alone:
         between which values it is searched, evenly in its logarithm; () of others. Of the perturbation of a known
         quantity evenly in the logarithm of what is left of that.
+    unsearched : tuple of str
+        Shape parameters that such a search leaves at nominal: fits find them from there.
     families : tuple of LawFamily
         Laws of which the effect is one shape.
     """
@@ -110,6 +120,7 @@ class Candidate:
     steady_counterpart: str = ""
     is_perturbation: bool = False
     search_range: tuple[float, ...] = ()
+    unsearched: tuple[str, ...] = ()
     families: tuple["LawFamily", ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:

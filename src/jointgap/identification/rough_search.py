@@ -36,7 +36,7 @@ class _Point:
     place: np.ndarray  # in the box of the coordinates, each from 0 to 1
     misfit: float  # of the features of the cycle; infinite where it was given up
     chi2: float  # of the samples, as derivatives predict it beside these values
-    beside: Mapping[str, float]  # values by key [SI] of what is not searched
+    beside: dict[str, float]  # values by key [SI] of what is not searched, choices of runs among them
 
 
 class Box:
@@ -50,12 +50,22 @@ class Box:
         One with a `search_range`.
     parameters : sequence of Parameter
         Of a hypothesis that holds it.
+
+    Attributes
+    ----------
+    choices : mapping of str to range
+        By key, whole numbers of runs: these are no coordinates of a place.
+    held : mapping of str to float
+        By key, the nominal values of what is not searched (`Candidate.unsearched`).
     """
 
     def __init__(self, candidate: Candidate, parameters: Sequence[Parameter]):
         key = f"{candidate.label}.{candidate.amplitudes[0]}"
         own = [p for p in parameters if p.name.startswith(f"{candidate.label}.")]
-        own = [p for p in own if p.key == key or np.isfinite(p.high - p.low)]
+        self.choices = {p.key: p.choices for p in own if p.choices}
+        held = {f"{candidate.label}.{name}" for name in candidate.unsearched}
+        self.held = {p.key: p.nominal for p in own if p.key in held}
+        own = [p for p in own if not p.choices and p.key not in held and (p.key == key or np.isfinite(p.high - p.low))]
         self._keys = [p.key for p in own]
         self._logarithmic, self._vanishing = np.array([p.key == key for p in own]), candidate.vanishing_amplitude
         amplitudes = np.log(np.subtract(candidate.search_range, self._vanishing))
@@ -190,7 +200,7 @@ class _Contestant:
         self.hypothesis: Hypothesis = (*origin.hypothesis, candidate)
         self._box = Box(candidate, baseline.problem.parameters((candidate,)))
         free = {p.key for p in baseline.problem.parameters(self.hypothesis)}
-        self._beside = {key: value for key, value in origin.mapping.items() if key in free}
+        self._beside = {key: value for key, value in origin.mapping.items() if key in free} | self._box.held
         self.points: list[_Point] = []
         self._population: list[_Point] = []
         self._fits: list[_Point] = []  # where fits of the samples ended
@@ -249,6 +259,7 @@ class _Contestant:
             known = sorted(self._population, key=lambda point: point.misfit)
             limit = known[self._settings.elite - 1].misfit if len(known) >= self._settings.elite else np.inf
             beside = known[0].beside if known else self._beside
+            beside = beside | self._drawn_choices(anew=not known)
             values, residual, misfit, adapted = beside | self._box.values(place), self._origin.residual, 0.0, beside
             left = residual
             try:
@@ -268,6 +279,12 @@ class _Contestant:
             self.points.append(self._population[-1])
         self._progress.append(min((point.misfit for point in self._population), default=np.inf))
 
+    def _drawn_choices(self, anew: bool) -> dict[str, float]:
+        """Choices of runs by key, drawn evenly: of a part of the runs, or of all if `anew`."""
+        drawn = {key: float(self._generator.choice(choices)) for key, choices in self._box.choices.items()}
+        share = 1.0 if anew else self._settings.drawn_choices
+        return {key: value for key, value in drawn.items() if self._generator.random() < share}
+
     def fit(self, point: _Point, features: CycleFeatures, sufficient: float) -> Fit:
         """The fit of the samples from a point; from others about it where it ends in a valley, not at its bottom. Where
         it ends is a point of those to come."""
@@ -281,7 +298,7 @@ class _Contestant:
                 break
             fit = again
         if fit.status != FAILED:
-            beside = {key: fit.mapping[key] for key in self._beside}
+            beside = {key: fit.mapping[key] for key in point.beside}
             self._fits.append(
                 _Point(self._box.place(fit.mapping), self.misfit(features, fit.residual), fit.chi2, beside)
             )
@@ -293,7 +310,7 @@ class _Contestant:
         """Values by key [SI] of a point, with what is not searched as adapted or as the origin has it, whichever leaves
         less: derivatives may be wrong far from there. The point has the chi2 that it has then."""
         problem, started = self._baseline.problem, []
-        for beside in (point.beside, self._beside):
+        for beside in (point.beside, point.beside | self._beside):
             values = beside | self._box.values(point.place)
             try:
                 residual = problem.residual(values, self.hypothesis)
@@ -336,8 +353,8 @@ class _Contestant:
         simulated = []
         for place in np.argsort(misfits, kind="stable")[: self._settings.elite]:
             point = self.points[place]
-            beside = other.mapping if other else point.beside
-            at = {p.key: p.nominal for p in parameters} | dict(beside) | self._box.values(point.place)
+            beside = point.beside | (other.mapping if other else {})
+            at = {p.key: p.nominal for p in parameters} | beside | self._box.values(point.place)
             at = {p.key: at[p.key] for p in parameters}
             try:
                 residual = problem.residual(at, hypothesis)
@@ -382,9 +399,11 @@ class _Contestant:
         return dict(best)
 
     def reached(self, chi2: float) -> bool:
-        """Whether so little `chi2` says that a valley is reached."""
-        excess = self._reference.chi2 - self._baseline.problem.size
-        return self._reference.chi2 - chi2 > self._settings.reached_share * max(excess, 0.0)
+        """Whether so little `chi2` says that a valley is reached: a part of what the origin leaves is explained, and
+        hardly less than by the reference."""
+        origin, settings = self._origin.chi2, self._settings
+        least = settings.reached_share * max(origin - self._baseline.problem.size, 0.0)
+        return origin - chi2 > max(least, settings.as_much_share * (origin - self._reference.chi2))
 
 
 def _likely(misfits: np.ndarray, count: int) -> np.ndarray:
@@ -521,7 +540,8 @@ def search_rough(
         for one in contestants:
             one.begin(features)
         if min((one.least for one in contestants), default=np.inf) > most_misfit:
-            contestants = []  # nothing rings; else all go on, for a narrow minimum may lie between the first points
+            # nothing rings; else all go on, for a narrow minimum may lie between the first points
+            contestants = [one for one in contestants if one.point_in_valley is not None]
         for round_ in range(settings.rounds):
             if problem.simulations > until or all(one.stalled for one in contestants):
                 break

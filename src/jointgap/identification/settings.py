@@ -129,6 +129,9 @@ class StoppingSettings:
         [1, of chi2] What a step has to predict in smoothed residuals: such a fit is a start for another.
     smoothed_max_steps : int
         The most steps there, for the same reason.
+    met_chi2_per_sample : float
+        [1] A run that leaves no more is met: none of its other choices is tried. Noise alone leaves 1.2 in one run of
+        twenty of 140 samples.
     """
 
     min_decrease: float = 0.05
@@ -143,6 +146,7 @@ class StoppingSettings:
     beaten_progress: float = 0.2
     smoothed_decrease: float = 0.01
     smoothed_max_steps: int = 10
+    met_chi2_per_sample: float = 1.2
 
 
 @dataclass(frozen=True)
@@ -254,7 +258,7 @@ class RoughSearchSettings:
     enlarged_change : float
         [1, of noise] How large these changes are made before it is asked whether they ring.
     first_points_log2 : int
-        Logarithm to base 2 of how many points of a Sobol sequence are simulated first: 64 in five dimensions.
+        Logarithm to base 2 of how many points of a Sobol sequence are simulated first: 128 in five dimensions.
     rounds, points : int
         How often points are drawn about the best ones at most, each time it begins, and how many (experience).
     rounds_for_all : int
@@ -293,8 +297,11 @@ class RoughSearchSettings:
         [1] By which the misfit of a candidate has to be above that of the best one for it to be dropped: twice what a
         name asks. One that was 31 behind after two rounds was 5 ahead in the end.
     reached_share : float
-        [1, of the misfit of samples that the best effect beside which joints are searched leaves, or the base] A point
-        that explains so much of it lies in a valley: it is fitted at once.
+        [1, of the misfit of samples that the effect beside which joints are searched leaves, or the base] A point that
+        explains so much of it lies in a valley: it is fitted at once.
+    as_much_share : float
+        [1, of what the best effect that is there explains] Unless it explains less than this: a pin that slides in its
+        clearance all the time explained 0.98 of what friction of the ideal pin does, at the best first point.
     deeper : float
         [1, of chi2] A candidate is fitted once more from a point that leaves less than this part of what the point
         before left.
@@ -308,6 +315,9 @@ class RoughSearchSettings:
     min_misfit_ahead : float
         [1] By which the misfit of features has to be below that of any other explanation, for a name: right names lead
         by 40 to 370, the one wrong name that was seen by 10.
+    drawn_choices : float
+        [1] Part of the runs whose choices, such as the start of a motion, are drawn anew at a point, beside those of
+        the best point before: half the points then keep those of both of two runs, or change one.
     size_error : float
         [1, of the size] Standard error of a size by features from what is not searched with it: before nuisances were
         adapted to each point sizes were 0.4 to 3.2 % off.
@@ -319,7 +329,7 @@ class RoughSearchSettings:
 
     min_rough_share: float = 0.3
     enlarged_change: float = 10.0
-    first_points_log2: int = 6
+    first_points_log2: int = 7
     rounds: int = 8
     rounds_for_all: int = 2
     stalled_rounds: int = 3
@@ -336,11 +346,13 @@ class RoughSearchSettings:
     beside_share: float = 0.1
     min_behind: float = 40.0
     reached_share: float = 0.5
+    as_much_share: float = 0.9
     deeper: float = 0.7
     max_numerics_change: float = 1.0
     refinements: int = 5
     nearby_spread: float = 0.01
     min_misfit_ahead: float = 20.0
+    drawn_choices: float = 0.5
     size_error: float = 0.03
     draws: int = 400
     seed: int = 0

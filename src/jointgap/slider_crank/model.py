@@ -19,7 +19,7 @@ from jointgap.slider_crank.chaotic_channels import (
     simulated_statistics,
 )
 from jointgap.slider_crank.nuisances import run_nuisances, shared_nuisances
-from jointgap.slider_crank.run_simulation import RunPlan, channels_read, numerics_for
+from jointgap.slider_crank.run_simulation import RunPlan, channels_read, numerics_for, unknown_starts
 from jointgap.slider_crank.sensor_faults import sensor_candidates
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
 
@@ -155,6 +155,7 @@ class SliderCrankModel:
             self.campaign.drive == "constant_speed",
             self.settings.sample_grid.planned_force_order * speed / tau,
             tuple(self.plans),
+            unknown_starts(self.campaign, self.settings.simulation),
         )
         encoder = "crank_angle" in self.campaign.channels
         # in a single run for fitting a zero of its own is the offset that all runs have

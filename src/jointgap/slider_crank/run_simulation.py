@@ -11,6 +11,7 @@ from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.dynamics.model.parameters import Parameters
+from jointgap.effects.joint_clearance import START
 from jointgap.identification.protocol import FAST, Effects
 from jointgap.joints import JOINTS
 from jointgap.recordings.recording import noise_of
@@ -20,7 +21,7 @@ from jointgap.slider_crank.channel_kinematics import Columns, channels_at, toler
 from jointgap.slider_crank.modified_mechanism import mirrored, simulated_effects, with_effects, with_nuisances
 from jointgap.slider_crank.sample_grid import SampleGrid
 from jointgap.slider_crank.sensor_faults import Faults
-from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SimulationSettings, SliderCrankSettings
 
 NUMERICS = (
     "friction regularised by Threlfall's law",
@@ -33,8 +34,21 @@ last one is for joints that are loose and a start that nobody knows."""
 
 def numerics_for(campaign: Campaign) -> tuple[str, ...]:
     """Those of `NUMERICS` that can change anything in a campaign."""
-    free = campaign.drive != "measured_angle" and any(drives.began_anywhere(run) for run in campaign.runs)
+    free = unknown_starts(campaign)
     return NUMERICS if free and campaign.mechanism.applied().loose else NUMERICS[:-1]
+
+
+def unknown_starts(campaign: Campaign, settings: SimulationSettings = DEFAULT_SETTINGS.simulation) -> dict[str, int]:
+    """From how many starts the motion is simulated, by run of which nobody knows where it began.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    settings : SimulationSettings
+    """
+    if campaign.drive == "measured_angle":
+        return {}
+    return {run.id: settings.starts for run in campaign.runs if drives.began_anywhere(run)}
 
 
 @dataclass(frozen=True)
@@ -110,14 +124,21 @@ def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> d
         mechanism = mirrored(mechanism)
     finer, change = other_numerics(numerics)
     tolerance = finer * tolerance_for(mechanism, plan.settings.simulation, numerics == FAST)
-    another = numerics == len(NUMERICS) and drives.began_anywhere(plan.run)
-    earlier = plan.settings.simulation.other_start_revolutions * tau if another else 0.0
+    start = sum(round(own.get(START, 0.0)) for _, own in effects)
+    if numerics == len(NUMERICS) and drives.began_anywhere(plan.run):
+        start += 1
+    earlier = _turned_earlier(start, plan.settings.simulation)
     driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier)
     change(driven.numbers)
     harmonic = driven.numbers.effects
     # phases of forces count from the record's time 0, that of the simulation is earlier
     harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
     return _read(campaign, plan, driven, faults, tolerance, perturbation, numerics == FAST)
+
+
+def _turned_earlier(start: int, settings: SimulationSettings) -> float:
+    """How much earlier [rad] the motion begins for another `start`, counted from 0, the usual one."""
+    return math.fmod(start * settings.other_start_revolutions, settings.most_start_revolutions) * tau
 
 
 def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:

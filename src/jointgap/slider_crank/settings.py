@@ -53,8 +53,14 @@ class SimulationSettings:
         [1, of the noise] As `settled_length`, in a search, for the root of the mean square of the changes: less
         hardly changes the energy of a residual beside that of the noise.
     other_start_revolutions : float
-        [revolutions] How much earlier the motion begins for another start: one, and the part of the next that meets no
-        symmetry of a slider-crank (the golden section).
+        [revolutions] How much earlier the motion begins for each further start: one, and the part of the next that
+        meets no symmetry of a slider-crank (the golden section), so that starts lie evenly over the crank angle.
+    most_start_revolutions : float
+        [revolutions] From which they count from the usual start on again: motions that repeat after two revolutions
+        come in two phases.
+    starts : int
+        From so many starts the motion of a run is simulated of which nobody knows where it began. In blind trials a
+        motion that lasts came from one start in two to one in five.
     transient_revolutions : float
         A record that begins earlier than this after the start is simulated in full: its user wants to see how the
         motion settles.
@@ -77,6 +83,8 @@ class SimulationSettings:
     compared_samples: int = 120
     fast_settled: float = 0.3
     other_start_revolutions: float = 1.382
+    most_start_revolutions: float = 2.0
+    starts: int = 8
     transient_revolutions: float = 1.5
     motor_samples_per_revolution: int = 60
     rest_speed_rad_s: float = 1e-3
