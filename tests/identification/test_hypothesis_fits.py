@@ -130,11 +130,11 @@ def test_a_joint_is_searched_beside_an_effect_that_explains_a_tenth_of_the_misfi
     assert hypothesis_fits._origins(base, alone) == ([base.base, best] if is_beside else [base.base])
 
 
-def changed_clearance(least_share):
+def changed_clearance(least_share, **changed):
     """A baseline of knocks by a clearance that has grown by half; what the first points have to explain is given."""
     model = knocking(clearance=1.5, seed=2)
     model = replace(model, candidates=(*model.candidates, LOOSER))
-    settings = replace(DEFAULT_SETTINGS.rough_search, least_share_of_perturbations=least_share)
+    settings = replace(DEFAULT_SETTINGS.rough_search, least_share_of_perturbations=least_share, **changed)
     return recalibrate(model, stated_noise(model), replace(DEFAULT_SETTINGS, rough_search=settings))
 
 
@@ -144,12 +144,18 @@ def test_changes_of_what_motion_depends_on_roughly_are_searched_if_the_first_poi
     (found,) = hypothesis_fits._search_perturbations(base, limits, np.inf)
     assert found.label == "looser" and found.chi2 < 1.1 * base.problem.size
     assert found.mapping["looser.change_mm"] == pytest.approx(0.5, rel=0.01)
-    base = changed_clearance(0.9)
+    base = changed_clearance(0.9, reached_share=1.1)  # no point lies in a valley
     before = base.problem.simulations
     assert hypothesis_fits._search_perturbations(base, limits, np.inf) == []
     points = 2**DEFAULT_SETTINGS.rough_search.first_points_log2
     derivatives = 2 * len(base.base.parameters)  # simulations at most
     assert base.problem.simulations - before <= len(base.problem.runs) * (points + derivatives)
+
+
+def test_a_first_point_in_a_valley_is_fitted_though_features_explain_little():
+    base = changed_clearance(0.9)
+    (found,) = hypothesis_fits._search_perturbations(base, SimpleNamespace(omnibus=1.1), np.inf)
+    assert found.chi2 < 1.1 * base.problem.size
 
 
 @pytest.mark.parametrize("doubted", [True, False])
