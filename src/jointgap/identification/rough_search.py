@@ -104,8 +104,9 @@ class Box:
 
 def drawn_about(
     elite: Sequence[np.ndarray], settings: RoughSearchSettings, generator: np.random.Generator
-) -> np.ndarray:
-    """Places (points, dimensions) about the `elite`, normally distributed with a part of their spread.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (points, dimensions) about the `elite`, normally distributed with a part of their spread; and about which
+    of these each one is, (points,) int.
 
     Parameters
     ----------
@@ -117,8 +118,9 @@ def drawn_about(
     dimensions = len(elite[0])
     spread = settings.kernel_width**2 * np.cov(np.transpose(elite)).reshape(dimensions, -1)
     spread = spread + settings.least_spread**2 * np.eye(dimensions)
-    centres = np.array(elite)[generator.integers(len(elite), size=settings.points)]
-    return np.clip(generator.multivariate_normal(np.zeros(dimensions), spread, settings.points) + centres, 0, 1)
+    chosen = generator.integers(len(elite), size=settings.points)
+    places = generator.multivariate_normal(np.zeros(dimensions), spread, settings.points) + np.array(elite)[chosen]
+    return np.clip(places, 0, 1), chosen
 
 
 class _LinearAdaptation:
@@ -130,11 +132,16 @@ class _LinearAdaptation:
     ----------
     baseline : Baseline
     origin : Fit
+
+    Attributes
+    ----------
+    rows : mapping of str to (m,) int array
+        Places of each run's samples in the residual.
     """
 
     def __init__(self, baseline: Baseline, origin: Fit):
         self._baseline, self._origin, problem = baseline, origin, baseline.problem
-        self._rows = {
+        self.rows = {
             run: np.concatenate(
                 [np.arange(part.place.start, part.place.stop) for part in problem.parts if part.series.run == run]
             )
@@ -171,7 +178,7 @@ class _LinearAdaptation:
             return residual, {}
         present = np.array([values[key] for key in keys])
         low, high = bounds_of([self._derivatives[key][0] for key in keys])
-        rows = np.concatenate([self._rows[run] for run in runs])
+        rows = np.concatenate([self.rows[run] for run in runs])
         columns = np.column_stack([self._derivatives[key][1][rows] for key in keys])
         step, _ = bounded_step(columns, residual[rows], low - present, high - present)
         moved = residual.copy()
@@ -244,22 +251,25 @@ class _Contestant:
 
     def go_on(self, features: CycleFeatures) -> None:
         """Simulate points about those of the population with the best features."""
-        ranked = sorted(self._population, key=lambda point: point.misfit)
-        elite = [point.place for point in ranked[: self._settings.elite]]
-        self._simulate(features, drawn_about(elite, self._settings, self._generator))
+        elite = sorted(self._population, key=lambda point: point.misfit)[: self._settings.elite]
+        places, parents = drawn_about([point.place for point in elite], self._settings, self._generator)
+        self._simulate(features, places, [elite[parent] for parent in parents])
 
-    def _simulate(self, features: CycleFeatures, places: np.ndarray) -> None:
+    def _simulate(self, features: CycleFeatures, places: np.ndarray, parents: Sequence[_Point] = ()) -> None:
         """Simulate places run by run, each as long as its misfit is less than that of the last of the best.
 
         What is not searched is adapted to each, from where it is at the best point: after each run to those that are
-        simulated by then, so that a misfit may fall with the next run, which is not waited for.
+        simulated by then, so that a misfit may fall with the next run, which is not waited for. Choices of runs are
+        those of the point that a place is about, of some runs drawn anew. A run of which they may be wrong counts no
+        more than if nothing were changed in it: the others tell as much of the place.
         """
         problem, reference = self._baseline.problem, self._reference
-        for place in places:
+        unchanged = {run: features.misfit(np.zeros(problem.size), run) for run in problem.runs}
+        for number_of_place, place in enumerate(places):
             known = sorted(self._population, key=lambda point: point.misfit)
             limit = known[self._settings.elite - 1].misfit if len(known) >= self._settings.elite else np.inf
             beside = known[0].beside if known else self._beside
-            beside = beside | self._drawn_choices(anew=not known)
+            beside = beside | self._drawn_choices(parents[number_of_place] if len(parents) else None)
             values, residual, misfit, adapted = beside | self._box.values(place), self._origin.residual, 0.0, beside
             left = residual
             try:
@@ -268,22 +278,37 @@ class _Contestant:
                     simulated = problem.runs[: number + 1]
                     left, moved = self._adaptation.adapted(residual, simulated, beside)
                     adapted = beside | moved
-                    misfit = sum(features.misfit(reference.residual - left, one) for one in simulated)
+                    misfits = {one: features.misfit(reference.residual - left, one) for one in simulated}
+                    if self._box.choices:
+                        misfits = {one: min(own, unchanged[one]) for one, own in misfits.items()}
+                    misfit = sum(misfits.values())
                     if misfit > limit:
                         misfit = np.inf
                         break
             except (InputError, SimulationError):
                 misfit = np.inf
-            chi2 = float(left @ left) if misfit < np.inf else np.inf
+            chi2 = self._chi2(left) if misfit < np.inf else np.inf
             self._population.append(_Point(place, misfit, chi2, adapted))
             self.points.append(self._population[-1])
         self._progress.append(min((point.misfit for point in self._population), default=np.inf))
 
-    def _drawn_choices(self, anew: bool) -> dict[str, float]:
-        """Choices of runs by key, drawn evenly: of a part of the runs, or of all if `anew`."""
-        drawn = {key: float(self._generator.choice(choices)) for key, choices in self._box.choices.items()}
-        share = 1.0 if anew else self._settings.drawn_choices
-        return {key: value for key, value in drawn.items() if self._generator.random() < share}
+    def _chi2(self, residual: np.ndarray) -> float:
+        """Of a residual (n,); of a run that has choices no more than the reference leaves in it."""
+        if not self._box.choices:
+            return float(residual @ residual)
+        reference, total = self._reference.residual, 0.0
+        for run in self._baseline.problem.runs:
+            rows = self._adaptation.rows[run]
+            total += min(float(residual[rows] @ residual[rows]), float(reference[rows] @ reference[rows]))
+        return total
+
+    def _drawn_choices(self, parent: _Point | None) -> dict[str, float]:
+        """Choices of runs by key, drawn evenly; of some runs those of the `parent` stay, if there is one."""
+        chosen = {}
+        for key, choices in self._box.choices.items():
+            anew = parent is None or self._generator.random() < self._settings.drawn_choices
+            chosen[key] = float(self._generator.choice(choices)) if anew else parent.beside[key]
+        return chosen
 
     def fit(self, point: _Point, features: CycleFeatures, sufficient: float) -> Fit:
         """The fit of the samples from a point; from others about it where it ends in a valley, not at its bottom. Where

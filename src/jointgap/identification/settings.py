@@ -316,8 +316,8 @@ class RoughSearchSettings:
         [1] By which the misfit of features has to be below that of any other explanation, for a name: right names lead
         by 40 to 370, the one wrong name that was seen by 10.
     drawn_choices : float
-        [1] Part of the runs whose choices, such as the start of a motion, are drawn anew at a point, beside those of
-        the best point before: half the points then keep those of both of two runs, or change one.
+        [1] Part of the runs whose choices, such as the start of a motion, are drawn anew at a point; of the others it has
+        those of the point that it is drawn about.
     size_error : float
         [1, of the size] Standard error of a size by features from what is not searched with it: before nuisances were
         adapted to each point sizes were 0.4 to 3.2 % off.
