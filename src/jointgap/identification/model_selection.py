@@ -369,7 +369,7 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
 
     What leaving out one of two effects costs is the fit of the other alone, at its best: before two effects are named
     each is fitted alone once more, from the nuisances of the pair and from other starts, and is open to choice like all
-    others.
+    others. So it is of the best pair where that is not admissible: one of its effects may be there without the other.
 
     Parameters
     ----------
@@ -384,7 +384,9 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     fits = [*fits, *fits_beyond_bounds(baseline, fits)]
     fits, done, given = [*fits, *swap_one_effect(baseline, signatures, fits)], set(), baseline.base
     decision = refit_and_decide(baseline, signatures, fits, limits)
-    while members := _members_alone(baseline, [decision.chosen, *decision.equivalent], done):
+    while members := _members_alone(
+        baseline, [decision.chosen, *decision.equivalent, *(ranked.fit for ranked in decision.ranking[:1])], done
+    ):
         baseline = replace(baseline, base=decision.base)
         fits = [*(ranked.fit for ranked in decision.ranking), *members]
         decision = refit_and_decide(baseline, signatures, fits, limits)

@@ -105,8 +105,8 @@ class Box:
 def drawn_about(
     elite: Sequence[np.ndarray], settings: RoughSearchSettings, generator: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places (points, dimensions) about the `elite`, normally distributed with a part of their spread; and about which
-    of these each one is, (points,) int.
+    """Places (points, dimensions) about the `elite`, normally distributed with parts of their spread, from a small one
+    to all of it; and about which of these each one is, (points,) int.
 
     Parameters
     ----------
@@ -115,12 +115,14 @@ def drawn_about(
     settings : RoughSearchSettings
     generator : numpy Generator
     """
-    dimensions = len(elite[0])
-    spread = settings.kernel_width**2 * np.cov(np.transpose(elite)).reshape(dimensions, -1)
-    spread = spread + settings.least_spread**2 * np.eye(dimensions)
-    chosen = generator.integers(len(elite), size=settings.points)
-    places = generator.multivariate_normal(np.zeros(dimensions), spread, settings.points) + np.array(elite)[chosen]
-    return np.clip(places, 0, 1), chosen
+    count, dimensions = settings.points, len(elite[0])
+    covariance = np.cov(np.transpose(elite)).reshape(dimensions, -1)
+    narrow, wide = np.log(settings.kernel_widths)
+    widths = np.exp(generator.uniform(narrow, wide, (count, 1)))
+    steps = widths * generator.multivariate_normal(np.zeros(dimensions), covariance, count)
+    steps += settings.least_spread * generator.standard_normal((count, dimensions))
+    chosen = generator.integers(len(elite), size=count)
+    return np.clip(np.array(elite)[chosen] + steps, 0, 1), chosen
 
 
 class _LinearAdaptation:
@@ -264,7 +266,8 @@ class _Contestant:
         more than if nothing were changed in it: the others tell as much of the place.
         """
         problem, reference = self._baseline.problem, self._reference
-        unchanged = {run: features.misfit(np.zeros(problem.size), run) for run in problem.runs}
+        changes = reference.residual - self._origin.residual
+        unchanged = {run: features.misfit(changes, run) for run in problem.runs}
         for number_of_place, place in enumerate(places):
             known = sorted(self._population, key=lambda point: point.misfit)
             limit = known[self._settings.elite - 1].misfit if len(known) >= self._settings.elite else np.inf
@@ -293,13 +296,13 @@ class _Contestant:
         self._progress.append(min((point.misfit for point in self._population), default=np.inf))
 
     def _chi2(self, residual: np.ndarray) -> float:
-        """Of a residual (n,); of a run that has choices no more than the reference leaves in it."""
+        """Of a residual (n,); of a run whose choices may be others no more than the origin leaves in it."""
         if not self._box.choices:
             return float(residual @ residual)
-        reference, total = self._reference.residual, 0.0
+        origin, total = self._origin.residual, 0.0
         for run in self._baseline.problem.runs:
             rows = self._adaptation.rows[run]
-            total += min(float(residual[rows] @ residual[rows]), float(reference[rows] @ reference[rows]))
+            total += min(float(residual[rows] @ residual[rows]), float(origin[rows] @ origin[rows]))
         return total
 
     def _drawn_choices(self, parent: _Point | None) -> dict[str, float]:
