@@ -184,10 +184,19 @@ def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None
 
 def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
     """One effect; its delta_bic is what leaving it out costs; None where the rest cannot be simulated by itself,
-    or where samples do not decide."""
+    or where samples do not decide. Its choices by run, where it has such, such as the start of its motion."""
     left = label_of(tuple(candidate for candidate in fit.hypothesis if candidate not in own))
     cost = gains[left] - fit.bic if left in gains and fit.status != MATCHED else None
-    return {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
+    values = fit.mapping
+    choices = {
+        p.key: round(values[key])
+        for candidate in own
+        for p in candidate.coordinates
+        if p.choices and (key := f"{candidate.label}.{p.key}") in values
+    }
+    return {"name": name, "site": site, "delta_bic": cost, "parameters": parameters} | (
+        {"choices": choices} if choices else {}
+    )
 
 
 def _with_families(named: list[dict[str, Any]], families: pd.DataFrame | None) -> list[dict[str, Any]]:

@@ -140,7 +140,22 @@ def _answer(verdict: Mapping[str, Any]) -> list[Block]:
         blocks.append(Bullets(tuple(explanation_in_words(effects) for effects in verdict["equivalent"])))
         advice = verdict.get("separated_by", "")
         blocks += [Paragraph(without_code_names(advice))] if advice else []
-    return [*blocks, _figure("measured_against_model"), *table]
+    return [*blocks, _figure("measured_against_model"), *table, *map(Paragraph, _motions(verdict["effects"]))]
+
+
+def _motions(effects: Sequence[Mapping[str, Any]]) -> list[str]:
+    """From which start the motion of each run came, of effects that let a mechanism have several steady ones."""
+    sentences = []
+    for effect in effects:
+        starts = {key.partition("@")[2]: number for key, number in effect.get("choices", {}).items()}
+        if any(starts.values()):
+            found = joined(f"of {run} from start {number}" for run, number in starts.items())
+            sentences.append(
+                f"With a {effect_in_words(effect)} the mechanism may have several steady motions under the same "
+                f"parameters. The motion {found} meets what was measured; start 0 is the usual one, the others begin "
+                "earlier."
+            )
+    return sentences
 
 
 _ERROR_HEADS = ("run", "crank speed [rpm]", "used", "channel", "unit", "noise", "RMS before", "RMS after", "explained")

@@ -148,7 +148,7 @@ class Clearance(Effect):
             reach = math.log(factor)
             shapes.append(Parameter(f"log_{name}_factor", 0.0, -reach, reach, step=0.05 * reach))
         for run, count in starts.items():
-            shapes.append(Parameter(START, 0.0, -0.5, count - 0.5, run=run, whole=True))
+            shapes.append(Parameter(START, 0.0, 0.0, count - 1.0, run=run, whole=True))
 
         def parameters(values: Values) -> dict[str, float]:
             measured = {"restitution": "contact_restitution", "friction": "contact_friction"}

@@ -300,7 +300,8 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     joint that became loose, impacts at another speed may ask for a restitution that the slower runs hardly feel. A
     model is contradicted by held-out data if no values that the fit leaves open meet these, not if those at the minimum
     do not. The fit is as it was where it has no such draws, where its own values leave noise alone, or where motion is
-    chaotic: among many realisations one is always luckier. Choices of a held-out run are other ones at each draw.
+    chaotic: among many realisations one is always luckier. At each draw a held-out run has the choices that it has at
+    the values of the fit, or others in turn, whichever leave less.
 
     Parameters
     ----------
@@ -320,25 +321,39 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     size = sum(problem.size for problem, _, _ in own)
     keys = [parameter.key for parameter in fit.parameters]
 
-    def chi2(values: np.ndarray, number: int | None = None) -> float:
-        """With what a run has for itself moved linearly to where it fits these values best; of choices each draw, by
-        its `number`, takes the next one."""
-        shared, total = dict(zip(keys, map(float, values), strict=True)), 0.0
-        for problem, found, directions in own:
-            choices = (p for p in problem.parameters(fit.hypothesis) if p.choices and p.key not in keys)
-            chosen = {} if number is None else {p.key: float(p.choices[number % len(p.choices)]) for p in choices}
-            try:
-                residual = problem.residual(found | chosen | shared, fit.hypothesis)
-            except (InputError, SimulationError):
-                return np.inf
-            total += float(residual @ residual - np.sum((directions.T @ residual) ** 2))
-        return total
+    def chi2(values: np.ndarray, number: int = 0) -> float:
+        """Of all runs at `values` (k,): each with its own choices or, of a draw, with the next ones by its `number`."""
+        shared = dict(zip(keys, map(float, values), strict=True))
+        return sum(
+            min(_left(problem, fit.hypothesis, found | other | shared, directions) for other in others[number])
+            for (problem, found, directions), others in zip(own, choices, strict=True)
+        )
 
+    drawn = fit.draws[:: -(-len(fit.draws) // fit.settings.confirmation.valley_draws)]
+    choices = [_choices_in_turn(problem, fit, len(drawn)) for problem, _, _ in own]
     if chi2(fit.values) <= size * fit.settings.decision.max_gap_of_noise**2:
         return fit
-    drawn = fit.draws[:: -(-len(fit.draws) // fit.settings.confirmation.valley_draws)]
-    found = [chi2(fit.values), *(chi2(values, number) for number, values in enumerate(drawn))]
-    return replace(fit, values=(fit.values, *drawn)[int(np.argmin(found))])
+    left = [chi2(values, number) for number, values in enumerate((fit.values, *drawn))]
+    return replace(fit, values=(fit.values, *drawn)[int(np.argmin(left))])
+
+
+def _choices_in_turn(problem: Problem, fit: Fit, count: int) -> list[list[dict[str, float]]]:
+    """For the fit and each of `count` draws: the choices by key to try in a held-out run, in place of those that were
+    fitted; none, or others in turn."""
+    fitted = {p.key for p in fit.parameters}
+    free = [p for p in problem.parameters(fit.hypothesis) if p.choices and p.key not in fitted]
+    turns = [{p.key: float(p.choices[number % len(p.choices)]) for p in free} for number in range(count)]
+    return [[{}], *([{}, turn] if free else [{}] for turn in turns)]
+
+
+def _left(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float], directions: np.ndarray) -> float:
+    """chi2 of a held-out run at `values` by key, with what it has for itself moved linearly along `directions` (n, own)
+    to where it fits best; infinite where it cannot be simulated."""
+    try:
+        residual = problem.residual(values, hypothesis)
+    except (InputError, SimulationError):
+        return np.inf
+    return float(residual @ residual - np.sum((directions.T @ residual) ** 2))
 
 
 def fit_run_parameters(problem: Problem, fit: Fit) -> dict[str, float]:

@@ -76,13 +76,15 @@ class Fit:
 
     @property
     def bic(self) -> float:
-        """Bayesian information criterion: chi2 + k ln n (Schwarz 1978).
+        """Bayesian information criterion: chi2 + k ln n (Schwarz 1978), and 2 ln m for each choice among m.
 
         Parameters that change nothing (`active`) do not count. A nuisance that an effect replaces still counts, since
         the effect says that it is out of its range; otherwise replacing would be cheaper than adding.
         """
         replaced = sum(len(candidate.replaces) for candidate in self.hypothesis)
-        return self.chi2 + (int(self.active.sum()) + replaced) * np.log(self.residual.size)
+        size, counted = self.residual.size, zip(self.parameters, self.active, strict=True)
+        price = sum(p.price(size) for p, active in counted if active or p.choices)
+        return self.chi2 + price + replaced * np.log(size)
 
     @property
     def active(self) -> np.ndarray:
@@ -118,11 +120,17 @@ class Fit:
         """What the data and the bounds say of the values, for intervals; variances inflated like the `covariance`."""
         if self.draws is not None:
             return BoundedNormal(np.atleast_2d(np.cov(self.draws, rowvar=False)), self.draws)
-        low, high = bounds_of(self.parameters)
+        low, high = self._bounds()
         shifts = np.empty((0, self.values.size)) if self.shifts is None else self.shifts
         slope = np.nan_to_num(self.half_derivative)
         intervals = self.settings.intervals
         return bounded_normal(self.jacobian, slope, self.inflation, self.values, low, high, shifts, intervals)
+
+    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds [SI], each (k,); choices are held where they are."""
+        held = np.array([bool(p.choices) for p in self.parameters], dtype=bool)
+        low, high = bounds_of(self.parameters)
+        return np.where(held, self.values, low), np.where(held, self.values, high)
 
     def covariance(self, released: Sequence[int] = ()) -> np.ndarray:
         """Of the values, (k, k) [SI], where those at a bound are held there: zero rows for them.
@@ -138,7 +146,7 @@ class Fit:
         released : sequence of int
             Places of parameters that are not held, though they are at a bound.
         """
-        low, high = bounds_of(self.parameters)
+        low, high = self._bounds()
         length = np.linalg.norm(self.jacobian, axis=0)
         width = high - low
         inside = (self.values > low) & (self.values < high)
@@ -235,7 +243,14 @@ def fit_hypothesis(
             status, reason = _descend(descent, stopping, problem.settings.damping)
         except (InputError, SimulationError) as error:  # of a Jacobian that was to be made anew
             status, reason = STOPPED, str(error)
-        goes_on = descent.choose()
+        # a fit that is smoothed, or beaten, is no rival: it keeps its choices
+        beaten = descent.chi2 > problem.settings.stopping.beaten_factor * sufficient_chi2
+        goes_on = smoother is None and not beaten and descent.choose()
+        if goes_on:
+            try:
+                descent.renew()
+            except (InputError, SimulationError) as error:
+                status, reason, goes_on = STOPPED, str(error), False
     if refresh:
         try:
             descent.jacobian = descent.derivatives(fine=smoother is None)
@@ -309,7 +324,8 @@ class _Descent:
         """Simulate the start; columns of the Jacobian in `known_derivatives` are taken as they are."""
         self.residual = self._simulate(self.values)
         self._smoothed = self._smooth(self.residual)
-        self.choose()
+        if self.choose():
+            known_derivatives = None  # they are of another motion
         self.jacobian = self.derivatives(known_derivatives)
         self.fresh = not known_derivatives
 
@@ -326,18 +342,15 @@ class _Descent:
         )
 
     def choose(self) -> bool:
-        """Try every choice of each run that is not met, and take the one that leaves least: whether chi2 fell by more
-        than slow progress."""
-        before, settings = self.chi2, self._problem.settings.stopping
+        """Try every choice of each run that is not met, and take the one that leaves least, if that is clearly less:
+        whether one was taken."""
+        least_fall, chose = self._problem.settings.stopping.least_fall_by_choice, False
         for place, parameter in enumerate(self._parameters):
-            if not parameter.choices:
+            if not parameter.choices or self._is_met(parameter.run):
                 continue
-            parts = [part.place for part in self._problem.parts if part.series.run == parameter.run]
-            own = np.concatenate([self.residual[part] for part in parts])
-            if own @ own <= settings.met_chi2_per_sample * own.size:
-                continue
+            before, best = self.values[place], (self.values, self.residual, self._smoothed)
             for choice in parameter.choices:
-                if choice == round(self.values[place]):
+                if choice == before:
                     continue
                 values = self.values.copy()
                 values[place] = choice
@@ -348,9 +361,21 @@ class _Descent:
                 except (InputError, SimulationError):
                     continue
                 smoothed = self._smooth(residual)
-                if smoothed @ smoothed < self.chi2:
-                    self.values, self.residual, self._smoothed, self.fresh = values, residual, smoothed, False
-        return before - self.chi2 > settings.poor_progress * before
+                if smoothed @ smoothed < best[2] @ best[2]:
+                    best = values, residual, smoothed
+            if self.chi2 - best[2] @ best[2] > least_fall:
+                self.values, self.residual, self._smoothed = best
+                self.fresh, self.trusted, chose = False, False, True
+        return chose
+
+    def _is_met(self, run: str) -> bool:
+        """Whether each channel of a run leaves what noise does."""
+        sigmas = self._problem.settings.stopping.met_sigmas
+        for part in (part for part in self._problem.parts if part.series.run == run):
+            own = self.residual[part.place]
+            if own @ own > own.size + sigmas * np.sqrt(2.0 * own.size):
+                return False
+        return True
 
     def renew(self) -> None:
         """Make the Jacobian anew here; the next step is undamped."""

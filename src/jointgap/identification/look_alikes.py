@@ -165,7 +165,8 @@ class _Rehearsal:
         for _ in range(self._settings.look_alikes.rounds):
             found = self._misfits(features, points.changes) @ self._planned
             elite = [points.places[i] for i in np.argsort(found, kind="stable")[: settings.elite]]
-            self._simulate(points, drawn_about(elite, settings, self._generator)[0])
+            places, _ = drawn_about(elite, settings, self._generator)
+            self._simulate(points, places)
 
     def lead(self, truth: _Truth, other: str) -> _Lead:
         """By how much less another effect explains of the features of a truth than itself, in the planned channels."""

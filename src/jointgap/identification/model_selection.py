@@ -384,9 +384,7 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     fits = [*fits, *fits_beyond_bounds(baseline, fits)]
     fits, done, given = [*fits, *swap_one_effect(baseline, signatures, fits)], set(), baseline.base
     decision = refit_and_decide(baseline, signatures, fits, limits)
-    while members := _members_alone(
-        baseline, [decision.chosen, *decision.equivalent, *(ranked.fit for ranked in decision.ranking[:1])], done
-    ):
+    while members := _members_alone(baseline, _proposed(decision), done):
         baseline = replace(baseline, base=decision.base)
         fits = [*(ranked.fit for ranked in decision.ranking), *members]
         decision = refit_and_decide(baseline, signatures, fits, limits)
@@ -408,6 +406,12 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     equivalent = [stated(fit) for fit in decision.equivalent]
     best_known = stated(decision.best_known) if decision.best_known else None
     return replace(decision, chosen=chosen, base=base, equivalent=equivalent, best_known=best_known)
+
+
+def _proposed(decision: Decision) -> list[Fit]:
+    """What a decision names or calls equivalent, and what gains most, admissible or not."""
+    first = [ranked.fit for ranked in decision.ranking[:1] if ranked.fit.status != FAILED and ranked.delta_bic > 0.0]
+    return [decision.chosen, *decision.equivalent, *first]
 
 
 def _members_alone(baseline: Baseline, chosen: Sequence[Fit], done: set[str]) -> list[Fit]:

@@ -61,6 +61,11 @@ class Parameter:
             return range(0)
         return range(math.ceil(self.low), math.floor(self.high) + 1)
 
+    def price(self, samples: int) -> float:
+        """What it costs in the Bayesian information criterion of so many samples: the logarithm of their number, or
+        twice that of the number of choices, of which one is the luckiest."""
+        return 2.0 * math.log(len(self.choices)) if self.choices else math.log(samples)
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -103,7 +108,7 @@ class Candidate:
         between which values it is searched, evenly in its logarithm; () of others. Of the perturbation of a known
         quantity evenly in the logarithm of what is left of that.
     unsearched : tuple of str
-        Shape parameters that such a search leaves at nominal: fits find them from there.
+        Shape parameters that such a search leaves as they are at its best point, at first at nominal: fits find them.
     families : tuple of LawFamily
         Laws of which the effect is one shape.
     """

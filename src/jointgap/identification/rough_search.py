@@ -56,7 +56,7 @@ class Box:
     choices : mapping of str to range
         By key, whole numbers of runs: these are no coordinates of a place.
     held : mapping of str to float
-        By key, the nominal values of what is not searched (`Candidate.unsearched`).
+        By key, the nominal values of what is not searched (`Candidate.unsearched`): a search begins with them.
     """
 
     def __init__(self, candidate: Candidate, parameters: Sequence[Parameter]):
@@ -266,13 +266,12 @@ class _Contestant:
         more than if nothing were changed in it: the others tell as much of the place.
         """
         problem, reference = self._baseline.problem, self._reference
-        changes = reference.residual - self._origin.residual
-        unchanged = {run: features.misfit(changes, run) for run in problem.runs}
-        for number_of_place, place in enumerate(places):
+        unchanged = self._misfit_of_no_change(features)
+        for place, parent in zip(places, parents or [None] * len(places), strict=True):
             known = sorted(self._population, key=lambda point: point.misfit)
             limit = known[self._settings.elite - 1].misfit if len(known) >= self._settings.elite else np.inf
             beside = known[0].beside if known else self._beside
-            beside = beside | self._drawn_choices(parents[number_of_place] if len(parents) else None)
+            beside = beside | self._drawn_choices(parent)
             values, residual, misfit, adapted = beside | self._box.values(place), self._origin.residual, 0.0, beside
             left = residual
             try:
@@ -294,6 +293,11 @@ class _Contestant:
             self._population.append(_Point(place, misfit, chi2, adapted))
             self.points.append(self._population[-1])
         self._progress.append(min((point.misfit for point in self._population), default=np.inf))
+
+    def _misfit_of_no_change(self, features: CycleFeatures) -> dict[str, float]:
+        """By run, of the features, where the origin is as it is."""
+        changes = self._reference.residual - self._origin.residual
+        return {run: features.misfit(changes, run) for run in self._baseline.problem.runs}
 
     def _chi2(self, residual: np.ndarray) -> float:
         """Of a residual (n,); of a run whose choices may be others no more than the origin leaves in it."""
@@ -385,7 +389,7 @@ class _Contestant:
             at = {p.key: p.nominal for p in parameters} | beside | self._box.values(point.place)
             at = {p.key: at[p.key] for p in parameters}
             try:
-                residual = problem.residual(at, hypothesis)
+                at, residual = self._with_best_choices(features, at, problem.residual(at, hypothesis), hypothesis)
                 if adaptation is not None:
                     at |= adaptation.adapted(residual, problem.runs, at)[1]
                     residual = problem.residual(at, hypothesis)
@@ -412,11 +416,32 @@ class _Contestant:
             hypothesis, parameters, fitted, residual, jacobian, 0, MATCHED, draws=draws, settings=problem.settings
         )
 
+    def _with_best_choices(
+        self, features: CycleFeatures, at: dict[str, float], residual: np.ndarray, hypothesis: Hypothesis
+    ) -> tuple[dict[str, float], np.ndarray]:
+        """Values by key [SI] and residual (n,), where each run that is no better than without a change has those of its
+        choices by which its features are best: in the search it counted as not changed."""
+        problem, unchanged = self._baseline.problem, self._misfit_of_no_change(features)
+        for p in (p for p in problem.parameters(hypothesis) if p.key in self._box.choices):
+            least = features.misfit(self._reference.residual - residual, p.run)
+            if least < unchanged[p.run]:
+                continue
+            for choice in p.choices:
+                tried = at | {p.key: float(choice)}
+                try:
+                    left = problem.residual(tried, hypothesis, (p.run,), residual)
+                except (InputError, SimulationError):
+                    continue
+                if (misfit := features.misfit(self._reference.residual - left, p.run)) < least:
+                    at, residual, least = tried, left, misfit
+        return at, residual
+
     def _nearby(self, fit: Fit) -> dict[str, float]:
         """The best of points drawn about a fit, for the samples: values by key [SI]; what is not searched stays."""
         problem, centre = self._baseline.problem, self._box.place(fit.mapping)
-        nearby, best, least = self._settings.nearby_spread, fit.mapping, fit.chi2
-        for place in centre + nearby * self._generator.standard_normal((self._settings.points, centre.size)):
+        count, best, least = self._settings.points, fit.mapping, fit.chi2
+        spreads = np.exp(self._generator.uniform(*np.log(self._settings.nearby_spreads), (count, 1)))
+        for place in centre + spreads * self._generator.standard_normal((count, centre.size)):
             values = fit.mapping | self._box.values(np.clip(place, 0.0, 1.0))
             try:
                 residual = problem.residual(values, self.hypothesis)

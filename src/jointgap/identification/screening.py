@@ -324,10 +324,11 @@ class SignatureRegression:
             shapes = {name: value for name, value in s.shape_parameters.items() if name not in s.candidate.amplitudes}
             start |= {f"{s.candidate.label}.{name}": value for name, value in shapes.items()}
         effects = (*self.fitted_effects, *(signature.candidate for signature in chosen))
-        free = len(kept) + sum(len(signature.coordinates) for signature in chosen)
-        free += sum(len(candidate.replaces) for candidate in effects)  # as `Fit.bic` counts
+        # as `Fit.bic` counts
+        price = sum(p.price(self._rows) for signature in chosen for p in signature.coordinates)
+        price += (len(kept) + sum(len(candidate.replaces) for candidate in effects)) * np.log(self._rows)
         near = {p.key: float(value) for p, value in zip(signatures.parameters, signatures.values, strict=True)}
-        return LinearizedFit(tuple(chosen), chi2, start, chi2 + free * np.log(self._rows), self.fitted_effects, near)
+        return LinearizedFit(tuple(chosen), chi2, start, chi2 + price, self.fitted_effects, near)
 
     def singles(self) -> list[LinearizedFit]:
         """Every candidate that is not searched with its best start, best first."""

@@ -129,9 +129,12 @@ class StoppingSettings:
         [1, of chi2] What a step has to predict in smoothed residuals: such a fit is a start for another.
     smoothed_max_steps : int
         The most steps there, for the same reason.
-    met_chi2_per_sample : float
-        [1] A run that leaves no more is met: none of its other choices is tried. Noise alone leaves 1.2 in one run of
-        twenty of 140 samples.
+    met_sigmas : float
+        [standard deviations of chi2] A run each channel of which leaves no more than this beyond its samples is met:
+        none of its other choices is tried. Noise alone leaves more in one channel of 40.
+    least_fall_by_choice : float
+        [chi2] Another choice is taken if chi2 falls by more. The same motion from another start has settled to a length
+        of 1, which changes chi2 by 2 or 3; another motion changes it by hundreds.
     """
 
     min_decrease: float = 0.05
@@ -146,7 +149,8 @@ class StoppingSettings:
     beaten_progress: float = 0.2
     smoothed_decrease: float = 0.01
     smoothed_max_steps: int = 10
-    met_chi2_per_sample: float = 1.2
+    met_sigmas: float = 2.0
+    least_fall_by_choice: float = 10.0
 
 
 @dataclass(frozen=True)
@@ -276,9 +280,9 @@ class RoughSearchSettings:
         The best points, from which the next ones are drawn: twice as many as there are coordinates.
     kernel_widths : (float, float)
         [1, of the spread of the best points] Between which the spread lies of the next ones about each of them, evenly
-        in its logarithm. There are several valleys, and how wide they are is not known: of eight searches for one that
-        is 5 % of the clearance wide all found it, after 260 points in the mean; with a quarter of the spread for all
-        seven, after 310.
+        in its logarithm: there are several valleys, and how wide they are is not known. Eight searches for one that is
+        5 % of the clearance wide found it after 260 points in the mean; with a quarter of the spread for all points
+        seven of eight did, after 310: no worse, at least.
     least_spread : float
         [1, of a coordinate's range] By which points are spread at least.
     eliminated_share : float
@@ -302,8 +306,8 @@ class RoughSearchSettings:
         [1, of the misfit of samples that the effect beside which joints are searched leaves, or the base] A point that
         explains so much of it lies in a valley: it is fitted at once.
     as_much_share : float
-        [1, of what the best effect that is there explains] Unless it explains less than this: a pin that slides in its
-        clearance all the time explained 0.98 of what friction of the ideal pin does, at the best first point.
+        [1, of what the best effect that is there explains] Beside the base it has to explain this much too: at the best
+        first point a pin that slides in its clearance all the time explained 0.98 of what friction of an ideal pin did.
     deeper : float
         [1, of chi2] A candidate is fitted once more from a point that leaves less than this part of what the point
         before left.
@@ -312,14 +316,16 @@ class RoughSearchSettings:
         followed: beyond it they are met by chance, and features say more.
     refinements : int
         How often points are drawn about a fit that ended in a valley, but not at its bottom.
-    nearby_spread : float
-        [1, of a coordinate's range] By which these are spread: valleys are that wide.
+    nearby_spreads : (float, float)
+        [1, of a coordinate's range] Between which the spread of these lies, evenly in its logarithm: valleys are 0.1 to
+        2 % of a clearance wide, and 1 % of its range is 7 % of a clearance. In one trial five refinements left 1.7 for
+        each sample so, and 6.5 with 1 % for all points.
     min_misfit_ahead : float
         [1] By which the misfit of features has to be below that of any other explanation, for a name: right names lead
         by 40 to 370, the one wrong name that was seen by 10.
     drawn_choices : float
-        [1] Part of the runs whose choices, such as the start of a motion, are drawn anew at a point; of the others it has
-        those of the point that it is drawn about.
+        [1] Part of the runs whose choices, such as the start of a motion, are drawn anew at a point; of the others it
+        has those of the point that it is drawn about.
     size_error : float
         [1, of the size] Standard error of a size by features from what is not searched with it: before nuisances were
         adapted to each point sizes were 0.4 to 3.2 % off.
@@ -352,7 +358,7 @@ class RoughSearchSettings:
     deeper: float = 0.7
     max_numerics_change: float = 1.0
     refinements: int = 5
-    nearby_spread: float = 0.01
+    nearby_spreads: tuple[float, float] = (0.0002, 0.01)
     min_misfit_ahead: float = 20.0
     drawn_choices: float = 0.5
     size_error: float = 0.03

@@ -109,15 +109,15 @@ def thresholds(
 
     # Gains: lengths of projections, which depend on the draws through as many numbers as there are signatures.
     spaces = [
-        (orthonormal(subspaces.projected(signature.columns)), len(signature.coordinates))
+        (orthonormal(subspaces.projected(signature.columns)), sum(p.price(size) for p in signature.coordinates))
         for signature in signatures.entries
     ]
     joint = np.hstack([space for space, _ in spaces]) if spaces else np.empty((size, 0))
     noise = np.linalg.qr(joint * measured[:, None], mode="r").T if joint.size else np.empty((0, 0))
     drawn = np.square(generator.standard_normal((draws, noise.shape[1])) @ noise.T + amounts @ (numerics.T @ joint))
     gains, begin = np.zeros(draws), 0
-    for space, count in spaces:
-        gain = drawn[:, begin : begin + space.shape[1]].sum(axis=1) - count * np.log(size)
+    for space, price in spaces:
+        gain = drawn[:, begin : begin + space.shape[1]].sum(axis=1) - price
         gains, begin = np.maximum(gains, gain), begin + space.shape[1]
     # Any candidate may happen to resemble what another choice of numerics changes, and a fit gain what numerical noise
     # leaves.

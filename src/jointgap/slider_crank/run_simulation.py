@@ -34,21 +34,24 @@ last one is for joints that are loose and a start that nobody knows."""
 
 def numerics_for(campaign: Campaign) -> tuple[str, ...]:
     """Those of `NUMERICS` that can change anything in a campaign."""
-    free = unknown_starts(campaign)
-    return NUMERICS if free and campaign.mechanism.applied().loose else NUMERICS[:-1]
+    return NUMERICS if _free_runs(campaign) and campaign.mechanism.applied().loose else NUMERICS[:-1]
+
+
+def _free_runs(campaign: Campaign) -> list[str]:
+    """Runs of which nobody knows where their motion began."""
+    return [run.id for run in campaign.runs if campaign.drive != "measured_angle" and drives.began_anywhere(run)]
 
 
 def unknown_starts(campaign: Campaign, settings: SimulationSettings = DEFAULT_SETTINGS.simulation) -> dict[str, int]:
-    """From how many starts the motion is simulated, by run of which nobody knows where it began.
+    """From how many starts the motion may have come with a joint that became loose, by run of which nobody knows where
+    it began; none where joints are loose already: of these another start is one of the `NUMERICS`.
 
     Parameters
     ----------
     campaign : Campaign
     settings : SimulationSettings
     """
-    if campaign.drive == "measured_angle":
-        return {}
-    return {run.id: settings.starts for run in campaign.runs if drives.began_anywhere(run)}
+    return {} if campaign.mechanism.applied().loose else dict.fromkeys(_free_runs(campaign), settings.starts)
 
 
 @dataclass(frozen=True)
@@ -124,10 +127,10 @@ def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> d
         mechanism = mirrored(mechanism)
     finer, change = other_numerics(numerics)
     tolerance = finer * tolerance_for(mechanism, plan.settings.simulation, numerics == FAST)
-    start = sum(round(own.get(START, 0.0)) for _, own in effects)
+    start = sum(round(own.get(START, 0.0)) for _, own in effects)  # of two joints it is one of the same starts
     if numerics == len(NUMERICS) and drives.began_anywhere(plan.run):
         start += 1
-    earlier = _turned_earlier(start, plan.settings.simulation)
+    earlier = _turned_earlier(start % plan.settings.simulation.starts, plan.settings.simulation)
     driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier)
     change(driven.numbers)
     harmonic = driven.numbers.effects
