@@ -10,8 +10,10 @@ from jointgap.identification import model_selection
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.problem import Problem
 from jointgap.identification.thresholds import screen_candidates
 from tests.campaign.conftest import TRUTH
+from tests.identification.linear import stairs
 from tests.identification.toy import stated_noise, toy
 
 
@@ -44,3 +46,17 @@ def test_a_better_base_that_was_found_on_the_way_is_the_one_handed_on(chain, mon
     assert fitted == [better]
     assert outcome.chosen is outcome.base
     assert outcome.base.values is better.values
+
+
+def test_a_verdict_tells_which_choices_the_runs_have():
+    model = stairs({"a": 2, "b": 3})
+    found = fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0})
+    (told,) = verdict.effects(found, {})
+    assert told["choices"] == {"start@a": 2, "start@b": 3}
+
+
+def test_an_effect_without_choices_tells_of_none():
+    model = toy({"coulomb": {"force_N": TRUTH}})
+    (coulomb,) = (candidate for candidate in model.candidates if candidate.label == "coulomb")
+    (told,) = verdict.effects(fit_hypothesis(Problem(model, stated_noise(model)), (coulomb,)), {})
+    assert "choices" not in told

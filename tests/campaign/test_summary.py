@@ -422,3 +422,17 @@ def test_parameters_that_nobody_listed_are_shown_and_are_not_to_be_taken_over():
     assert "the factor on the damping of a lasting contact in the piston pin | 1.386 |" in text
     assert "The data bear out slider mass: fitted inside its range" in text
     assert "take over natural logarithm" not in text
+
+
+def test_the_page_tells_from_which_start_the_motion_of_each_run_came_if_from_another_than_the_usual_one():
+    loose = {
+        "name": "crank_pin_clearance",
+        "site": "crank_pin",
+        "delta_bic": 900.0,
+        "parameters": {"clearance_m": {"value": 9.5e-5, "sd": 1e-7, "interval_90": [9.4e-5, 9.6e-5]}},
+        "choices": {"start@slow": 0, "start@fast": 3},
+    }
+    shown = markdown(NAMED | {"effects": [loose]}, {})
+    assert "The motion of slow from start 0 and of fast from start 3 meets what was measured" in shown
+    usual = loose | {"choices": {"start@slow": 0, "start@fast": 0}}
+    assert "several steady motions" not in markdown(NAMED | {"effects": [usual]}, {})

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from jointgap.identification import fit as fit_module
 from jointgap.identification.baseline import probed_differences
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import CONVERGED, FAILED, STOPPED, Fit, bounds_of, fit_hypothesis
@@ -15,7 +16,7 @@ from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.knocks import knocking
-from tests.identification.linear import SAMPLES, Levels
+from tests.identification.linear import stairs
 from tests.identification.toy import stated_noise, toy
 
 
@@ -275,29 +276,6 @@ def test_a_failed_fit_has_a_criterion_though_nothing_is_known_of_its_derivatives
     assert lost.active.all()
 
 
-def stairs(starts: dict[str, int], held_out: tuple[str, ...] = (), noise_sd: float = 0.1) -> Levels:
-    """Runs that rise by 3 from one of four places on, `starts` of the last one by run: a whole number of each run."""
-    shift = SAMPLES // 4
-
-    class Stairs(Levels):
-        def simulate(self, run, values, effects=(), numerics=0):
-            flat = np.full(SAMPLES, values["shared"] + values["own"])
-            for _, own in effects:
-                flat += np.roll(own["rise"] * np.linspace(0.0, 1.0, SAMPLES), shift * round(own["start"]))
-            return {"y": flat}
-
-    model = Stairs({run: (0.0, 0.0) for run in starts}, held_out, noise_sd)
-    own = tuple(Parameter("start", 0.0, -0.5, 3.5, run=run, whole=True) for run in starts)
-    guess = {"rise": 1.0} | {p.key: 0.0 for p in own}
-    rise = Candidate("rise", "sensor", (Parameter("rise", 0.0, step=0.1), *own), ("rise",), (guess,))
-    model.candidates = (rise,)
-    model.series = [
-        replace(series, value=series.value + np.roll(np.linspace(0.0, 3.0, SAMPLES), shift * starts[series.run]))
-        for series in model.series
-    ]
-    return model
-
-
 def test_of_whole_numbers_of_a_run_the_one_that_leaves_least_is_found():
     model = stairs({"a": 2, "b": 3})
     found = fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0})
@@ -324,3 +302,27 @@ def test_no_derivative_by_a_whole_number_of_a_run_is_simulated():
     column = FiniteDifferences(here).column(start, values, np.zeros(here.size), model.candidates)
     assert not column.any()
     assert here.simulations == 0
+
+
+def test_a_choice_costs_twice_the_logarithm_of_how_many_there_are():
+    model = stairs({"a": 2, "b": 3})
+    found = fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0})
+    numbers = sum(not p.choices for p in found.parameters)
+    price = numbers * np.log(found.residual.size) + 2 * 2.0 * np.log(4)
+    assert found.bic == pytest.approx(found.chi2 + price, rel=1e-12)
+
+
+def test_draws_about_a_fit_hold_its_choices():
+    model = stairs({"a": 2, "b": 3})
+    found = fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0})
+    places = [place for place, p in enumerate(found.parameters) if p.choices]
+    assert not found.covariance()[places].any()
+    assert not found.distribution.covariance[places].any()
+
+
+def test_a_fit_that_is_beaten_keeps_its_choices_at_the_end(monkeypatch):
+    model, asked = stairs({"a": 2}), []
+    choose = fit_module._Descent.choose
+    monkeypatch.setattr(fit_module._Descent, "choose", lambda self: asked.append(1) or choose(self))
+    fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0}, sufficient_chi2=1e-3)
+    assert len(asked) == 1  # before the first step

@@ -16,7 +16,7 @@ from jointgap.identification.estimates import effect_estimates, nuisance_estimat
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import MATCHED, STOPPED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem, label_of
-from jointgap.identification.protocol import FAST
+from jointgap.identification.protocol import FAST, Parameter
 from jointgap.identification.rough_search import can_be_followed, leaves_rough_motion, search_rough
 from tests.identification.knocks import LOOSER, knocking
 from tests.identification.toy import CANDIDATES, RINGING, candidate_of, ringing, stated_noise, toy
@@ -522,3 +522,56 @@ def test_held_out_data_confirm_by_features_what_rings_in_another_phase_and_not_w
     assert near.outcome == "falls"
     assert near.features[0] - near.features[1] > 10.0
     assert held_out(0.02).features is None
+
+
+def with_starts():
+    """A baseline in which a ringing is hidden, a candidate of it with a start in each run, and one that competes."""
+    base = rough(0.5, seed=4)
+    starts = tuple(Parameter("start", 0.0, 0.0, 3.0, run=run, whole=True) for run in base.problem.runs)
+    shape = Parameter("shape", 0.2, 0.0, 1.0)
+    guess = dict(RINGING.initial_guesses[0]) | {p.key: p.nominal for p in (*starts, shape)}
+    candidate = replace(
+        RINGING,
+        coordinates=(*RINGING.coordinates, shape, *starts),
+        initial_guesses=(guess,),
+        unsearched=("shape",),
+    )
+    adaptation = rough_search._LinearAdaptation(base, base.base)
+    return base, rough_search._Contestant(base, base.base, adaptation, base.base, candidate, 0)
+
+
+def test_starts_and_what_is_not_searched_are_no_coordinates_of_a_place():
+    base, one = with_starts()
+    label = RINGING.label
+    box = one._box
+    assert not {f"{label}.shape", *box.choices} & box.values(np.full(len(box._keys), 0.5)).keys()
+    assert set(box.choices) == {f"{label}.start@{run}" for run in base.problem.runs}
+    assert box.held == {f"{label}.shape": 0.2}
+
+
+def test_a_point_has_the_starts_of_the_one_that_it_is_about_and_some_of_its_own():
+    _, one = with_starts()
+    parent = rough_search._Point(np.zeros(1), 0.0, 0.0, dict.fromkeys(one._box.choices, 2.0))
+    drawn = [one._drawn_choices(parent) for _ in range(200)]
+    kept = np.mean([[value == 2.0 for value in each.values()] for each in drawn])
+    assert kept == pytest.approx(0.5 + 0.5 / 4, abs=0.06)  # of four starts the same one may be drawn again
+    anew = [one._drawn_choices(None) for _ in range(200)]
+    assert np.mean([[value == 2.0 for value in each.values()] for each in anew]) == pytest.approx(0.25, abs=0.06)
+
+
+def test_a_run_in_another_motion_counts_as_if_nothing_were_changed_in_it():
+    base, one = with_starts()
+    first = next(part for part in base.problem.parts if part.series.run == base.problem.runs[0])
+    worse = base.base.residual.copy()
+    worse[first.place] += 100.0
+    assert worse @ worse > 2.0 * base.base.chi2
+    assert one._chi2(worse) == pytest.approx(base.base.chi2)
+
+
+@pytest.mark.parametrize(("share", "is_reached"), [(0.89, False), (0.91, True)])
+def test_a_joint_that_explains_hardly_less_than_the_best_effect_lies_in_a_valley(share, is_reached):
+    base, one = with_starts()
+    excess = base.base.chi2 - base.problem.size
+    best = replace(base.base, residual=base.base.residual * np.sqrt(1.0 - 0.9 * excess / base.base.chi2))
+    one._reference = best
+    assert one.reached(base.base.chi2 - share * 0.9 * excess) == is_reached

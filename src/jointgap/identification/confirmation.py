@@ -300,8 +300,8 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     joint that became loose, impacts at another speed may ask for a restitution that the slower runs hardly feel. A
     model is contradicted by held-out data if no values that the fit leaves open meet these, not if those at the minimum
     do not. The fit is as it was where it has no such draws, where its own values leave noise alone, or where motion is
-    chaotic: among many realisations one is always luckier. At each draw a held-out run has the choices that it has at
-    the values of the fit, or others in turn, whichever leave less.
+    chaotic: among many realisations one is always luckier. Choices of a held-out run are tried in turn, one at each
+    draw beside the one that was fitted; at the best draws all of them.
 
     Parameters
     ----------
@@ -318,32 +318,39 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
             own.append((problem, *_with_run_parameters(problem, fit)))
         except (InputError, SimulationError):
             continue
-    size = sum(problem.size for problem, _, _ in own)
     keys = [parameter.key for parameter in fit.parameters]
 
-    def chi2(values: np.ndarray, number: int = 0) -> float:
-        """Of all runs at `values` (k,): each with its own choices or, of a draw, with the next ones by its `number`."""
+    def left(values: np.ndarray, turn: int | None = None) -> np.ndarray:
+        """chi2 of each run for each sample at `values` (k,), by the choices that were fitted or those of a `turn`; by
+        any of all without."""
         shared = dict(zip(keys, map(float, values), strict=True))
-        return sum(
-            min(_left(problem, fit.hypothesis, found | other | shared, directions) for other in others[number])
-            for (problem, found, directions), others in zip(own, choices, strict=True)
-        )
+        found = []
+        for (problem, fitted, directions), others in zip(own, choices, strict=True):
+            tried = [{}, *(others if turn is None else others[turn : turn + 1])]
+            chi2 = min(_left(problem, fit.hypothesis, fitted | other | shared, directions) for other in tried)
+            found.append(chi2 / problem.size)
+        return np.array(found)
 
-    drawn = fit.draws[:: -(-len(fit.draws) // fit.settings.confirmation.valley_draws)]
-    choices = [_choices_in_turn(problem, fit, len(drawn)) for problem, _, _ in own]
-    if chi2(fit.values) <= size * fit.settings.decision.max_gap_of_noise**2:
+    choices = [_choices_of_run(problem, fit) for problem, _, _ in own]
+    sizes = np.array([problem.size for problem, _, _ in own])
+    if not own or left(fit.values) @ sizes <= sizes.sum() * fit.settings.decision.max_gap_of_noise**2:
         return fit
-    left = [chi2(values, number) for number, values in enumerate((fit.values, *drawn))]
-    return replace(fit, values=(fit.values, *drawn)[int(np.argmin(left))])
+    settings, most = fit.settings.confirmation, max(map(len, choices))
+    drawn = [fit.values, *fit.draws[:: -(-len(fit.draws) // settings.valley_draws)]]
+    found = [left(values, number % most if most else 0) for number, values in enumerate(drawn)]
+    if most:  # runs may be met by different ones, so that one that is met says that others may be
+        best = np.argsort(np.min(found, axis=1), kind="stable")[: settings.choosing_draws]
+        drawn = [fit.values, *(drawn[number] for number in best)]
+        found = [left(values) for values in drawn]
+    return replace(fit, values=drawn[int(np.argmin(np.array(found) @ sizes))])
 
 
-def _choices_in_turn(problem: Problem, fit: Fit, count: int) -> list[list[dict[str, float]]]:
-    """For the fit and each of `count` draws: the choices by key to try in a held-out run, in place of those that were
-    fitted; none, or others in turn."""
+def _choices_of_run(problem: Problem, fit: Fit) -> list[dict[str, float]]:
+    """The choices by key that a held-out run may have in place of those that were fitted; none where it has none."""
     fitted = {p.key for p in fit.parameters}
     free = [p for p in problem.parameters(fit.hypothesis) if p.choices and p.key not in fitted]
-    turns = [{p.key: float(p.choices[number % len(p.choices)]) for p in free} for number in range(count)]
-    return [[{}], *([{}, turn] if free else [{}] for turn in turns)]
+    most = max((len(p.choices) for p in free), default=0)
+    return [{p.key: float(p.choices[number % len(p.choices)]) for p in free} for number in range(most)]
 
 
 def _left(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float], directions: np.ndarray) -> float:

@@ -155,7 +155,8 @@ class Fit:
         covariance = np.zeros((self.values.size, self.values.size))
         if free.any():
             inflation = max(1.0, self.chi2 / max(self.residual.size - free.sum(), 1))
-            prior = np.diag(np.where(np.isfinite(width), np.sqrt(12.0 * inflation) / width, 0.0))
+            bounded = np.isfinite(width) & (width > 0)
+            prior = np.diag(np.where(bounded, np.sqrt(12.0 * inflation) / np.where(bounded, width, 1.0), 0.0))
             rows = np.vstack([self.jacobian, prior])[:, free]
             scale = np.linalg.norm(rows, axis=0)
             _, singular_values, right = np.linalg.svd(rows / scale, full_matrices=False)

@@ -645,12 +645,16 @@ class ConfirmationSettings:
     valley_draws : int
         Draws along a curved valley of chi2 with which held-out runs are simulated at most: of 200 one in twenty met a
         run at twice the speed as noise does, where the values at the minimum left a gap of 2.2.
+    choosing_draws : int
+        Of these the best, at which every choice of a held-out run is tried: eight starts of a motion cost eight
+        simulations of the run.
     """
 
     blocks: int = 20
     draws: int = 1000
     min_fall_of_features: float = 10.0
     valley_draws: int = 100
+    choosing_draws: int = 10
 
 
 @dataclass(frozen=True)
