@@ -15,6 +15,10 @@ from jointgap.identification.protocol import Candidate, Parameter, Series
 
 SAMPLES = 1000
 COULOMB = Candidate("coulomb", "slider", (Parameter("size", 0.0),), ("size",))
+LOOSE = Candidate("loose", "pin", (Parameter("size", 0.0, 0.0),), ("size",), search_range=(0.1, 2.0))
+LOOSER = Candidate(
+    "looser", "pin", (Parameter("size", 0.0, -1.0, 2.0),), ("size",), is_perturbation=True, search_range=(-0.5, 2.0)
+)
 BIAS = Candidate("bias", "torque", (Parameter("size", 0.0),), ("size",), sensor=True, has_site=True)
 OFFSET = Candidate("offset", "sensor", (Parameter("size", 0.0),), ("size",), sensor=True)
 
@@ -320,3 +324,21 @@ def test_the_reason_names_the_channels_in_doubt():
 )
 def test_words_are_true_of_the_numbers(outcome, before, after, words):
     assert HeldOutTest(outcome, before, after).words == words
+
+
+@pytest.mark.parametrize(
+    ("effect", "fall", "verdict"),
+    [
+        (LOOSE, (2.0, 6.0), "named_with_remaining_misfit"),
+        (LOOSE, (-2.0, 6.0), "unexplained"),
+        (COULOMB, (2.0, 6.0), "unexplained"),
+        (LOOSER, (2.0, 6.0), "unexplained"),
+    ],
+)
+def test_a_joint_that_became_loose_may_leave_a_large_gap_on_held_out_data_if_it_falls(effect, fall, verdict):
+    data = confirmed(confirm=4.0, before=8.0, fall=fall)
+    assert final_verdict(decided("named", effect), data).verdict == verdict
+
+
+def test_a_joint_that_became_loose_may_leave_no_large_gap_on_the_data_used_for_fitting():
+    assert final_verdict(decided("named", LOOSE), confirmed(identify=4.0, before=8.0)).verdict == "unexplained"

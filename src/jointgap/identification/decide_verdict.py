@@ -19,6 +19,11 @@ first line that holds is the verdict of the fits:
   8  otherwise                                                                    ``unexplained``
 ===  ==========================================================================  ===============================
 
+Where motion depends roughly on an effect, such as the clearance of a joint that was ideal, and what the base leaves
+rings, `decide_rough` goes on after lines 5 and 8: impacts are met by no other effect. There the effect is named with a
+remaining misfit if alone it explains most, and all explanations without it hardly anything
+(`DecisionSettings.min_share_of_rough`, `max_share_without_rough`).
+
 `final_verdict` puts what lines 4, 6 and 7 name, or a force law that was found after line 8, to the data that took no
 part, and to what is known of the channels. Again the first line that holds counts:
 
@@ -28,7 +33,8 @@ part, and to what is known of the channels. Again the first line that holds coun
   9  a channel contradicts others, even once the faults of sensors that are       ``unexplained``
      named are taken out of what was read
  10  what is left in a channel is large, on the data used for fitting or on       ``unexplained``
-     those held out
+     those held out, unless motion depends roughly on an effect and the gap of
+     the held-out data falls: at another speed impacts ring in another phase
  11  the gap of the held-out data rises, or does not fall at all though the       ``unexplained``
      effects would show there
  12  of a base that hardly shows, or of its excess not nearly all is explained,   ``unexplained``
@@ -308,7 +314,8 @@ def final_verdict(
     # 10
     test, places = confirmed.test, {"identify": "the data used for fitting", "confirm": "the held-out data"}
     by_features = proposed.status == MATCHED
-    if by_features or test.features:  # there impacts ring in another phase: samples are met nowhere, whatever is true
+    falls_roughly = test.outcome == FALLS and any(map(_is_rough, proposed.hypothesis))
+    if by_features or test.features or falls_roughly:  # there impacts ring in another phase, whatever is true
         del places["confirm"]
     if by_features:
         del places["identify"]
@@ -347,6 +354,47 @@ def final_verdict(
         because = f"the gap on the held-out data falls by less than noise leaves open: {test.words}"
         return replace(decision, verdict=NAMED_WITH_REMAINING_MISFIT, because=because)
     return decision
+
+
+def decide_rough(
+    decision: Decision, leaves_rough_motion: bool, settings: DecisionSettings = DEFAULT_SETTINGS.decision
+) -> Decision:
+    """The decision, or the name of an effect on which motion depends roughly where lines 5 or 8 leave ``unexplained``
+    what rings.
+
+    Parameters
+    ----------
+    decision : Decision
+        As of `decide`.
+    leaves_rough_motion : bool
+        Whether what the base leaves rings.
+    settings : DecisionSettings
+    """
+    if decision.verdict != UNEXPLAINED or not leaves_rough_motion:
+        return decision
+    shares = [(ranked, {one.label for one in ranked.fit.hypothesis}) for ranked in decision.ranking]
+    for ranked, labels in shares:
+        if len(labels) > 1 or not ranked.admissible or not _is_rough(ranked.fit.hypothesis[0]):
+            continue
+        without = max((other.share for other, own in shares if not labels & own and other.share > 0.0), default=0.0)
+        if ranked.share >= settings.min_share_of_rough and without <= settings.max_share_without_rough * ranked.share:
+            because = (
+                f"it explains {ranked.share:.0%} of what rings, and no explanation without it more than {without:.0%}"
+            )
+            return replace(
+                decision,
+                verdict=NAMED_WITH_REMAINING_MISFIT,
+                because=because,
+                chosen=ranked.fit,
+                equivalent=[],
+                best_known=None,
+            )
+    return decision
+
+
+def _is_rough(candidate: Candidate) -> bool:
+    """Whether motion depends roughly on an effect, so that no slope leads to it."""
+    return bool(candidate.search_range) and not candidate.is_perturbation
 
 
 def rank(

@@ -15,7 +15,13 @@ from jointgap.identification.baseline import (
     with_intervals,
 )
 from jointgap.identification.decide_by_features import decided_by_features
-from jointgap.identification.decide_verdict import PARAMETERS_ONLY, Decision, decide, reduced_chi2
+from jointgap.identification.decide_verdict import (
+    PARAMETERS_ONLY,
+    Decision,
+    decide,
+    decide_rough,
+    reduced_chi2,
+)
 from jointgap.identification.ensemble_regression import leading_over_ensembles
 from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
@@ -30,6 +36,7 @@ from jointgap.identification.nesting import (
 )
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
+from jointgap.identification.rough_search import leaves_rough_motion
 from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures, can_be_searched
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.identification.signature_subspaces import SignatureSubspaces, orthonormal
@@ -391,6 +398,8 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
 
     subspaces = SignatureSubspaces(signatures, baseline.problem.settings.screening)
     decision = decided_by_features(baseline.problem, decision, by_features, subspaces.is_special_case)
+    is_rough = leaves_rough_motion(baseline.problem, decision.base)
+    decision = decide_rough(decision, is_rough, baseline.problem.settings.decision)
 
     def stated(fit: Fit) -> Fit:
         return with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
