@@ -1,8 +1,11 @@
 """Stage decide: what is fitted once more, and what is handed on."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from jsonschema import validate
 
 from jointgap.campaign import verdict
 from jointgap.campaign.tables_of_identification import outcome_of
@@ -53,6 +56,8 @@ def test_a_verdict_tells_which_choices_the_runs_have():
     found = fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0})
     (told,) = verdict.effects(found, {})
     assert told["choices"] == {"start@a": 2, "start@b": 3}
+    schema = json.loads(Path("workflow/schemas/verdict.schema.json").read_text(encoding="utf-8"))
+    validate(verdict._finite([told]), {"$ref": "#/$defs/explanation", "$defs": schema["$defs"]})
 
 
 def test_an_effect_without_choices_tells_of_none():

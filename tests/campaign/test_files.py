@@ -195,6 +195,10 @@ def test_the_demonstration_of_a_loose_joint_names_it_and_holds_its_clearance(tmp
     low, high = effect["parameters"]["clearance_m"]["interval_90"]
     assert low <= 5e-4 <= high < 1.3 * low
     assert found["held_out_test"] == "falls"
+    validate(
+        json.loads((tmp_path / "verdict.json").read_text()),
+        json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text()),
+    )
 
 
 def test_noise_of_other_data_is_refused_with_the_command_that_finds_it(tmp_path):
