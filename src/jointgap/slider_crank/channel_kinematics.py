@@ -115,7 +115,8 @@ def channels_at(
     read : int, optional
         From how many of the angles, from the first, these samples are taken; from all by default.
     fast : bool
-        For a search: a motion that takes more steps than a plain one is given up.
+        For a search: a motion that takes more steps than a plain one is given up, and of one that has not settled soon
+        the last revolution stands for the record.
 
     Raises
     ------
@@ -138,7 +139,8 @@ def channels_at(
     # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
     within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
     whole_record = {"crank_angle": angles, "time": _times(p, angles)}
-    first, last = (max(dropped, round(back)) for dropped in settings.settled_after)
+    dropped_revolutions = settings.fast_settled_after if fast else settings.settled_after
+    first, last = (max(dropped, round(back)) for dropped in dropped_revolutions)
     compared = _spread(within[:read], settings.compared_samples)
     earlier = _sampled(p, within[compared] + (first - 2) * tau, integrate)
     before = _sampled(p, within[compared] + (first - 1) * tau, integrate)
@@ -148,6 +150,8 @@ def channels_at(
         if has_settled(earlier, before, now, change, settings.settled_length):
             return motion | whole_record
         earlier, before = before, now
+    if fast:
+        return motion | whole_record
     later = (last + 1 - math.floor(back)) * tau  # so much later it has settled at least this far
     return _sampled(p, angles + later, integrate) | whole_record
 
