@@ -1,5 +1,6 @@
 """Motion at the samples: where revolutions repeat one stands for all, and next to no change changes next to nothing."""
 
+from dataclasses import replace
 from itertools import chain, repeat
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from jointgap.dynamics.simulation import integrate_on, integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.dynamics.solver.integrate import beginning
+from jointgap.errors import SimulationError
 from jointgap.slider_crank import build_model
 from jointgap.slider_crank import channel_kinematics as motion
 from jointgap.slider_crank.driven_run import constant_speed_run
@@ -124,35 +126,36 @@ def test_a_revolution_stands_for_the_record_only_if_what_is_read_has_settled(end
         assert ends[-1] == pytest.approx(length, abs=0.1)
 
 
-def test_a_search_too_takes_as_many_revolutions_as_a_motion_needs_to_settle(ends):
+@pytest.mark.parametrize(("still", "length"), [(1, 5.0), (2, 6.0), (3, 7.0)])
+def test_a_search_too_takes_as_many_revolutions_as_a_motion_needs_to_settle(still, length, ends):
     run = driven(("crank_pin", "piston_pin"))
-    for still, length in ((1, 5.0), (2, 6.0)):
-        changes = chain([2.0] * still, repeat(0.0))
-        ends.clear()
-        motion.channels_at(
-            run.numbers, run.angles, TOLERANCE, change=lambda one, other, rest=changes: next(rest), fast=True
-        )
-        assert ends[-1] == pytest.approx(length, abs=0.1)
+    changes = chain([2.0] * still, repeat(0.0))
+    ends.clear()
+    motion.channels_at(
+        run.numbers, run.angles, TOLERANCE, change=lambda one, other, rest=changes: next(rest), fast=True
+    )
+    assert ends[-1] == pytest.approx(length, abs=0.1)
 
 
-def test_a_motion_that_does_not_settle_is_simulated_as_long_as_the_record(ends):
+@pytest.mark.parametrize(("fast", "settling"), [(False, 12.0), (True, 6.0)])
+def test_a_motion_that_does_not_settle_is_simulated_as_long_as_the_record_from_where_it_should_have(
+    fast, settling, ends
+):
+    """One revolution of it says too little: features of the true motion would not be met."""
     run = driven(("crank_pin", "piston_pin"))
     recorded = np.ptp(run.angles) / TURN
-    motion.channels_at(run.numbers, run.angles, TOLERANCE, change=lambda one, other: 2.0)
-    assert recorded > 1.0
-    assert ends[-1] - 12.0 == pytest.approx(recorded, abs=1.0)
-
-
-def test_in_a_search_one_revolution_of_a_motion_that_does_not_settle_stands_for_the_record(ends):
-    run = driven(("crank_pin", "piston_pin"))
     ends.clear()
-    found = motion.channels_at(run.numbers, run.angles, TOLERANCE, change=lambda one, other: 2.0, fast=True)
-    last = DEFAULT_SETTINGS.simulation.fast_settled_after[1]
-    assert ends[-1] == pytest.approx(last + 1.0, abs=0.1)
-    begin = run.numbers.drive.start_angle
-    once, places = np.unique(begin + last * TURN + np.mod(run.angles - begin, TURN), return_index=True)
-    assert apart({name: found[name][places] for name in SEEN}, integrated(run.numbers, once)) < 1e-6
-    assert found["crank_angle"] == pytest.approx(run.angles)
+    found = motion.channels_at(run.numbers, run.angles, TOLERANCE, change=lambda one, other: 2.0, fast=fast)
+    assert recorded > 1.0
+    assert ends[-1] - settling == pytest.approx(recorded, abs=1.0)
+    assert found["time"] == pytest.approx((run.angles - run.numbers.drive.start_angle) / run.numbers.drive.speed)
+
+
+def test_a_search_gives_up_a_motion_of_more_steps_than_plain_ones_have():
+    run, few = driven(("crank_pin",)), replace(DEFAULT_SETTINGS.simulation, fast_steps_per_revolution=10)
+    motion.channels_at(run.numbers, run.angles, TOLERANCE, settings=few)
+    with pytest.raises(SimulationError, match="more than"):
+        motion.channels_at(run.numbers, run.angles, TOLERANCE, settings=few, fast=True)
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.2, 1.0, np.pi])

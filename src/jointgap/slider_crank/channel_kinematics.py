@@ -115,8 +115,8 @@ def channels_at(
     read : int, optional
         From how many of the angles, from the first, these samples are taken; from all by default.
     fast : bool
-        For a search: a motion that takes more steps than a plain one is given up, and of one that has not settled soon
-        the last revolution stands for the record.
+        For a search: a motion that takes more steps than a plain one is given up, and one that has not settled soon is
+        taken as one that does not.
 
     Raises
     ------
@@ -150,8 +150,6 @@ def channels_at(
         if has_settled(earlier, before, now, change, settings.settled_length):
             return motion | whole_record
         earlier, before = before, now
-    if fast:
-        return motion | whole_record
     later = (last + 1 - math.floor(back)) * tau  # so much later it has settled at least this far
     return _sampled(p, angles + later, integrate) | whole_record
 
