@@ -27,7 +27,7 @@ class SimulationSettings:
     fast_steps_per_revolution : int
         Most steps of a search: plain motions take 1000 to 4000. Where friction makes a journal whirl, with forces far
         beyond any reading, there are ten times as many. With 6000 the truth itself was given up from some starts in
-        five of ten trials with a hidden clearance, three of them of 2 um, in which journals stick and chatter.
+        four of seven trials with a hidden clearance, three of them of 2 um, in which journals stick and chatter.
     film_tolerance_m : float
         [m] The same where a joint is lubricated: films are stiff, so that steps are short anyway, and thin; 1e-11 costs
         no more.
