@@ -8,9 +8,9 @@ import pytest
 from jointgap.errors import SimulationError
 from jointgap.identification import decide_by_features, rough_search
 from jointgap.identification.baseline import recalibrate
-from jointgap.identification.confirmation import confirm
+from jointgap.identification.confirmation import HeldOutTest, confirm
 from jointgap.identification.cycle_features import CycleFeatures
-from jointgap.identification.decide_by_features import decided_by_features, leaders_by_features
+from jointgap.identification.decide_by_features import decided_by_features, leaders_by_features, rest_on_features
 from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.estimates import effect_estimates, nuisance_estimates
 from jointgap.identification.finite_differences import FiniteDifferences
@@ -432,6 +432,33 @@ def test_features_decide_only_what_samples_leave_unexplained(monkeypatch):
     assert (named.verdict, named.chosen, named.best_known) == ("named", found, None)
     several = decided_by_features(base.problem, unexplained, [found, found], never)
     assert (several.verdict, several.chosen, several.equivalent) == ("ambiguous", base.base, [found, found])
+
+
+def test_a_name_of_samples_that_held_out_data_meet_by_features_alone_rests_on_features():
+    """Where samples were met by chance the valley in which their fit ended is none of the truth, however narrow."""
+    size, by_features = 0.3, HeldOutTest("falls", 1.3, 1.3, features=(200.0, 100.0))
+    base = rough(size, 4)
+    chance = fit_at(base.problem, (RINGING,), base.base.mapping | {"ringing.size": 1.02 * size})
+    by_samples = Decision("named", chance, base.base)
+    found = rest_on_features(base, by_samples, by_features)
+    assert (found.verdict, found.chosen.status, found.chosen.hypothesis) == ("named", MATCHED, (RINGING,))
+    low, high = effect_estimates(found.chosen, RINGING)["size"]["interval_90"]
+    assert low <= size <= high < 1.4 * low
+    assert rest_on_features(base, found, by_features) is found
+    assert rest_on_features(base, by_samples, HeldOutTest("falls", 1.3, 1.0)) is by_samples
+    for other in (
+        replace(by_samples, verdict="ambiguous", equivalent=[chance, chance]),
+        replace(by_samples, chosen=replace(chance, hypothesis=(candidate_of("coulomb"), RINGING))),
+        replace(by_samples, chosen=replace(chance, hypothesis=(candidate_of("coulomb"),))),
+    ):
+        assert rest_on_features(base, other, by_features) is other
+
+
+def test_a_name_of_samples_stays_where_the_features_of_the_data_used_for_fitting_are_not_met():
+    base = rough(0.0, 4, lambda x, v: 40.0 * np.sin(57.0 * x / 0.01))
+    chance = fit_at(base.problem, (RINGING,), base.base.mapping | {"ringing.size": 0.3})
+    by_samples = Decision("named", chance, base.base)
+    assert rest_on_features(base, by_samples, HeldOutTest("falls", 1.3, 1.3, features=(200.0, 100.0))) is by_samples
 
 
 def test_features_name_nothing_where_samples_can_be_followed(monkeypatch):

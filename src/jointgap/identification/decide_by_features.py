@@ -2,20 +2,34 @@
 
 The lowest rung of what residuals tell: where in the cycle impacts come and how hard they are
 (`jointgap.identification.cycle_features`), not when exactly. Fits of samples have the first say; only what they leave
-``unexplained`` is decided here.
+``unexplained`` is decided here, and what the held-out data say of a name: samples that are met at other speeds no more
+than before were met by chance.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
+from jointgap.identification.baseline import Baseline
+from jointgap.identification.confirmation import HeldOutTest
 from jointgap.identification.cycle_features import CycleFeatures
-from jointgap.identification.decide_verdict import AMBIGUOUS, NAMED, UNEXPLAINED, Decision, is_within_range
-from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.decide_verdict import (
+    AMBIGUOUS,
+    NAMED,
+    NAMED_WITH_REMAINING_MISFIT,
+    UNEXPLAINED,
+    Decision,
+    is_within_range,
+)
+from jointgap.identification.fit import FAILED, MATCHED, Fit
 from jointgap.identification.nesting import labels_of, lowest_of_each
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.rough_search import can_be_followed
+from jointgap.identification.rough_search import can_be_followed, fit_features
+from jointgap.identification.screening import can_be_searched
+
+_Decided = TypeVar("_Decided")
 
 
 def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matched: Sequence[Fit]) -> list[Fit]:
@@ -53,6 +67,34 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
     labels = [labels_of(fit.hypothesis) for fit in leaders]
     leaders = [fit for fit, own in zip(leaders, labels, strict=True) if not any(other < own for other in labels)]
     return [] if any(can_be_followed(problem, fit) for fit in leaders) else leaders
+
+
+def rest_on_features(baseline: Baseline, decision: _Decided, test: HeldOutTest) -> _Decided:
+    """The decision with the effect that it names fitted to features, where the held-out data are met by these alone.
+
+    A fit of samples that the held-out samples contradict was led by chance: its intervals are as narrow as the valley
+    where it ended, which need not be that of the truth.
+
+    Parameters
+    ----------
+    baseline : Baseline
+        With the base that the decision rests on.
+    decision : Decision, or another record with its attributes verdict, because and chosen
+    test : HeldOutTest
+        Of the decision. The decision stays where it tells of samples, or where the features of the data used for
+        fitting are not met.
+    """
+    chosen, problem = decision.chosen, baseline.problem
+    is_named = decision.verdict in (NAMED, NAMED_WITH_REMAINING_MISFIT) and len(chosen.hypothesis) == 1
+    if not is_named or test.features is None or chosen.status == MATCHED:
+        return decision
+    if not can_be_searched(problem, chosen.hypothesis[0]) or (found := fit_features(baseline, chosen)) is None:
+        return decision
+    because = (
+        "samples are met in the data used for fitting alone, but where in the cycle impacts come and how hard they are "
+        "is met in the held-out data too"
+    )
+    return replace(decision, because=because, chosen=found)
 
 
 def with_feature_gains(problem: Problem, decision: Decision) -> Decision:

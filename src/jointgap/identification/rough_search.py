@@ -330,13 +330,15 @@ class _Contestant:
                 break
             fit = again
         if fit.status != FAILED:
-            beside = {key: fit.mapping[key] for key in point.beside}
-            self._fits.append(
-                _Point(self._box.place(fit.mapping), self.misfit(features, fit.residual), fit.chi2, beside)
-            )
-            self.points.append(self._fits[-1])
-            self._population.append(self._fits[-1])
+            self.add(fit, features)
         return fit
+
+    def add(self, fit: Fit, features: CycleFeatures) -> None:
+        """Take where a fit of the samples ended as a point of those to come."""
+        beside = {key: fit.mapping[key] for key in (*self._beside, *self._box.choices)}
+        end = _Point(self._box.place(fit.mapping), self.misfit(features, fit.residual), fit.chi2, beside)
+        for points in (self._fits, self.points, self._population):
+            points.append(end)
 
     def _start_values(self, point: _Point) -> dict[str, float]:
         """Values by key [SI] of a point, with what is not searched as adapted or as the origin has it, whichever leaves
@@ -515,6 +517,29 @@ def depends_roughly(problem: Problem, fit: Fit) -> bool:
     )
     ringing = (CycleFeatures(problem, column).rough_share for column in enlarged)
     return max(ringing, default=0.0) > settings.min_rough_share
+
+
+def fit_features(baseline: Baseline, fit: Fit) -> Fit | None:
+    """The effect of a fit, fitted to the features of the cycle alone, from points of which one is where the samples
+    led; None where the features are not met.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    fit : Fit
+        Of one effect with a `search_range`.
+    """
+    problem, (candidate,) = baseline.problem, fit.hypothesis
+    settings, features = problem.settings.rough_search, CycleFeatures(problem, baseline.base.residual)
+    adaptation = _LinearAdaptation(baseline, baseline.base)
+    one = _Contestant(baseline, baseline.base, adaptation, baseline.base, candidate, 0)
+    one.add(fit, features)
+    one.begin(features)
+    for _ in range(settings.rounds):  # all of them, though none may be better: intervals are made of their points
+        one.go_on(features)
+    found = one.matched(features)
+    is_met = found is not None and one.misfit(features, found.residual) < settings.matched_misfit * features.size
+    return found if is_met else None
 
 
 def _ends_by_features(problem: Problem, contestants: Sequence[_Contestant], features: CycleFeatures) -> bool:

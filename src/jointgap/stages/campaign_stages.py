@@ -288,14 +288,20 @@ def confirm(state: "CampaignState") -> None:
     from jointgap.campaign.clockwise import residuals_as_read
     from jointgap.campaign.tables_of_identification import with_places
     from jointgap.identification import confirmation
+    from jointgap.identification.decide_by_features import rest_on_features
     from jointgap.identification.decide_verdict import final_verdict
 
     outcome = state.outcome("regress")
-    proposed = outcome.proposed
-    plain = outcome.base if proposed else outcome.chosen  # nominal values where these are enough
-    prediction = confirmation.confirm(
-        state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings
-    )
+
+    def predicted() -> confirmation.Confirmed:
+        proposed = outcome.proposed
+        plain = outcome.base if proposed else outcome.chosen  # nominal values where these are enough
+        return confirmation.confirm(state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings)
+
+    prediction = predicted()
+    by_samples, outcome = outcome, rest_on_features(state.verdict_baseline, outcome, prediction.test)
+    if outcome is not by_samples:
+        prediction = predicted()
     residuals = residuals_as_read(prediction.residuals, state.clockwise)
     state.folder.write(RESIDUALS, residuals)
     state.folder.write(CHANNEL_ERRORS, channel_errors(residuals, state.campaign))
