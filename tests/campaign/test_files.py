@@ -191,7 +191,10 @@ def test_the_demonstration_of_a_loose_joint_names_it_and_holds_its_clearance(tmp
 
     found = analyse(ROOT / "config/campaigns/demonstration_clearance.yaml", tmp_path)
     (effect,) = found["effects"]
-    assert (found["verdict"], effect["name"]) == ("named", "crank_pin_clearance")
+    # samples of motion that hardly repeats may be met by chance; the held-out ones then leave a misfit
+    assert found["verdict"] in ("named", "named_with_remaining_misfit")
+    assert effect["name"] == "crank_pin_clearance"
+    assert found["basis"] == "statistics"
     low, high = effect["parameters"]["clearance_m"]["interval_90"]
     assert low <= 5e-4 <= high < 1.3 * low
     assert found["held_out_test"] == "falls"

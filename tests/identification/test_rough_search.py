@@ -445,11 +445,14 @@ def test_a_name_of_samples_that_held_out_data_meet_by_features_alone_rests_on_fe
     low, high = effect_estimates(found.chosen, RINGING)["size"]["interval_90"]
     assert low <= size <= high < 1.4 * low
     assert rest_on_features(base, found, by_features) is found
-    assert rest_on_features(base, by_samples, HeldOutTest("falls", 1.3, 1.0)) is by_samples
+    for other in (HeldOutTest("falls", 1.3, 1.0), HeldOutTest("falls", 1.3, 1.2, features=(200.0, 100.0))):
+        assert rest_on_features(base, by_samples, other) is by_samples
+    assert found.because.startswith(by_samples.because)
     for other in (
         replace(by_samples, verdict="ambiguous", equivalent=[chance, chance]),
         replace(by_samples, chosen=replace(chance, hypothesis=(candidate_of("coulomb"), RINGING))),
         replace(by_samples, chosen=replace(chance, hypothesis=(candidate_of("coulomb"),))),
+        replace(by_samples, chosen=replace(chance, hypothesis=(LOOSER,))),
     ):
         assert rest_on_features(base, other, by_features) is other
 

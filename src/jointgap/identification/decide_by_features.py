@@ -70,31 +70,31 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
 
 
 def rest_on_features(baseline: Baseline, decision: _Decided, test: HeldOutTest) -> _Decided:
-    """The decision with the effect that it names fitted to features, where the held-out data are met by these alone.
+    """The decision with the joint that it names fitted to features, where the held-out data are met by these alone.
 
     A fit of samples that the held-out samples contradict was led by chance: its intervals are as narrow as the valley
-    where it ended, which need not be that of the truth.
+    where it ended, which need not be that of the truth. The verdict stays; so do changes of what was loose already.
 
     Parameters
     ----------
     baseline : Baseline
         With the base that the decision rests on.
     decision : Decision, or another record with its attributes verdict, because and chosen
+        With the held-out data heard.
     test : HeldOutTest
-        Of the decision. The decision stays where it tells of samples, or where the features of the data used for
+        Of the decision. The decision stays where the gap of samples falls, or where the features of the data used for
         fitting are not met.
     """
     chosen, problem = decision.chosen, baseline.problem
     is_named = decision.verdict in (NAMED, NAMED_WITH_REMAINING_MISFIT) and len(chosen.hypothesis) == 1
-    if not is_named or test.features is None or chosen.status == MATCHED:
+    if not is_named or chosen.status == MATCHED or test.features is None or test.after < test.before:
         return decision
-    if not can_be_searched(problem, chosen.hypothesis[0]) or (found := fit_features(baseline, chosen)) is None:
+    (candidate,) = chosen.hypothesis
+    if candidate.is_perturbation or not can_be_searched(problem, candidate):
         return decision
-    because = (
-        "samples are met in the data used for fitting alone, but where in the cycle impacts come and how hard they are "
-        "is met in the held-out data too"
-    )
-    return replace(decision, because=because, chosen=found)
+    if (found := fit_features(baseline, chosen)) is None:
+        return decision
+    return replace(decision, because=f"{decision.because}; its size is the one that meets these", chosen=found)
 
 
 def with_feature_gains(problem: Problem, decision: Decision) -> Decision:

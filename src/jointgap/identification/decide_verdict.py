@@ -48,8 +48,8 @@ Of an effect on which motion depends roughly the features of the cycle tell whet
 samples cannot be followed (`jointgap.identification.cycle_features`): these stand for the gap in lines 11 and 12, and
 line 10 is then asked of the data used for fitting alone. Where samples can be followed nowhere,
 `jointgap.identification.decide_by_features` goes on after line 8; of what it names features tell in lines 11 and 12,
-and lines 10 and 13 are not asked. So it is of an effect that was fitted to features since the held-out data are met by
-these alone.
+and lines 10 and 13 are not asked. A joint that became loose whose held-out data are met by features alone keeps its
+verdict, and has the size and the intervals of the features.
 
 Lines 11 to 13 are not asked of ``ambiguous``. Wherever the verdict is ``unexplained`` and one hypothesis gains enough,
 `Decision.best_known` holds the best one: shown, not named.

@@ -45,6 +45,7 @@ from jointgap.tables import (
 
 if TYPE_CHECKING:  # loads pandas
     from jointgap.campaign.state import CampaignState
+    from jointgap.campaign.tables_of_identification import Outcome
 
 CAMPAIGN_STAGES = Stages()
 
@@ -291,23 +292,22 @@ def confirm(state: "CampaignState") -> None:
     from jointgap.identification.decide_by_features import rest_on_features
     from jointgap.identification.decide_verdict import final_verdict
 
-    outcome = state.outcome("regress")
-
-    def predicted() -> confirmation.Confirmed:
+    def predicted(outcome: "Outcome") -> confirmation.Confirmed:
         proposed = outcome.proposed
         plain = outcome.base if proposed else outcome.chosen  # nominal values where these are enough
         return confirmation.confirm(state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings)
 
-    prediction = predicted()
-    by_samples, outcome = outcome, rest_on_features(state.verdict_baseline, outcome, prediction.test)
-    if outcome is not by_samples:
-        prediction = predicted()
+    outcome = state.outcome("regress")
+    prediction = predicted(outcome)
+    doubted = state.remaining_doubts(outcome.equivalent or [outcome.chosen])
+    final = final_verdict(outcome, prediction, doubted, state.settings.decision)
+    by_features = rest_on_features(state.verdict_baseline, final, prediction.test)
+    if by_features is not final and (again := predicted(by_features)).test.outcome == confirmation.FALLS:
+        final, prediction = by_features, again
     residuals = residuals_as_read(prediction.residuals, state.clockwise)
     state.folder.write(RESIDUALS, residuals)
     state.folder.write(CHANNEL_ERRORS, channel_errors(residuals, state.campaign))
     state.folder.write(GAPS, prediction.gaps)
-    doubted = state.remaining_doubts(outcome.equivalent or [outcome.chosen])
-    final = final_verdict(outcome, prediction, doubted, state.settings.decision)
     state.write_outcome(with_places(final), "verdict")
 
 
