@@ -10,7 +10,7 @@ from jointgap.identification import decide_by_features, rough_search
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.confirmation import HeldOutTest, confirm
 from jointgap.identification.cycle_features import CycleFeatures
-from jointgap.identification.decide_by_features import decided_by_features, leaders_by_features, rest_on_features
+from jointgap.identification.decide_by_features import decided_by_features, leaders_by_features, refitted_to_features
 from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.estimates import effect_estimates, nuisance_estimates
 from jointgap.identification.finite_differences import FiniteDifferences
@@ -440,13 +440,13 @@ def test_a_name_of_samples_that_held_out_data_meet_by_features_alone_rests_on_fe
     base = rough(size, 4)
     chance = fit_at(base.problem, (RINGING,), base.base.mapping | {"ringing.size": 1.02 * size})
     by_samples = Decision("named", chance, base.base)
-    found = rest_on_features(base, by_samples, by_features)
+    found = refitted_to_features(base, by_samples, by_features)
     assert (found.verdict, found.chosen.status, found.chosen.hypothesis) == ("named", MATCHED, (RINGING,))
     low, high = effect_estimates(found.chosen, RINGING)["size"]["interval_90"]
     assert low <= size <= high < 1.4 * low
-    assert rest_on_features(base, found, by_features) is found
+    assert refitted_to_features(base, found, by_features) is found
     for other in (HeldOutTest("falls", 1.3, 1.0), HeldOutTest("falls", 1.3, 1.2, features=(200.0, 100.0))):
-        assert rest_on_features(base, by_samples, other) is by_samples
+        assert refitted_to_features(base, by_samples, other) is by_samples
     assert found.because.startswith(by_samples.because)
     for other in (
         replace(by_samples, verdict="ambiguous", equivalent=[chance, chance]),
@@ -454,14 +454,14 @@ def test_a_name_of_samples_that_held_out_data_meet_by_features_alone_rests_on_fe
         replace(by_samples, chosen=replace(chance, hypothesis=(candidate_of("coulomb"),))),
         replace(by_samples, chosen=replace(chance, hypothesis=(LOOSER,))),
     ):
-        assert rest_on_features(base, other, by_features) is other
+        assert refitted_to_features(base, other, by_features) is other
 
 
 def test_a_name_of_samples_stays_where_the_features_of_the_data_used_for_fitting_are_not_met():
     base = rough(0.0, 4, lambda x, v: 40.0 * np.sin(57.0 * x / 0.01))
     chance = fit_at(base.problem, (RINGING,), base.base.mapping | {"ringing.size": 0.3})
     by_samples = Decision("named", chance, base.base)
-    assert rest_on_features(base, by_samples, HeldOutTest("falls", 1.3, 1.3, features=(200.0, 100.0))) is by_samples
+    assert refitted_to_features(base, by_samples, HeldOutTest("falls", 1.3, 1.3, features=(200.0, 100.0))) is by_samples
 
 
 def test_features_name_nothing_where_samples_can_be_followed(monkeypatch):

@@ -26,7 +26,7 @@ from jointgap.identification.decide_verdict import (
 from jointgap.identification.fit import FAILED, MATCHED, Fit
 from jointgap.identification.nesting import labels_of, lowest_of_each
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.rough_search import can_be_followed, fit_features
+from jointgap.identification.rough_search import can_be_followed, fit_to_features
 from jointgap.identification.screening import can_be_searched
 
 _Decided = TypeVar("_Decided")
@@ -69,7 +69,7 @@ def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matche
     return [] if any(can_be_followed(problem, fit) for fit in leaders) else leaders
 
 
-def rest_on_features(baseline: Baseline, decision: _Decided, test: HeldOutTest) -> _Decided:
+def refitted_to_features(baseline: Baseline, decision: _Decided, test: HeldOutTest) -> _Decided:
     """The decision with the joint that it names fitted to features, where the held-out data are met by these alone.
 
     A fit of samples that the held-out samples contradict was led by chance: its intervals are as narrow as the valley
@@ -92,7 +92,7 @@ def rest_on_features(baseline: Baseline, decision: _Decided, test: HeldOutTest) 
     (candidate,) = chosen.hypothesis
     if candidate.is_perturbation or not can_be_searched(problem, candidate):
         return decision
-    if (found := fit_features(baseline, chosen)) is None:
+    if (found := fit_to_features(baseline, chosen)) is None:
         return decision
     return replace(decision, because=f"{decision.because}; its size is the one that meets these", chosen=found)
 

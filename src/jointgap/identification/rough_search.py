@@ -330,10 +330,10 @@ class _Contestant:
                 break
             fit = again
         if fit.status != FAILED:
-            self.add(fit, features)
+            self.add_end_of_fit(fit, features)
         return fit
 
-    def add(self, fit: Fit, features: CycleFeatures) -> None:
+    def add_end_of_fit(self, fit: Fit, features: CycleFeatures) -> None:
         """Take where a fit of the samples ended as a point of those to come."""
         beside = {key: fit.mapping[key] for key in (*self._beside, *self._box.choices)}
         end = _Point(self._box.place(fit.mapping), self.misfit(features, fit.residual), fit.chi2, beside)
@@ -519,7 +519,7 @@ def depends_roughly(problem: Problem, fit: Fit) -> bool:
     return max(ringing, default=0.0) > settings.min_rough_share
 
 
-def fit_features(baseline: Baseline, fit: Fit) -> Fit | None:
+def fit_to_features(baseline: Baseline, fit: Fit) -> Fit | None:
     """The effect of a fit, fitted to the features of the cycle alone, from points of which one is where the samples
     led; None where the features are not met.
 
@@ -533,7 +533,7 @@ def fit_features(baseline: Baseline, fit: Fit) -> Fit | None:
     settings, features = problem.settings.rough_search, CycleFeatures(problem, baseline.base.residual)
     adaptation = _LinearAdaptation(baseline, baseline.base)
     one = _Contestant(baseline, baseline.base, adaptation, baseline.base, candidate, 0)
-    one.add(fit, features)
+    one.add_end_of_fit(fit, features)
     one.begin(features)
     for _ in range(settings.rounds):  # all of them, though none may be better: intervals are made of their points
         one.go_on(features)

@@ -49,7 +49,7 @@ class SimulationSettings:
         crank pivot some take ten. What has not settled after the most is simulated as long as the record, from there.
     fast_settled_after : tuple of two int
         The same for a search. A third of the points of two searches did not settle and took 52 and 60 % of the time
-        with twelve revolutions dropped; of those that did, 92 to 97 % did so with six. The record is simulated from
+        with twelve revolutions dropped; of those that did, 87 and 92 % did so with six. The record is simulated from
         there all the same: in 234 such points of a loose mechanism the features of the truth were not met in 36 % by
         the last revolution alone, in 26 % by the record, each by the numerics of the search.
     compared_samples : int

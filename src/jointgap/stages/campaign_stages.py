@@ -289,20 +289,20 @@ def confirm(state: "CampaignState") -> None:
     from jointgap.campaign.clockwise import residuals_as_read
     from jointgap.campaign.tables_of_identification import with_places
     from jointgap.identification import confirmation
-    from jointgap.identification.decide_by_features import rest_on_features
+    from jointgap.identification.decide_by_features import refitted_to_features
     from jointgap.identification.decide_verdict import final_verdict
 
-    def predicted(outcome: "Outcome") -> confirmation.Confirmed:
+    def confirmed_with(outcome: "Outcome") -> confirmation.Confirmed:
         proposed = outcome.proposed
         plain = outcome.base if proposed else outcome.chosen  # nominal values where these are enough
         return confirmation.confirm(state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings)
 
     outcome = state.outcome("regress")
-    prediction = predicted(outcome)
+    prediction = confirmed_with(outcome)
     doubted = state.remaining_doubts(outcome.equivalent or [outcome.chosen])
     final = final_verdict(outcome, prediction, doubted, state.settings.decision)
-    by_features = rest_on_features(state.verdict_baseline, final, prediction.test)
-    if by_features is not final and (again := predicted(by_features)).test.outcome == confirmation.FALLS:
+    by_features = refitted_to_features(state.verdict_baseline, final, prediction.test)
+    if by_features is not final and (again := confirmed_with(by_features)).test.outcome == confirmation.FALLS:
         final, prediction = by_features, again
     residuals = residuals_as_read(prediction.residuals, state.clockwise)
     state.folder.write(RESIDUALS, residuals)
