@@ -121,6 +121,13 @@ def test_what_cannot_act_is_no_candidate():
     }
 
 
+def test_what_a_mechanism_file_refuses_is_no_candidate():
+    rod = {"length": 0.564, "mass": 0.773, "inertia": 1e-2, "mass_centre": 0.19}
+    labels = {one.label for one in build_model(campaign(mechanism(rod=rod))).candidates}
+    middle = {one.label for one in build_model(campaign(mechanism())).candidates}
+    assert middle - labels == {"rod_flexibility"}
+
+
 def test_nuisances_are_the_mechanisms_data():
     own = campaign(
         mechanism(PINS),
@@ -182,7 +189,7 @@ def test_a_loose_joint_is_searched_from_half_to_three_times_its_clearance_but_wi
     assert candidate.search_range == pytest.approx((-0.5 * nominal, 2.0 * nominal))
     assert candidate.vanishing_amplitude == pytest.approx(-0.95 * nominal)
     assert ideal.vanishing_amplitude == 0.0 < ideal.search_range[0]
-    crank = own.mechanism.crank.model_copy(update={"length": nominal / 0.05})
+    crank = own.mechanism.crank.model_copy(update={"length": nominal / 0.05, "mass_centre": 0.0})
     own = own.model_copy(update={"mechanism": own.mechanism.model_copy(update={"crank": crank})})
     assert chosen(build_model(own), "piston_pin_clearance").search_range == pytest.approx((-0.5 * nominal, nominal))
 
