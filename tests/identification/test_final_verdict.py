@@ -130,8 +130,30 @@ def test_features_are_not_asked_where_samples_fall():
 
 def test_a_verdict_that_names_nothing_is_not_put_to_the_held_out_data():
     for verdict in ("no_disagreement", "parameters_only", "unexplained"):
-        found = Decision(verdict, BASE, BASE)
-        assert final_verdict(found, confirmed(confirm=99.0), doubted_channels=["torque"]) is found
+        found = final_verdict(Decision(verdict, BASE, BASE), confirmed(confirm=99.0), doubted_channels=["torque"])
+        assert (found.verdict, found.base) == (verdict, BASE)
+
+
+# Errors where more than noise is left
+
+
+@pytest.mark.parametrize(("gap", "scale"), [(0.9, 1.0), (1.4, 1.4)])
+def test_errors_of_what_is_named_grow_with_the_gap_that_is_left_of_held_out_data(gap, scale):
+    found = final_verdict(decided("named", COULOMB, chi2=990.0), confirmed(confirm=gap)).chosen
+    assert found.scale == pytest.approx(scale)
+    assert found.covariance()[0, 0] == pytest.approx(scale**2 / SAMPLES)
+
+
+def test_so_do_those_of_what_is_best_known_and_of_all_that_is_equivalent_but_no_base_beside_them():
+    withheld = final_verdict(decided("named", COULOMB), confirmed(confirm=4.0))
+    assert (withheld.best_known.gap_left, withheld.chosen.gap_left) == (pytest.approx(4.0), 1.0)
+    rivals = final_verdict(decided("ambiguous", COULOMB, others=[fitted(1001.0, BIAS)]), confirmed(confirm=1.4))
+    assert [fit.gap_left for fit in rivals.equivalent] == pytest.approx([1.4, 1.4])
+
+
+def test_errors_are_those_of_the_fitted_data_where_these_leave_more():
+    found = final_verdict(decided("named_with_remaining_misfit", COULOMB, chi2=4.0 * SAMPLES), confirmed(confirm=1.2))
+    assert found.chosen.scale == pytest.approx(2.0, rel=1e-3)
 
 
 # The held-out data have a vote

@@ -326,3 +326,10 @@ def test_a_fit_that_is_beaten_keeps_its_choices_at_the_end(monkeypatch):
     monkeypatch.setattr(fit_module._Descent, "choose", lambda self: asked.append(1) or choose(self))
     fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0}, sufficient_chi2=1e-3)
     assert len(asked) == 1  # before the first step
+
+
+def test_draws_are_spread_within_the_bounds_by_the_gap_of_held_out_data():
+    fit = Fit((), (Parameter("a", 0.0, -2.0, 9.0),), np.zeros(1), np.ones(99), np.ones((99, 1)), 1, "converged")
+    drawn = replace(fit, draws=np.array([[-1.0], [0.0], [1.0], [2.0]]))
+    assert drawn.distribution.draws.tolist() == drawn.draws.tolist()
+    assert replace(drawn, gap_left=3.0).distribution.draws[:, 0] == pytest.approx([-2.0, 0.0, 3.0, 6.0], rel=0.02)

@@ -210,6 +210,7 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
                 "bic": np.nan if failed else fit.bic,
                 "simulations": fit.simulations,
                 "seconds": duration,
+                "gap_left": fit.gap_left,
             }
         )
         keys = [p.key for p in fit.parameters]
@@ -283,7 +284,7 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
             shifts = all_shifts[label].pivot(index="numerics", columns="key", values="shift")[keys].to_numpy()
         status = row["simulations"], row["status"], row["reason"] or ""
         slope = own.loc[keys, "slope"].to_numpy(dtype=float)
-        known = slope, shifts, draws, problem.settings
+        known = slope, shifts, draws, problem.settings, row["gap_left"]
         fits.append(Fit(hypothesis, parameters, fitted, residual, jacobian, *status, *known))
     return fits
 

@@ -275,7 +275,8 @@ def final_verdict(
     doubted_channels: Collection[str] = (),
     settings: DecisionSettings = DEFAULT_SETTINGS.decision,
 ) -> _Decided:
-    """The verdict with the held-out data heard, by lines 9 to 14 of the table of the module.
+    """The verdict with the held-out data heard, by lines 9 to 14 of the table of the module; its fits know the gap that
+    they leave there (`Fit.gap_left`).
 
     Parameters
     ----------
@@ -293,6 +294,26 @@ def final_verdict(
     Decision
         Or a record as `decision` is.
     """
+    return _with_gap_left(_heard(decision, confirmed, doubted_channels, settings), confirmed.gap("confirm"))
+
+
+def _with_gap_left(decision: _Decided, gap: float) -> _Decided:
+    """The decision, all that it proposes with the `gap` that is left of held-out data; features say nothing of it."""
+    if not gap > 1.0:
+        return decision
+
+    def known(fit: Fit) -> Fit:
+        return fit if fit.status == MATCHED else replace(fit, gap_left=gap)
+
+    best, equivalent = decision.best_known, [known(fit) for fit in decision.equivalent]
+    chosen = known(decision.chosen) if decision.chosen.hypothesis or not (best or equivalent) else decision.chosen
+    return replace(decision, chosen=chosen, equivalent=equivalent, best_known=best and known(best))
+
+
+def _heard(
+    decision: _Decided, confirmed: Confirmed, doubted_channels: Collection[str], settings: DecisionSettings
+) -> _Decided:
+    """The verdict by lines 9 to 14."""
     if decision.verdict not in (NAMED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS):
         return decision
     proposed = proposal(decision.chosen, decision.equivalent, decision.best_known)

@@ -49,6 +49,8 @@ class Fit:
         Of the values [SI], where chi2 is not quadratic (`jointgap.identification.curved_valley`).
     settings : IdentificationSettings
         Those of the problem that was fitted.
+    gap_left : float
+        [1] Gap on the held-out data, where these were predicted: errors are at least so many times those of noise.
     """
 
     hypothesis: Hypothesis
@@ -63,6 +65,7 @@ class Fit:
     shifts: np.ndarray | None = None
     draws: np.ndarray | None = None
     settings: IdentificationSettings = DEFAULT_SETTINGS
+    gap_left: float = 1.0
 
     @property
     def label(self) -> str:
@@ -112,15 +115,27 @@ class Fit:
 
     @property
     def inflation(self) -> float:
-        """Factor of the variance where the residual is more than noise [1]: chi2 over its degrees of freedom."""
+        """Factor of the variance where more than noise is left [1]: chi2 over its degrees of freedom, or the squared
+        gap of the held-out data if that is more."""
+        return max(self._inflation_of_chi2, self.gap_left**2)
+
+    @property
+    def scale(self) -> float:
+        """Factor of errors and intervals beside those of noise alone [1]: the largest gap that is left, at least 1."""
+        return float(np.sqrt(self.inflation))
+
+    @property
+    def _inflation_of_chi2(self) -> float:
         return max(1.0, self.chi2 / max(self.residual.size - self.values.size, 1))
 
     @cached_property
     def distribution(self) -> BoundedNormal:
         """What the data and the bounds say of the values, for intervals; variances inflated like the `covariance`."""
-        if self.draws is not None:
-            return BoundedNormal(np.atleast_2d(np.cov(self.draws, rowvar=False)), self.draws)
         low, high = self._bounds()
+        if self.draws is not None:  # they hold what the fitted data leave already
+            wider = np.sqrt(self.inflation / self._inflation_of_chi2)
+            draws = np.clip(self.values + wider * (self.draws - self.values), low, high) if wider > 1.0 else self.draws
+            return BoundedNormal(np.atleast_2d(np.cov(draws, rowvar=False)), draws)
         shifts = np.empty((0, self.values.size)) if self.shifts is None else self.shifts
         slope = np.nan_to_num(self.half_derivative)
         intervals = self.settings.intervals
@@ -154,7 +169,7 @@ class Fit:
         free = inside & ((length > 0) | np.isfinite(width))
         covariance = np.zeros((self.values.size, self.values.size))
         if free.any():
-            inflation = max(1.0, self.chi2 / max(self.residual.size - free.sum(), 1))
+            inflation = max(1.0, self.chi2 / max(self.residual.size - free.sum(), 1), self.gap_left**2)
             bounded = np.isfinite(width) & (width > 0)
             prior = np.diag(np.where(bounded, np.sqrt(12.0 * inflation) / np.where(bounded, width, 1.0), 0.0))
             rows = np.vstack([self.jacobian, prior])[:, free]

@@ -22,6 +22,7 @@ FITS = Table(
         Column("bic", "1", "Bayesian information criterion", nullable=True),
         Column("simulations", "1", "simulated runs that the fit took", "int"),
         Column("seconds", "s", "time that the fit took", nullable=True),
+        Column("gap_left", "1", "gap on held-out data, by which errors are multiplied at least; 1 where not predicted"),
     ),
     path="{stage}/fits.parquet",
 )
