@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
+from scipy.integrate import cumulative_simpson
 
 from jointgap import tables
 from jointgap.dynamics import simulate
@@ -205,3 +206,37 @@ def test_smoothing_does_not_flatten_what_repeats_in_every_turn():
         away = smooth_angle(time, read, None)(time) - true
         flattened = np.linalg.lstsq(parts[20:-20], away[20:-20], rcond=None)[0]
         assert np.hypot(*flattened) < 1.5e-3  # four standard errors of 700 samples are 1.3e-3
+
+
+@pytest.mark.parametrize("unsteadiness", [0.0, 0.3, 0.6, 0.8, 0.95])
+@pytest.mark.parametrize("mean_speed", [8.0, 80.0])
+def test_the_smooth_angle_of_exact_readings_is_exact_however_unsteadily_the_crank_turns(unsteadiness, mean_speed):
+    """The speed falls and rises by `unsteadiness` of its mean within each turn, and drifts over the record."""
+    per_turn, turns = 120, 12
+    time = np.arange(per_turn * turns) * (2 * np.pi / mean_speed / per_turn)
+
+    def crank(t):
+        steady = mean_speed * t + 0.3 * np.sin(0.05 * mean_speed * t)
+        speed = mean_speed * (1 + 0.015 * np.cos(0.05 * mean_speed * t))
+        return steady + unsteadiness * np.sin(steady), speed * (1 + unsteadiness * np.cos(steady))
+
+    angle, _ = crank(time)
+    smooth = smooth_angle(time, angle, None)
+    np.testing.assert_allclose(smooth(time), angle, atol=2e-6)
+    between = time[per_turn:-per_turn] + 0.5 * (time[1] - time[0])
+    np.testing.assert_allclose(smooth(between), crank(between)[0], atol=1e-5)
+    np.testing.assert_allclose(smooth(between, 1), crank(between)[1], atol=2e-4 * mean_speed)
+
+
+def test_a_crank_that_nearly_stops_in_every_turn_is_smoothed_exactly():
+    """Its speed is a function of the crank angle: 0.05 to 1.95 of its mean over the angle."""
+    fine = np.linspace(0.0, 20 * np.pi, 400_001)
+    slowness = 1.0 / (1.0 + 0.95 * np.cos(fine))
+    passed = cumulative_simpson(slowness, x=fine, initial=0.0)
+    time = np.linspace(0.0, passed[-1], 4001)
+    angle = np.interp(time, passed, fine)
+    smooth = smooth_angle(time, angle, None)
+    np.testing.assert_allclose(smooth(time), angle, atol=1e-5)
+    inside = np.linspace(*time[[40, -40]], 20_001)
+    speed = 1.0 + 0.95 * np.cos(np.interp(inside, passed, fine))
+    np.testing.assert_allclose(smooth(inside, 1), speed, atol=5e-3)

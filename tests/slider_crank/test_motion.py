@@ -12,9 +12,10 @@ from jointgap.dynamics.solver.integrate import beginning
 from jointgap.errors import SimulationError
 from jointgap.slider_crank import build_model
 from jointgap.slider_crank import channel_kinematics as motion
-from jointgap.slider_crank.driven_run import constant_speed_run
+from jointgap.slider_crank.driven_run import constant_speed_run, measured_pieces
 from jointgap.slider_crank.modified_mechanism import with_effects
-from jointgap.slider_crank.settings import DEFAULT_SETTINGS
+from jointgap.slider_crank.sample_grid import planned_grid
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SampleGridSettings
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 TURN = 2 * np.pi
@@ -224,3 +225,14 @@ def test_a_film_answers_smoothly_to_a_mass():
         run = constant_speed_run(heavier, plan.run, plan.samples, {}, 0.0, motion.tolerance_for(heavier))
         seen.append(motion.channels_at(run.numbers, run.angles, motion.tolerance_for(heavier)))
     assert apart(*seen) < 2e-3  # a tenth of a noise of 2 %
+
+
+def test_an_even_record_is_led_in_and_out_at_every_speed():
+    """The sample that ends a revolution comes to lie on the one that begins the next, but for rounding."""
+    short = SampleGridSettings(planned_samples_per_revolution=24, planned_revolutions=2)
+    speeds = np.pi / 30 * np.concatenate([np.arange(30.0, 601.0, 10.0), np.geomspace(10.0, 6000.0, 20), [106.9, 500.0]])
+    for speed in speeds:
+        pieces, end = measured_pieces(planned_grid(speed, 0.3, True, settings=short), None, 1)
+        assert np.diff(pieces[:, 0]).min() > 0.9 * TURN / speed / 24
+        np.testing.assert_allclose(pieces[:, 5], speed, rtol=1e-6)
+        assert end == pytest.approx(TURN / speed)

@@ -131,11 +131,30 @@ def constant_speed_run(
     return DrivenRun(p, at(samples.elapsed), begin, at)
 
 
+def _led_in_and_out(time: np.ndarray, angle: np.ndarray, back: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """A record of times [s] from 0 on and angles [rad] with what leads in and out, and the time of its first revolution
+    [s].
+
+    `back` and a half revolutions like the first one go before, half a revolution like the last one, for an encoder that
+    lags tells the last angles after it.
+    """
+    turn = float(np.interp(angle[0] + tau, angle, time))
+    last = float(np.interp(angle[-1] - tau, angle, time))
+    apart = 0.5 * time[-1] / (time.size - 1)  # nearer samples are the one at which two revolutions join
+    first = time < turn - apart
+    lead = [(time[first] - k * turn, angle[first] - k * tau) for k in range(back + 1, 0, -1)]
+    out = (time > last + apart) & (time < 0.5 * (last + time[-1]))
+    after = time[out] + time[-1] - last, angle[out] + tau
+    time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), after, strict=True))
+    kept = time > -(back + 0.5) * turn  # the smooth angle is weak at its ends: half a revolution more than is simulated
+    return time[kept], angle[kept], turn
+
+
 def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) -> tuple[np.ndarray, float]:
     """A measured angle made smooth, as pieces (see `jointgap.dynamics.model.parameters.knots_record`), and its end [s].
 
-    The record is led in by revolutions like its first one, and led out by half a revolution like its last one, for an
-    encoder that lags tells the last angles after it; time 0 is where they begin.
+    The record is led in by revolutions like its first one, and led out by half a revolution like its last one; time 0
+    is where they begin.
 
     Parameters
     ----------
@@ -146,17 +165,9 @@ def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) ->
         Revolutions of the lead-in.
     """
     finite = np.isfinite(samples.read)
-    time, angle = samples.elapsed[finite], samples.read[finite]
-    turn = float(np.interp(angle[0] + tau, angle, time))
-    first = time < turn
-    lead = [(time[first] - k * turn, angle[first] - k * tau) for k in range(back + 1, 0, -1)]
-    last = float(np.interp(angle[-1] - tau, angle, time))
-    share = (time - last) / (time[-1] - last)
-    out = (share > 1e-6) & (share < 0.5)  # the sample that ends the record is there already
-    after = time[out] + time[-1] - last, angle[out] + tau
-    time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), after, strict=True))
-    kept = time > -(back + 0.5) * turn  # the smooth angle is weak at its ends: half a revolution more than is simulated
-    time, angle = time[kept], angle[kept]
+    begins = float(samples.elapsed[finite][0])
+    time, angle, turn = _led_in_and_out(samples.elapsed[finite] - begins, samples.read[finite], back)
+    time += begins
     smooth = smooth_angle(time - time[0], angle, resolution)
     begin = -time[0] - back * turn
     pieces = np.unique(np.append(smooth.x[smooth.x > begin], begin))[:-1]

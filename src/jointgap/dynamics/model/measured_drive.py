@@ -19,7 +19,6 @@ _TURN = 2 * math.pi
 _ORDERS = np.arange(1, 5)  # of what repeats in every turn: a gear's or a joint's are left to the spline
 _DRIFT_TERMS = 12  # of the polynomial beside them, at most
 _LEAST_TURNS = 3  # below, a drift and what repeats look alike
-_FIXED_POINTS = 12  # the speed varies by half at most, so that each leaves half the error of the one before
 
 
 def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
@@ -97,34 +96,29 @@ def running_on(angle: np.ndarray) -> np.ndarray:
     return angle + _TURN * np.append(0.0, np.cumsum(back))
 
 
-def repeated_part(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cosine and sine parts [rad] of the first orders by which a crank is ahead of a rotation that drifts slowly.
+def repeated_part(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """By how much [rad] a crank is ahead, in its first orders, of a rotation that drifts slowly: (n,) array.
+
+    They are orders of that rotation, a polynomial of time, not of the crank angle: so nothing has to be solved for,
+    however unsteadily the crank turns. Zero where turns or samples are too few to tell them from a drift.
 
     Parameters
     ----------
     time, angle : (n,) arrays
         [s, rad].
-
-    Returns
-    -------
-    cosine, sine : (m,) arrays
-        Of orders 1 to m; empty where turns or samples are too few to tell them from a drift.
     """
     turns = (angle[-1] - angle[0]) / _TURN
     terms = int(min(turns, _DRIFT_TERMS)) + 1
     if turns < _LEAST_TURNS or angle.size < 4 * (terms + 2 * _ORDERS.size):
-        return np.empty(0), np.empty(0)
+        return np.zeros(angle.size)
     drift = np.polynomial.legendre.legvander(2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0, terms)
-    phases = _ORDERS * angle[:, None]
-    basis = np.column_stack([drift, np.cos(phases), np.sin(phases)])
-    weights = np.linalg.lstsq(basis, angle, rcond=None)[0]
-    return tuple(weights[terms + 1 :].reshape(2, -1))
-
-
-def _of_orders(parts: tuple[np.ndarray, np.ndarray], angle: np.ndarray) -> np.ndarray:
-    """By how much [rad] `repeated_part` is ahead at crank angles (n,) [rad]."""
-    phases = np.arange(1, parts[0].size + 1) * angle[:, None]
-    return np.cos(phases) @ parts[0] + np.sin(phases) @ parts[1]
+    rotation = drift @ np.linalg.lstsq(drift, angle, rcond=None)[0]
+    for _ in range(2):  # beside the orders of a first rotation one that they have not bent
+        phases = _ORDERS * rotation[:, None]
+        orders = np.column_stack([np.cos(phases), np.sin(phases)])
+        weights = np.linalg.lstsq(np.column_stack([drift, orders]), angle, rcond=None)[0]
+        rotation = drift @ weights[: terms + 1]
+    return orders @ weights[terms + 1 :]
 
 
 def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) -> PPoly:
@@ -153,9 +147,9 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
     """
     steady = np.polyfit(time, angle, 1)
     rest, scale = angle - np.polyval(steady, time), time[-1] / (time.size - 1)
-    parts = repeated_part(time, angle) if resolution is None else (np.empty(0), np.empty(0))
     if resolution is None:
-        spline = make_smoothing_spline(time / scale, rest - _of_orders(parts, angle))
+        repeated = repeated_part(time, angle)
+        spline = make_smoothing_spline(time / scale, rest - repeated)
     else:
         squares = time.size * resolution**2 / 12 * (1 + 3 * math.sqrt(0.8 / time.size))
         # compiled, unlike make_splrep, which takes 30 times as long for 8000 samples
@@ -172,12 +166,8 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
     pieces = PPoly(found.c[:, inside] / powers, scale * found.x[np.append(inside, inside[-1] + 1)])
     pieces.c[-1] += np.polyval(steady, pieces.x[:-1])
     pieces.c[-2] += steady[0]
-    if parts[0].size:
-        mean = pieces(pieces.x)
-        whole = mean
-        for _ in range(_FIXED_POINTS):
-            whole = mean + _of_orders(parts, whole)
-        pieces.c[-4:] += CubicSpline(pieces.x, whole - mean).c
+    if resolution is None:
+        pieces.c += CubicSpline(pieces.x, repeated).c  # the knots of this spline are the samples
     return pieces
 
 
