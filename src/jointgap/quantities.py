@@ -28,6 +28,9 @@ _PART = rf"(?:{_FACTOR}|\(\ ?{_PRODUCT}\ ?\))"
 _UNIT = re.compile(rf"(?:1?\ ?/\ ?)?{_PART}(?:(?:\ ?[*/]\ ?|\ ){_PART})*")
 """Names of units with powers of two digits at most, products and quotients of them, and brackets around these."""
 
+_PLAIN_POWER = re.compile(r"(?<=[A-Za-z])([234])(?![\w.^])")  # m/s2, kg m2: no unit of pint's ends in such a digit
+_TORQUE = re.compile(r"\b([kmM]?N)([mc]?m)\b")  # Nm, kNm, Nmm: pint takes Nm for a measure of yarn
+
 _DASHES = re.compile(r"[‐‑‒–—]")
 _GROUPED = re.compile(r"(?<![0-9.])[0-9]{1,3}(?:[\s'’_,][0-9]{3})+")
 _FRACTION = re.compile(r"^([-+]?)(?:([0-9]{1,9}) )?([0-9]{1,9}) ?/ ?([0-9]{1,9})(?![0-9.])")
@@ -120,7 +123,7 @@ def _inverse(number: str) -> str | None:
 def _unit_for_pint(unit: str) -> str:
     """`unit` as pint reads it; '' where it is none by its form."""
     unit = re.sub(f"[{_RAISED}]+", lambda raised: "^" + raised[0].translate(_LOWERED), unit.translate(_SIGNS))
-    unit = " ".join(unit.split())
+    unit = _TORQUE.sub(r"\1*\2", _PLAIN_POWER.sub(r"^\1", " ".join(unit.split())))
     if _UNIT.fullmatch(unit) is None:
         return ""
     return f"1{unit}" if unit.startswith("/") else unit
@@ -161,7 +164,7 @@ def _converted(number: float, own: str, unit: str) -> float:
             f"is not a number with a unit (a unit of '{unit or 'no dimension'}' is needed): there is no unit '{own}'"
         ) from error
     try:
-        converted = quantity.to(unit or "dimensionless")
+        converted = quantity.to(_unit_for_pint(unit) or "dimensionless")
     except pint.DimensionalityError as error:
         raise ValueError(f"has the unit '{quantity.units}', which is not a '{unit or 'pure number'}'") from error
     if unit in _RATES and quantity.to_root_units().units != converted.to_root_units().units:
@@ -183,10 +186,34 @@ def unit_factor(unit: str, base: str) -> float:
     """
     if not unit.strip():
         raise ValueError(f"is empty; write a unit such as {base}")
+    whole, parts = split_share(unit)
+    return _converted(1.0 / parts, _checked_unit(whole, base), base)
+
+
+def scaled_unit_factor(scale: str, unit: str, base: str) -> float:
+    """How many `base` one `unit` is of a signal that a `scale` such as ``0.35 N*m/A`` converts.
+
+    Raises
+    ------
+    ValueError
+        No number with a unit, or not one that makes a `base` of a `unit`.
+    """
+    number, own = split_quantity(scale)
+    signal = _checked_unit(unit, base)
+    return _converted(float(number), f"({own}) * ({signal})" if own else signal, base)
+
+
+def _checked_unit(unit: str, base: str) -> str:
     own = _unit_for_pint(unit) if len(unit) <= _LONGEST else ""
     if not own:
         raise ValueError(f"is not a unit; write one such as {base}")
-    return _converted(1.0, own, base)
+    return own
+
+
+def split_share(unit: str) -> tuple[str, float]:
+    """The unit of which `unit` is a part, and how many parts: turn and 4000 of ``turn/4000``; 1 of whole units."""
+    share = _SHARE.fullmatch(unit.strip()) if len(unit) <= _LONGEST else None
+    return (share[1], float(share[2])) if share and float(share[2]) > 0 else (unit, 1.0)
 
 
 def quantity(unit: str, **limits: float) -> Any:

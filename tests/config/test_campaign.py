@@ -120,6 +120,34 @@ def test_noise_and_resolution_may_have_units_of_their_own(write):
     assert campaign.channels["crank_torque"].noise_of("slow") == pytest.approx(0.02, rel=1e-12)
 
 
+def test_a_channel_of_counts_needs_no_unit_and_is_read_in_steps_of_one_count(write, in_json):
+    path = write({"channels": {"crank_angle": None, "time": None}})
+    data = read_yaml(path)
+    data["channels"] |= {
+        "time": {"column": "n", "rate": "2 kHz"},
+        "crank_angle": {"column": "counts", "counts_per_turn": 4000, "noise": "0.18 deg"},
+        "crank_torque": {"column": "I", "unit": "A", "scale": "0.35 N*m/A", "noise": 0.02},
+    }
+    path.write_text(json.dumps(data), encoding="utf-8")
+    campaign = load_campaign(path)
+    assert campaign.factor("time") == pytest.approx(5e-4, rel=1e-15)
+    assert campaign.factor("crank_angle") == pytest.approx(math.tau / 4000, rel=1e-15)
+    assert campaign.channels["crank_angle"].resolution == 1.0
+    assert campaign.channels["crank_angle"].noise == pytest.approx(2.0, rel=1e-12)
+    assert campaign.factor("crank_torque") == pytest.approx(0.35, rel=1e-15)
+    assert campaign.shown_unit("crank_torque") == ("N*m", 1.0)  # pages show the quantity, not the signal
+    assert campaign.shown_unit("crank_angle")[0] == "deg"
+    assert in_json(campaign) == campaign
+
+
+@pytest.mark.parametrize(
+    ("given", "nominal"), [("180 deg", 0.0), (["170 deg", "190 deg"], math.pi), (["0 deg", "360 deg"], 0.0)]
+)
+def test_an_encoder_may_be_mounted_the_other_way_round(write, given, nominal):
+    campaign = load_campaign(write({"nuisance": {"encoder_zero": given}}))
+    assert campaign.nominals("encoder_zero") == pytest.approx((nominal,), rel=1e-15)
+
+
 def test_a_motors_line_is_a_drive_of_the_simulation(write, in_json):
     motor = {"stall_torque": "12 N*m", "no_load_speed": "60 rpm", "inertia": "1 g*m^2"}
     campaign = load_campaign(write({"drive": "motor", "motor": motor}))
@@ -188,7 +216,24 @@ def test_nuisances_that_have_nothing_to_act_on_are_named(write):
             ["measured_angle needs", "crank_angle; add it"],
         ),
         ({"channels": {"crank_torque": {"unit": "N"}}}, ["crank_torque.unit = 'N'", "not a 'N*m'"]),
-        ({"channels": {"crank_torque": {"unit": "Nm"}}}, ["crank_torque.unit = 'Nm'", "write N*m"]),
+        ({"channels": {"crank_torque": {"unit": "A"}}}, ["crank_torque.unit = 'A'", "such as scale: 1 N*m/A"]),
+        (
+            {"channels": {"crank_torque": {"unit": "A", "scale": "0.35 N*m/V"}}},
+            ["crank_torque.scale = '0.35 N*m/V' of a column in A", "such as scale: 1 N*m/A"],
+        ),
+        ({"channels": {"crank_torque": {"scale": -2}}}, ["crank_torque.scale = -2", "greater than 0", "sign: -1"]),
+        ({"channels": {"crank_torque": {"counts_per_turn": 9, "unit": "count"}}}, ["counts_per_turn has no meaning"]),
+        ({"channels": {"crank_angle": {"counts_per_turn": 4000}}}, ["unit = 'deg' and counts_per_turn", "remove one"]),
+        (
+            {"channels": {"crank_angle": {"counts_per_turn": 0, "unit": "count"}}},
+            ["crank_angle.counts_per_turn = 0", "greater than 0"],
+        ),
+        (
+            {"channels": {"crank_angle": {"unit": "count"}}},
+            ["crank_angle.unit = 'count'", "counts_per_turn of an angle"],
+        ),
+        ({"channels": {"crank_torque": {"rate": "2 kHz"}}}, ["unit = 'N*m' and rate are both given"]),
+        ({"csv": {"skip_rows": -1}}, ["csv.skip_rows = -1", "greater than or equal to 0"]),
         ({"channels": {"crank_torque": {"unit": "newtons per furlongg"}}}, ["is not a unit"]),
         ({"channels": {"slider_acceleration": {"unit": "g"}}}, ["slider_acceleration.unit = 'g'", "g_n"]),
         (

@@ -179,3 +179,17 @@ def test_a_json_text_is_read_as_strictly(refusal, text, words):
 
 def test_a_json_file_is_read_as_json(content_of):
     assert content_of(json.dumps({"a": [1e-9, "\ttab"]}, indent="\t"), "mine.json") == {"a": [1e-9, "\ttab"]}
+
+
+@pytest.mark.parametrize("text", ["{mass: 0,19 kg, x: 1}", "{mass: 0,19}", "{x: 1, mass: -0,19kg}", "{mass: 0,02}"])
+def test_a_decimal_comma_between_braces_is_refused_with_the_number_that_is_meant(tmp_path, text):
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"crank: {text}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"line 1, column \d+: the comma in -?0,.* ends the value; write -?0\.\d"):
+        read_yaml(path)
+
+
+def test_a_comma_between_whole_numbers_of_a_list_is_none(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("{a: [0, 19], b: 1, 2: 3}\n", encoding="utf-8")
+    assert read_yaml(path) == {"a": [0, 19], "b": 1, 2: 3}

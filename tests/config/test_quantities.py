@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from jointgap.quantities import to_si, unit_factor
+from jointgap.quantities import scaled_unit_factor, to_si, unit_factor
 
 
 @pytest.mark.parametrize(
@@ -26,6 +26,12 @@ from jointgap.quantities import to_si, unit_factor
         ("0.2 N*m/rad", "N*m/rad", 0.2),
         ("9.8 m/s^2", "m/s^2", 9.8),
         ("9.8 m s^-2", "m/s^2", 9.8),
+        ("9.8 m/s2", "m/s^2", 9.8),
+        ("3 kg m2", "kg*m^2", 3.0),
+        ("2 Nm", "N*m", 2.0),
+        ("3 Nmm", "N*m", 3e-3),
+        ("5 kNm/rad", "N*m/rad", 5e3),
+        ("3 °/s", "rad/s", math.pi / 60),
         ("3 kg*m**2", "kg*m^2", 3.0),
         ("3 kg·m²", "kg*m^2", 3.0),
         ("5 N/(mm*m)", "N/m^2", 5e3),
@@ -135,3 +141,11 @@ def test_what_is_no_unit_has_no_factor(unit):
 def test_a_unit_has_a_factor():
     assert unit_factor("mm", "m") == 1e-3
     assert unit_factor("1/min", "Hz") == pytest.approx(1 / 60)
+    assert unit_factor("turn/4000", "rad") == pytest.approx(math.tau / 4000, rel=1e-15)
+
+
+def test_a_sensors_factor_makes_its_signal_a_quantity():
+    assert scaled_unit_factor("0.35 Nm/A", "mA", "N*m") == pytest.approx(0.35e-3, rel=1e-14)
+    assert scaled_unit_factor("2.5", "mm", "m") == pytest.approx(2.5e-3, rel=1e-14)
+    with pytest.raises(ValueError, match="not a 'N\\*m'"):
+        scaled_unit_factor("0.35 N*m/V", "A", "N*m")

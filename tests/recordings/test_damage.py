@@ -127,6 +127,10 @@ def test_lines_lost(folder, campaign, lost):
 def test_lines_repeated_and_out_of_order(folder, campaign, one, other):
     lines = list(LINES)
     lines.insert(other + 1, lines[one + 1])
+    if other in (one, one + 1):  # a row that is written twice is one sample
+        (folder / "slow.csv").write_bytes(joined(lines))
+        assert read_measurements(campaign).runs["slow"].time.size == COUNT
+        return
     with pytest.raises(InputError, match=r"slow\.csv, column t, row \d+: time (repeats|falls)"):
         (folder / "slow.csv").write_bytes(joined(lines))
         read_measurements(campaign)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 from jointgap.config.load import load_campaign
 from jointgap.errors import InputError
@@ -123,6 +124,83 @@ def test_a_rising_angle_of_a_clockwise_run_is_refused_with_the_angles_of_the_fil
     words = str(caught.value)
     assert f"from {first:.6g} to" in words
     assert float(words.split(" to ")[1].split(" deg")[0]) > last  # running on over the turns
+
+
+def test_signals_counts_and_sample_numbers_become_si(tmp_path):
+    """Current of the motor, counts of an encoder whose counter has 16 bits, sample numbers instead of times."""
+    true = samples(SLOW)
+    step = true["time"][1]
+    counts = np.round(4000 * true["crank_angle"] / math.tau) + 30000
+    given = pd.DataFrame(
+        {
+            "n": np.arange(240) + 17,
+            "counts": (counts + 2**15) % 2**16 - 2**15,
+            "x": 1e3 * true["slider_position"],
+            "I": true["crank_torque"] / 0.35,
+        }
+    )
+    path = write_rig(tmp_path, {"runs": [CAMPAIGN["runs"][0] | {"file": "raw.csv"}, CAMPAIGN["runs"][1]]})
+    given.to_csv(tmp_path / "raw.csv", index=False)
+    fast = samples(FAST)
+    pd.DataFrame({"n": fast["time"] / step, "counts": 4000 * fast["crank_angle"] / math.tau}).assign(
+        x=1e3 * fast["slider_position"], I=fast["crank_torque"] / 0.35
+    ).to_csv(tmp_path / "fast.csv", index=False)
+    data = CAMPAIGN | {"runs": [CAMPAIGN["runs"][0] | {"file": "raw.csv"}, CAMPAIGN["runs"][1]]}
+    data |= {
+        "channels": {
+            "time": {"column": "n", "rate": f"{1 / step} Hz"},
+            "crank_angle": {"column": "counts", "counts_per_turn": 4000},
+            "slider_position": {"column": "x", "unit": "V", "scale": "1 mm/V"},
+            "crank_torque": {"column": "I", "unit": "A", "scale": "0.35 N*m/A", "noise": 0.1},
+        }
+    }
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    measurements = read_measurements(load_campaign(path), compared=False)
+    recording = measurements.runs["slow"]
+    np.testing.assert_allclose(np.diff(recording.time), step, rtol=1e-9)
+    assert np.ptp(recording.crank_angle - true["crank_angle"]) < 1.01 * math.tau / 4000
+    np.testing.assert_allclose(recording.channels["slider_position"], true["slider_position"], rtol=1e-12)
+    np.testing.assert_allclose(recording.channels["crank_torque"], true["crank_torque"], rtol=1e-12, atol=1e-15)
+    assert recording.noise["crank_torque"] == pytest.approx(0.035, rel=1e-12)
+    assert [remark for remark in measurements.remarks if "16 bits" in remark] == list(measurements.remarks)
+    assert len(measurements.remarks) == 1
+
+
+def test_times_may_be_dates(tmp_path):
+    stamps = pd.Timestamp("2026-03-01T23:59:59") + pd.to_timedelta(table(SLOW).t, unit="s")
+    given = table(SLOW).assign(t=stamps.map(lambda stamp: stamp.isoformat()))
+    for unit in ("s", "ms"):  # dates have no unit
+        measurements = rig(tmp_path, {"channels": {"time": {"unit": unit}}}, slow=given, fast=_in(unit))
+        np.testing.assert_allclose(measurements.runs["slow"].time, samples(SLOW)["time"], atol=2e-6)
+
+
+def _in(unit):
+    return table(FAST).assign(t=lambda t: t.t * {"s": 1.0, "ms": 1e3}[unit])
+
+
+def test_a_row_that_is_written_twice_is_one_sample(tmp_path):
+    given = table(SLOW)
+    given.loc[9, "M"] = np.nan
+    given = given.iloc[[*range(10), 9, 9, *range(10, 240), 239]]
+    measurements = read_rig(tmp_path, slow=given)
+    np.testing.assert_allclose(measurements.runs["slow"].time, samples(SLOW)["time"], rtol=1e-14)
+    assert measurements.remarks == (
+        f"{tmp_path}/slow.csv, column t, row 12: they repeat the row before them; so are 3 samples, left out",
+    )
+
+
+def test_of_rows_at_one_time_the_campaign_says_which_is_kept(tmp_path):
+    """A solver writes the state before and after an event at the same time."""
+    before = table(SLOW)
+    after = before.iloc[[50]].assign(M=7.0)
+    given = pd.concat([before.iloc[:51], after, before.iloc[51:]])
+    with pytest.raises(InputError, match=r"row 53: time repeats .*1 rows do.*'repeated: last'"):
+        read_rig(tmp_path, slow=given)
+    for which, value in (("first", before.M[50]), ("last", 7.0)):
+        measurements = read_rig(tmp_path, {"channels": {"time": {"repeated": which}}}, slow=given)
+        assert measurements.runs["slow"].channels["crank_torque"][50] == value
+        assert measurements.runs["slow"].time.size == 240
+        assert f"the {which} is kept" in measurements.remarks[0]
 
 
 def test_gaps_are_no_data(tmp_path):

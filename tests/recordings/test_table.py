@@ -37,6 +37,9 @@ def read(folder, content, name="run.csv", wanted=WANTED, **form):
         "t,x\ns,mm\n0,1.25\n0.5,\n1,-3e-3\n",
         "t,x\n[s],[mm]\n0,1.25\n0.5,\n1,-3e-3\n",
         "t;x\n0;1,25\n0,5;\n1;-3e-3\n".encode("utf-16"),
+        'Model,AB12\nLength 5" pipe\nRecord Length,3\n\nt,x\n0,1.25\n0.5,\n1,-3e-3\n',
+        "Rig A\nt;comment;x\n0;good;1,25\n0,5;none;\n1;;-3e-3\n",
+        "t,x,\n0,1.25\n0.5,\n1,-3e-3\n",
     ],
 )
 def test_tables_are_read_whatever_separator_and_decimal_mark_they_have(tmp_path, content):
@@ -53,6 +56,61 @@ def test_a_row_of_units_is_told(tmp_path):
     assert read(tmp_path, "t,x\n[s],(mm)\n0,1\n").units == {"t": "s", "x": "mm"}
     assert read(tmp_path, "t,x\n0,1\n").units == {}
     assert read(tmp_path, "t,x\n,\n0,1\n").units == {}  # a gap, not units
+
+
+def test_lines_above_the_headings_are_told(tmp_path):
+    found = read(tmp_path, "Model,AB12\nFirmware,1.12\n\nt,x\n0,1\n1,2\n")
+    assert found.rows.tolist() == [5, 6]
+    assert found.remarks == (f"{tmp_path}/run.csv: the headings are in row 4; 2 lines above them skipped",)
+
+
+def test_headings_are_where_they_are_said_to_be(tmp_path):
+    old_and_new = "t,x\nold,headings\nt,x\n0,1\n1,2\n"
+    found = read(tmp_path, old_and_new, skip_rows=2)
+    assert found.rows.tolist() == [4, 5]
+    assert found.remarks == ()
+    with pytest.raises(InputError, match=r"row 2: has no column 't' .*give csv\.skip_rows"):
+        read(tmp_path, old_and_new, skip_rows=1)
+    with pytest.raises(InputError, match=r"no rows below the 9 of csv\.skip_rows"):
+        read(tmp_path, old_and_new, skip_rows=9)
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        ["2026-03-01T12:00:00.000", "2026-03-01T12:00:00.500", "2026-03-01T12:00:01.000"],
+        ["2026-03-01 23:59:59,5", "2026-03-02 00:00:00", "2026-03-02 00:00:00,5"],
+        ["2026-03-01T12:00:00+01:00", "2026-03-01T11:00:00.5Z", "2026-03-01T12:00:01+01:00"],
+    ],
+)
+def test_dates_are_seconds_since_the_first(tmp_path, stamps):
+    content = "t;x\n" + "".join(f"{stamp};{x}\n" for stamp, x in zip(stamps, (1, 2, 3), strict=True))
+    path = tmp_path / "run.csv"
+    path.write_text(content, encoding="utf-8")
+    found = read_columns(path, WANTED, Csv(), clock="t")
+    assert found.is_dated
+    np.testing.assert_allclose(found.values["t"], T, atol=1e-12)
+    assert "dates are read as seconds since 2026-03-01" in found.remarks[0]
+    with pytest.raises(InputError, match=r"column t, row 2: '2026.* is not a number"):
+        read_columns(path, WANTED, Csv())  # of a channel that is no time
+
+
+def test_dates_in_parquet_are_seconds_since_the_first(tmp_path):
+    stamps = pd.to_datetime(["2026-03-01T12:00:00", None, "2026-03-01T12:00:01"])
+    pd.DataFrame({"t": stamps, "x": [1.0, 2.0, 3.0]}).to_parquet(tmp_path / "run.parquet")
+    found = read_columns(tmp_path / "run.parquet", WANTED, Csv(), clock="t")
+    np.testing.assert_array_equal(found.values["t"], [0.0, np.nan, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("second", "words"),
+    [("yesterday", "column t, row 3: 'yesterday' is not a date"), ("2026-13-01", "row 3: '2026-13-01' is not a date")],
+)
+def test_a_time_that_is_no_date_among_dates_is_refused(tmp_path, second, words):
+    path = tmp_path / "run.csv"
+    path.write_text(f"t,x\n2026-03-01T12:00:00,1\n{second},2\n", encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        read_columns(path, WANTED, Csv(), clock="t")
 
 
 def test_given_marks_are_taken_instead_of_detected_ones(tmp_path):
@@ -96,6 +154,10 @@ def test_a_gap_in_parquet_is_a_gap(tmp_path):
             ["column t, row 3: '0,5' has a decimal comma", "column x, row 3 a point", "throughout"],
         ),
         ("t,x\n0,1\n0.5\n", ["row 3: has 1 cells, but there are 2 headings"]),
+        ("t,x,y\n0,1\n1,2\n", ["row 2: has 2 cells", "as all rows have; remove the heading too many"]),
+        ("t,x\n12:00:01,1\n", ["column t, row 2: '12:00:01' is not a number", "as ISO dates such as 2026-"]),
+        ('t,x\n0,"1\n1,"2\n', ["row 2", "quotation mark"]),
+        ('a,t,x\n0,"b"c,1\n1,"2,""3\n1,"2,3\n', ["quotation mark"]),
         ("t,x\n0,1\n0,5,1,5\n", ["row 3: has 4 cells", "csv.separator and csv.decimal"]),
         ('t,x\n0,1\n0.5,"1\n1,2\n', ["row 3: a quotation mark is not closed"]),
         ("t,x\n0,1\n" + 200000 * "1" + ",1\n", ["row 3", "mend the row"]),

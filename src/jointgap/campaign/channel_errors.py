@@ -27,10 +27,10 @@ def channel_errors(residuals: pd.DataFrame, campaign: Campaign) -> pd.DataFrame:
     for (run, name, held_out), own in residuals.groupby(["run", "channel", "held_out"], sort=False):
         channel = name.partition(" ")[0]  # a statistic is of the channel that its name begins with
         # A model of another mechanism may have channels of its own, in SI.
-        factor = campaign.factor(channel) if channel in campaign.channels else 1.0
+        unit, factor = campaign.shown_unit(channel) if channel in campaign.channels else ("", 1.0)
         row = {"run": run, "speed": speeds[run], "channel": name, "held_out": held_out, "samples": len(own)}
         row |= {
-            "unit": campaign.channels[channel].unit if channel in campaign.channels else "",
+            "unit": unit,
             "si_per_unit": factor,
             "noise": _rms(own["spread"]) / factor,
         }

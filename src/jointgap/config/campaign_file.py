@@ -12,6 +12,7 @@ from jointgap.config.names import Word
 from jointgap.config.nuisance_bounds import (
     MOTOR_LINE,
     NEEDED_CHANNELS,
+    NOMINALLY_0,
     SHARED,
     as_written,
     check_keys,
@@ -22,7 +23,7 @@ from jointgap.config.nuisance_bounds import (
 from jointgap.config.scenario import MotorDrive
 from jointgap.errors import did_you_mean
 from jointgap.joints import PINS
-from jointgap.quantities import Angle, PositiveAngle, PositiveAngularSpeed, PositiveTime
+from jointgap.quantities import Angle, PositiveAngle, PositiveAngularSpeed, PositiveTime, split_share
 from jointgap.section import Section
 
 _STARTS = ("settled", "at_rest", "dead_centre", "unknown")
@@ -98,6 +99,9 @@ class Csv(Section):
         None, description="character between columns; null: detected"
     )
     decimal: Literal[".", ","] | None = Field(None, description="decimal mark; null: detected")
+    skip_rows: Annotated[int, Field(ge=0)] | None = Field(
+        None, description="lines of the file above the headings; null: the headings are found by their names"
+    )
 
     @model_validator(mode="after")
     def _marks_differ(self):
@@ -160,8 +164,8 @@ class Campaign(Section):
         wrong, columns = [], {}
         for name, channel in channels.items():
             try:
-                channel_factor(name, channel.unit)
                 _check_sensor(name, channel)
+                channel_factor(name, channel.unit, channel.scale)
             except ValueError as error:
                 wrong.append(str(error))
             if channel.column in columns:
@@ -274,6 +278,9 @@ class Campaign(Section):
             return tuple(run.speed for run in self.runs)
         if key in MOTOR_LINE:
             return () if self.motor is None else (getattr(self.motor, key),)
+        given = self.nuisance.get(key)
+        if key in NOMINALLY_0 and isinstance(given, tuple) and not given[0] <= 0.0 <= given[1]:
+            return (0.5 * (given[0] + given[1]),)  # [170 deg, 190 deg]: an encoder mounted the other way round
         return nominal_values(self.mechanism, key)
 
     def bounds(self, key: str, nominal: float) -> tuple[float, float]:
@@ -283,7 +290,17 @@ class Campaign(Section):
 
     def factor(self, channel: str) -> float:
         """How many SI units one unit of the channel's column is, whatever its sign."""
-        return channel_factor(channel, self.channels[channel].unit)
+        return channel_factor(channel, self.channels[channel].unit, self.channels[channel].scale)
+
+    def shown_unit(self, channel: str) -> tuple[str, float]:
+        """Unit in which pages show a channel, and how many SI units it is: the column's, unless that has counts or a
+        sensor's signal.
+        """
+        stated = self.channels[channel]
+        if stated.scale is None and split_share(stated.unit)[1] == 1.0:
+            return stated.unit, self.factor(channel)
+        unit = {"rad": "deg"}.get(CHANNELS[channel], CHANNELS[channel])
+        return unit, channel_factor(channel, unit)
 
     @property
     def idle_nuisances(self) -> tuple[str, ...]:
@@ -306,8 +323,13 @@ class Campaign(Section):
 def _check_sensor(name: str, channel: Channel) -> None:
     """ValueError where a key is given that means nothing for the channel `name`."""
     given = {key for key in Channel.model_fields if getattr(channel, key) != Channel.model_fields[key].default}
-    if name == "time":
-        spare, why = given - {"column", "unit", "jitter"}, "time is taken as exact but for its jitter"
+    if "counts_per_turn" in given and name not in ("crank_angle", "rod_angle"):
+        spare, why = {"counts_per_turn"}, "only crank_angle and rod_angle are counted in parts of a turn"
+    elif given & {"rate", "repeated"} and name != "time":
+        spare, why = given & {"rate", "repeated"}, "it is of time alone"
+    elif name == "time":
+        allowed = {"column", "unit", "scale", "rate", "repeated", "jitter"}
+        spare, why = given - allowed, "time is taken as exact but for its jitter"
     elif "jitter" in given:
         spare, why = {"jitter"}, "time alone has stamps; write it there"
     else:

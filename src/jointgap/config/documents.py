@@ -7,6 +7,7 @@ word; and a file of a few lines may stand for more than memory holds.
 import json
 import re
 from collections.abc import Hashable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ MOST_DIGITS = 310
 """Of a whole number: the largest float has as many."""
 
 _WHOLE = re.compile(r"0|[-+]?[1-9][0-9]*")
+_INTEGER = re.compile(r"[-+]?[0-9]+")
 _LEADING_ZEROS = re.compile(r"(?<![0-9])0+(?=[0-9])")
 _TRUE_OR_FALSE = re.compile(r"true|True|TRUE|false|False|FALSE")
 _NO_TEXT = re.compile("[\\x00-\\x08\\x0b\\x0c\\x0e-\\x1f\\ud800-\\udfff]")
@@ -127,6 +129,7 @@ class _StrictLoader(yaml.SafeLoader):
     def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
         lines: dict[Hashable, int] = {}
+        _check_decimal_commas(node)
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 raise _Refused(problem="a key must be a text or a number", problem_mark=key.start_mark)
@@ -170,6 +173,19 @@ class _StrictLoader(yaml.SafeLoader):
                 problem_mark=node.start_mark,
             ) from error
         return node.value
+
+
+def _check_decimal_commas(node: yaml.MappingNode) -> None:
+    """Refuses ``{mass: 0,19 kg}``, in which the comma ends the value."""
+    for (_, value), (key, nothing) in pairwise(node.value if node.flow_style else ()):
+        parts = (value, key, nothing)
+        if not all(isinstance(part, yaml.ScalarNode) and part.style is None for part in parts) or nothing.value:
+            continue
+        if _INTEGER.fullmatch(value.value) and key.value[:1].isdigit():
+            raise _Refused(
+                problem=f"the comma in {value.value},{key.value} ends the value; write {value.value}.{key.value}",
+                problem_mark=value.start_mark,
+            )
 
 
 def _two_meanings(node: yaml.ScalarNode, plain: str = "") -> _Refused:

@@ -349,6 +349,7 @@ def campaign_json_schema() -> dict[str, Any]:
     sections, parts = schema["properties"], schema["$defs"]
     sections["mechanism"] = _mechanism_schema(sections["mechanism"])
     parts["Joint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, parts["Joint"]["properties"]["contact"]]}
+    parts["Channel"]["required"].remove("unit")  # counts_per_turn and rate say it
     parts["MotorDrive"]["required"].remove("kind")  # there is no other under `motor`
     sections["channels"] |= {"propertyNames": {"enum": list(CHANNELS)}, "minProperties": 1}
     bound = {"type": ["number", "string"]}

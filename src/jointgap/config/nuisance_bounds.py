@@ -60,7 +60,7 @@ _RANGES = {
     "stall_torque": _above_0("N*m"),
     "no_load_speed": _above_0("rad/s"),
     "slider_offset": _Range("m", -math.inf, math.inf, "any length"),
-    "encoder_zero": _Range("rad", -math.pi, math.pi, "half a turn either way"),
+    "encoder_zero": _Range("rad", -math.tau, math.tau, "a turn either way"),
     "encoder_lag": _Range("s", -math.inf, math.inf, "any time"),
     "slider_position_zero": _Range("m", -math.inf, math.inf, "any length"),
 }
@@ -69,7 +69,8 @@ NUISANCES = {key: limits.unit for key, limits in _RANGES.items()}
 """SI unit of every quantity that may be listed under ``nuisance``; ``''`` for pure numbers."""
 
 
-_NOMINALLY_0 = ("encoder_zero", "encoder_lag", "slider_position_zero")
+NOMINALLY_0 = ("encoder_zero", "encoder_lag", "slider_position_zero")
+"""Of sensors: 0 where the bounds do not say otherwise."""
 
 _AMOUNTS = {"m": "'1 mm'", "rad": "'5 deg'", "s": "'5 ms'"}
 """By which a quantity of the unit may differ from nominal either way, for example."""
@@ -144,7 +145,7 @@ def _percent(key: str, text: str) -> float:
         return float(Decimal(number) / 100)
     unit = NUISANCES[key]
     # of what is nominally 0 a percentage is no range
-    instead = [] if key in _NOMINALLY_0 else ["a percentage such as '5 %'"]
+    instead = [] if key in NOMINALLY_0 else ["a percentage such as '5 %'"]
     instead += [f"an amount such as {_AMOUNTS[unit]}"] if unit in _AMOUNTS else []
     raise ValueError(f"{key} = '{text}'{mistake} must be {' or '.join(instead)}, or bounds such as [low, high]")
 

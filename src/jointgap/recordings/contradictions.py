@@ -656,8 +656,11 @@ def _sign_sentence(campaign: Campaign, channel: str, reference: str) -> str:
 
 
 def _scale_sentence(campaign: Campaign, channel: str, factor: float, reference: str, limits: RecordingLimits) -> str:
-    unit, own = campaign.channels[channel].unit, abs(campaign.factor(channel))
-    sentence = f"{channel} is {factor:.4g} times {reference}; check the units of both"
+    stated, own = campaign.channels[channel], campaign.factor(channel)
+    sentence = f"{channel} is {factor:.4g} times {reference}; check "
+    if stated.scale is not None:
+        return f"{sentence}channels.{channel}.scale = '{stated.scale}'"
+    unit, sentence = stated.unit, f"{sentence}the units of both"
     for other in UNITS[CHANNELS[channel]]:
         if abs(factor * unit_factor(other, CHANNELS[channel]) / own - 1.0) < limits.unit_tolerance:
             return f"{sentence}: did you mean '{other}' by channels.{channel}.unit = '{unit}'?"

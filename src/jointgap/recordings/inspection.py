@@ -150,8 +150,9 @@ def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawin
     no_encoder = Quantity("crank angle since the first sample, at nominal speed", "deg")
     abscissa = CRANK_ANGLE if recording.has_angle else no_encoder
     panels = [
-        (in_words(name), unit_in_words(campaign.channels[name].unit), values / campaign.factor(name))
+        (in_words(name), unit_in_words(unit), values / factor)
         for name, values in recording.channels.items()
+        for unit, factor in [campaign.shown_unit(name)]
     ]
     if recording.has_angle and recording.has_time:
         departure = (-1.0 if mirrored else 1.0) * np.degrees(recording.crank_angle - _steady_rotation(recording))

@@ -8,7 +8,7 @@ from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS
 from jointgap.config.nuisance_bounds import MOTOR_LINE
 from jointgap.errors import InputError
-from jointgap.quantities import unit_factor
+from jointgap.quantities import split_share, unit_factor
 from jointgap.recordings.contradictions import Contradiction, contradictions, sentences
 from jointgap.recordings.copies import check_copies
 from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
@@ -53,8 +53,9 @@ def read_measurements(
     ]
     found: list[Contradiction] = []
     wanted = [channel.column for channel in campaign.channels.values()]
+    clock = campaign.channels["time"].column if "time" in campaign.channels else ""
     files = {run.id: RunFile(campaign, run, limits) for run in campaign.runs}
-    read = {run: (file, read_columns(file.path, wanted, campaign.csv)) for run, file in files.items()}
+    read = {run: (file, read_columns(file.path, wanted, campaign.csv, clock)) for run, file in files.items()}
     check_copies(read, limits)
     runs = {run: _recording(file, columns, remarks, found) for run, (file, columns) in read.items()}
     others = contradictions(campaign, runs, limits) if compared else []
@@ -73,7 +74,8 @@ def _recording(file: RunFile, columns: Columns, remarks: list[str], found: list[
 
     campaign, run, limits = file.campaign, file.run, file.limits
     _check_units(file, columns, remarks)
-    values, rows = _in_si(file, columns, remarks)
+    remarks += columns.remarks
+    values, rows = _without_repeated(file, *_in_si(file, columns, remarks), remarks)
     if rows.size < limits.min_samples:
         raise InputError(f"{file.path}: {rows.size} samples are too few; give {limits.min_samples} at least")
     absent = {name: no_data(samples, limits) for name, samples in values.items() if name != "time"}
@@ -138,8 +140,8 @@ def _check_units(file: RunFile, columns: Columns, remarks: list[str]) -> None:
     for name, channel in file.campaign.channels.items():
         unit = columns.units.get(channel.column)
         try:
-            factor = unit_factor(unit, CHANNELS[name]) if unit else None
-        except Exception:  # no unit that pint knows, such as Nm: the campaign's is taken
+            factor = unit_factor(unit, CHANNELS[name]) if unit and channel.scale is None else None
+        except Exception:  # no unit that pint knows: the campaign's is taken
             continue
         if factor is not None and not np.isclose(factor, file.campaign.factor(name), rtol=1e-6):
             raise InputError(
@@ -156,8 +158,13 @@ def _in_si(file: RunFile, columns: Columns, remarks: list[str]) -> tuple[dict[st
     values = {}
     for name, channel in file.campaign.channels.items():
         written = columns.values[channel.column]
+        if split_share(channel.unit)[1] > 1.0:
+            written, bits = _without_overflow(written)
+            if bits:
+                remarks.append(f"{file.place(name)}: the counter of {bits} bits overflows; its counts are continued")
+        factor = 1.0 if name == "time" and columns.is_dated else channel.sign * file.campaign.factor(name)
         with np.errstate(over="ignore"):  # refused below
-            values[name] = channel.sign * written * file.campaign.factor(name)
+            values[name] = factor * written
         if (huge := np.flatnonzero(np.abs(values[name]) > file.limits.max_value_si)).size:
             raise InputError(
                 f"{file.place(name, columns.rows[huge[0]])}: {written[huge[0]]:g} {channel.unit} is more than any "
@@ -170,6 +177,38 @@ def _in_si(file: RunFile, columns: Columns, remarks: list[str]) -> tuple[dict[st
         lack = "1 sample has" if count == 1 else f"{count} samples have"
         remarks.append(f"{file.place(place)}: {lack} no {place.replace('_', ' ')}, left out")
     return {name: samples[kept] for name, samples in values.items()}, columns.rows[kept]
+
+
+def _without_overflow(counts: np.ndarray) -> tuple[np.ndarray, int]:
+    """Counts that run on where the counter overflowed, and the counter's bits; 0 where it did not."""
+    finite = np.flatnonzero(np.isfinite(counts))
+    steps = np.abs(np.diff(counts[finite]))
+    for bits in (16, 24, 32):
+        if steps.size and abs(steps.max() - 2.0**bits) <= 4.0 * max(float(np.median(steps)), 1.0):
+            counts = counts.copy()
+            counts[finite] = np.unwrap(counts[finite], period=2.0**bits)
+            return counts, bits
+    return counts, 0
+
+
+def _without_repeated(
+    file: RunFile, values: dict[str, np.ndarray], rows: np.ndarray, remarks: list[str]
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Channels and rows without samples that repeat the one before, or of which the campaign keeps one a time."""
+    if "time" not in values or not rows.size:
+        return values, rows
+    again = np.diff(values["time"]) == 0.0
+    if which := file.campaign.channels["time"].repeated:
+        kept = ~np.append(again, False) if which == "last" else ~np.append(False, again)
+    else:
+        for samples in values.values():
+            again &= (samples[1:] == samples[:-1]) | (np.isnan(samples[1:]) & np.isnan(samples[:-1]))
+        kept = ~np.append(False, again)
+    if not kept.all():
+        first, count = rows[np.flatnonzero(~kept)[0]], np.count_nonzero(~kept)
+        rule = f"of rows of one time the {which} is kept" if which else "they repeat the row before them"
+        remarks.append(f"{file.place('time', first)}: {rule}; so {_are(count)}, left out")
+    return {name: samples[kept] for name, samples in values.items()}, rows[kept]
 
 
 def _are(count: int) -> str:

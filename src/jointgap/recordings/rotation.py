@@ -153,8 +153,13 @@ def _check_rising(file: RunFile, time: np.ndarray, rows: np.ndarray) -> None:
     if (late := np.flatnonzero(np.diff(time) <= 0.0)).size:
         before, after = time[late[0]], time[late[0] + 1]
         what = f"repeats {after:.10g} s" if after == before else f"falls from {before:.10g} to {after:.10g} s"
-        fix = "write times with more digits" if after == before else "sort the rows, or give one file per record"
-        raise InputError(f"{file.place('time', rows[late[0] + 1])}: time {what}; {fix}")
+        fix = "sort the rows, or give one file per record"
+        if after == before:
+            fix = (
+                f"with other values ({np.count_nonzero(np.diff(time) == 0.0)} rows do); write times with more digits, "
+                "or give channels.time 'repeated: last' to keep the last row of each time, or 'first'"
+            )
+        raise InputError(f"{file.place('time', rows[late[0] + 1])}: time {what}{' ' if after == before else '; '}{fix}")
 
 
 def _check_time_alone(file: RunFile, time: np.ndarray, least: float) -> None:

@@ -1,13 +1,14 @@
 """Columns of numbers from a file of samples, CSV or Parquet, with the place of each number for messages."""
 
 import csv
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from jointgap.config.campaign_file import Csv
 from jointgap.errors import InputError, did_you_mean
@@ -22,6 +23,8 @@ _ARCHIVES = {
     b"\xd0\xcf\x11\xe0": "a spreadsheet",
 }
 _COMMA_NUMBER = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?$")
+_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
+_MOST_ABOVE = 1000  # lines among which the headings are looked for
 _MAX_UNIT_LENGTH = 15  # characters
 _MAX_TEXT_LENGTH = 60  # characters of a text that are shown
 
@@ -38,14 +41,20 @@ class Columns:
         Line of the file (CSV) or row counted from 1 (Parquet) of each sample, for messages.
     units : dict of str to str
         What a row of units below the headings says, brackets removed; empty without one.
+    remarks : tuple of str
+        What was skipped or converted.
+    is_dated : bool
+        Whether the times were dates, and are now seconds since the first.
     """
 
     values: dict[str, np.ndarray]
     rows: np.ndarray
     units: dict[str, str]
+    remarks: tuple[str, ...] = ()
+    is_dated: bool = False
 
 
-def read_columns(path: Path, wanted: Sequence[str], form: Csv) -> Columns:
+def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "") -> Columns:
     """The columns `wanted` of a file.
 
     Parameters
@@ -54,7 +63,9 @@ def read_columns(path: Path, wanted: Sequence[str], form: Csv) -> Columns:
     wanted : sequence of str
         Headings.
     form : Csv
-        Separator and decimal mark, where the campaign states them.
+        Separator, decimal mark and rows above the headings, where the campaign states them.
+    clock : str
+        Heading of the times, which may be ISO dates; empty without one.
 
     Raises
     ------
@@ -71,9 +82,9 @@ def read_columns(path: Path, wanted: Sequence[str], form: Csv) -> Columns:
         if content.startswith(start):
             raise InputError(f"{path}: is {kind}; save the samples as CSV or Parquet")
     if content.startswith(_PARQUET) or path.suffix == ".parquet":
-        columns = _parquet(path, wanted)
+        columns = _parquet(path, wanted, clock)
     else:
-        columns = _csv(path, _decoded(path, content), wanted, form)
+        columns = _csv(path, _decoded(path, content), wanted, form, clock)
     if not columns.rows.size:
         raise InputError(f"{path}: holds headings but no samples; give the file of the measurement")
     return columns
@@ -92,30 +103,51 @@ def _decoded(path: Path, content: bytes) -> str:
     return text
 
 
-def _csv(path: Path, text: str, wanted: Sequence[str], form: Csv) -> Columns:
+def _csv(path: Path, text: str, wanted: Sequence[str], form: Csv, clock: str) -> Columns:
     numbered = [(number, line) for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()]
-    lines = [(number, line) for number, line in numbered if not line.lstrip().startswith(_COMMENT)]
+    skipped = form.skip_rows or 0
+    lines = [(n, line) for n, line in numbered if n > skipped and not line.lstrip().startswith(_COMMENT)]
     if not lines:
-        raise InputError(f"{path}: is empty; give a table with headings and samples")
+        what = f"has no rows below the {skipped} of csv.skip_rows" if skipped else "is empty"
+        raise InputError(f"{path}: {what}; give a table with headings and samples")
+    place, separator = _place_of_headings(lines, wanted, form)
+    _check_quotes(path, lines[place:])
+    header_row, header = lines[place]
+    headings = _split(header, separator)
+    while headings and not headings[-1]:  # the row of headings ends with a separator
+        headings.pop()
+    also = "" if set(wanted) & set(headings) else "; where the headings are in another row, give csv.skip_rows"
+    hidden = _hidden_headings(numbered, header_row, wanted)
+    _check_headings(f"{path}, row {header_row}", headings, wanted, hidden, also)
+    remarks = ()
+    if place and form.skip_rows is None:
+        skipped_lines = "1 line" if place == 1 else f"{place} lines"
+        remarks = (f"{path}: the headings are in row {header_row}; {skipped_lines} above them skipped",)
+    table = _cells(path, lines[place + 1 :], separator, headings, header_row)
+    cells = {column: table[headings.index(column)].str.strip() for column in wanted}
+    rows = np.array([number for number, _ in lines[place + 1 :]], dtype=np.int64)
+    units = _row_of_units(cells)
+    if units:
+        rows, cells = rows[1:], {column: texts.iloc[1:] for column, texts in cells.items()}
+    dates = _seconds(path, clock, cells[clock], rows) if clock else None
+    decimal = form.decimal or _decimal(path, cells, rows)
+    values = {
+        column: _numbers(path, column, texts, rows, decimal)
+        for column, texts in cells.items()
+        if dates is None or column != clock
+    }
+    if dates is not None:
+        values[clock], remark = dates
+        remarks = (*remarks, remark)
+    return Columns(values, rows, units, remarks, is_dated=dates is not None)
+
+
+def _check_quotes(path: Path, lines: list[tuple[int, str]]) -> None:
     for number, line in lines:
         if line.count('"') % 2 or len(line) > csv.field_size_limit():
             raise InputError(
                 f"{path}, row {number}: a quotation mark is not closed, or the row has no end; mend the row"
             )
-    header_row, header = lines[0]
-    separator = form.separator or max(SEPARATORS, key=lambda mark: _matched_columns(_split(header, mark), wanted))
-    headings = _split(header, separator)
-    _check_headings(f"{path}, row {header_row}", headings, wanted, _hidden_headings(numbered, header_row, wanted))
-    places = {column: headings.index(column) for column in wanted}
-    rows = np.array([number for number, _ in lines[1:]], dtype=np.int64)
-    cells = _cells(path, lines[1:], separator, len(headings), places)
-    units = _row_of_units(cells)
-    if units:
-        rows, cells = rows[1:], {column: texts[1:] for column, texts in cells.items()}
-    decimal = form.decimal or _decimal(path, cells, rows)
-    return Columns(
-        {column: _numbers(path, column, texts, rows, decimal) for column, texts in cells.items()}, rows, units
-    )
 
 
 def _split(line: str, separator: str) -> list[str]:
@@ -124,9 +156,21 @@ def _split(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
 
 
-def _matched_columns(headings: list[str], wanted: Sequence[str]) -> tuple[int, int]:
-    """How well a separator parts the headings: columns found, then columns at all."""
-    return len(set(wanted) & set(headings)), len(headings)
+def _place_of_headings(lines: list[tuple[int, str]], wanted: Sequence[str], form: Csv) -> tuple[int, str]:
+    """Index of the headings among `lines`, and the separator: of the first line that has all columns `wanted`, else of
+    the one with most of them. With `skip_rows` stated it is the first line.
+    """
+    found, best = (0, form.separator or SEPARATORS[0]), (-1, 0)
+    for place, (_, line) in enumerate(lines[: _MOST_ABOVE if form.skip_rows is None else 1]):
+        for mark in (form.separator,) if form.separator else SEPARATORS:
+            cells = _split(line[: csv.field_size_limit()], mark)
+            matched = len(set(wanted) & set(cells))
+            # without any match the line is not moved, and the separator is the one that makes most cells
+            if matched > best[0] or (matched == best[0] and place == found[0] and len(cells) > best[1]):
+                found, best = (place, mark), (matched, len(cells))
+        if best[0] == len(set(wanted)):
+            break
+    return found
 
 
 def _hidden_headings(numbered: list[tuple[int, str]], header_row: int, wanted: Sequence[str]) -> str:
@@ -135,46 +179,57 @@ def _hidden_headings(numbered: list[tuple[int, str]], header_row: int, wanted: S
         if number >= header_row:
             break
         bare = line.lstrip(f" {_COMMENT}")[: csv.field_size_limit()]
-        if any(set(wanted) <= set(_split(bare, mark)) for mark in SEPARATORS):
+        if line.lstrip().startswith(_COMMENT) and any(set(wanted) <= set(_split(bare, mark)) for mark in SEPARATORS):
             return f"row {number} has them in a comment: remove the '{_COMMENT}' there"
     return ""
 
 
-def _check_headings(where: str, headings: Sequence[str], wanted: Sequence[str], fix: str) -> None:
+def _check_headings(where: str, headings: Sequence[str], wanted: Sequence[str], fix: str = "", also: str = "") -> None:
     for column in wanted:
         if column not in headings:
-            hint = fix or did_you_mean(column, (_shortened(heading) for heading in headings if heading))
+            hint = fix or did_you_mean(column, (_shortened(heading) for heading in headings if heading)) + also
             raise InputError(f"{where}: has no column '{column}' among its headings; {hint}")
         if list(headings).count(column) > 1:
             raise InputError(f"{where}: has the column '{column}' twice; name each column differently")
 
 
 def _cells(
-    path: Path, lines: list[tuple[int, str]], separator: str, width: int, places: dict[str, int]
-) -> dict[str, list[str]]:
-    """Texts of the wanted columns; every row must be as long as the headings."""
-    if any(mark in line for _, line in lines for mark in (" ", '"')):
-        parsed = (_split(line, separator) for _, line in lines)  # row by row, lest a quotation mark join two of them
-    else:
-        parsed = csv.reader((line for _, line in lines), delimiter=separator)
-    cells: dict[str, list[str]] = {column: [] for column in places}
-    for (row, _), line in zip(lines, parsed, strict=True):
-        if len(line) != width and (len(line) < width or any(cell.strip() for cell in line[width:])):
+    path: Path, lines: list[tuple[int, str]], separator: str, headings: list[str], header_row: int
+) -> pd.DataFrame:
+    """Texts below the headings, by the number of the column; every row must be as long as the headings."""
+    width = len(headings)
+    if separator == " ":
+        lines = [(row, " ".join(line.split())) for row, line in lines]
+    lengths = [len(_split(line, separator)) if '"' in line else line.count(separator) + 1 for _, line in lines]
+    for (row, line), length in zip(lines, lengths, strict=True):
+        if length != width and (length < width or any(_split(line, separator)[width:])):
+            all_alike = len(set(lengths)) == 1
+            fix = "as all rows have; remove the heading too many" if length < width and all_alike else "mend the row"
             raise InputError(
-                f"{path}, row {row}: has {len(line)} cells, but there are {width} headings (separator {separator!r}); "
-                "mend the row, or give csv.separator and csv.decimal"
+                f"{path}, row {row}: has {length} cells, but there are {width} headings in row {header_row} (separator "
+                f"{separator!r}); {fix}, or give csv.skip_rows, csv.separator and csv.decimal"
             )
-        for column, place in places.items():
-            cells[column].append(line[place].strip())
-    return cells
+    names = range(max([width, *lengths]))
+    if not lines:
+        return pd.DataFrame(columns=names, dtype=str)
+    text = StringIO("\n".join(line for _, line in lines))
+    try:
+        table = pd.read_csv(text, sep=separator, header=None, names=names, dtype=str, na_filter=False,
+                            skipinitialspace=True, skip_blank_lines=False)  # fmt: skip
+    except pd.errors.ParserError:
+        table = None
+    if table is None or len(table) != len(lines):  # a quotation mark joins two rows
+        row = next(row for row, line in lines if '"' in line)
+        raise InputError(f"{path}, row {row}: quotation marks from here on join rows; mend or remove them")
+    return table
 
 
-def _row_of_units(cells: dict[str, list[str]]) -> dict[str, str]:
+def _row_of_units(cells: dict[str, pd.Series]) -> dict[str, str]:
     """Units from a first row that holds short text and no number in any wanted column; {} where it is a row of samples.
 
     A row of empty cells is a row of samples: a gap.
     """
-    first = {column: texts[0] for column, texts in cells.items() if texts}
+    first = {column: texts.iloc[0] for column, texts in cells.items() if len(texts)}
     if not any(first.values()) or any(_is_number(text) or len(text) > _MAX_UNIT_LENGTH for text in first.values()):
         return {}
     return {column: text.strip("[]() ") for column, text in first.items()}
@@ -188,36 +243,60 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _decimal(path: Path, cells: dict[str, list[str]], rows: np.ndarray) -> str:
+def _decimal(path: Path, cells: dict[str, pd.Series], rows: np.ndarray) -> str:
     """The decimal mark: a comma where any number has one, and then none may have a point."""
-    comma = point = None
+    commas = ((column, np.flatnonzero(texts.str.fullmatch(_COMMA_NUMBER))) for column, texts in cells.items())
+    comma = next(((column, places[0]) for column, places in commas if places.size), None)
+    if comma is None:
+        return "."
+    first = f"{path}, column {comma[0]}, row {rows[comma[1]]}: '{cells[comma[0]].iloc[comma[1]]}' has a decimal comma"
     for column, texts in cells.items():
-        for row, text in zip(rows, texts, strict=True):
-            if comma is None and "," in text and _COMMA_NUMBER.match(text):
-                comma = (column, row, text)
-            elif point is None and "." in text and _is_number(text) and "," not in text:
-                point = (column, row, text)
-    if comma and point:
+        for place in np.flatnonzero(texts.str.contains(".", regex=False) & ~texts.str.contains(",", regex=False)):
+            if _is_number(texts.iloc[place]):
+                raise InputError(
+                    f"{first}, but '{texts.iloc[place]}' in column {column}, row {rows[place]} a point; write one of "
+                    "them throughout"
+                )
+    return ","
+
+
+def _seconds(path: Path, column: str, stamps: pd.Series, rows: np.ndarray) -> tuple[np.ndarray, str] | None:
+    """Seconds since the first of the dates in a `column`, and a remark; None where it does not begin with a date."""
+    written = stamps.notna() & (stamps != "")
+    first = next(iter(stamps[written]), None)
+    if isinstance(first, str) and _DATE.match(first):
+        stamps = stamps.str.replace(",", ".", regex=False)
+    elif not isinstance(first, pd.Timestamp):
+        return None
+    dates = pd.to_datetime(stamps.where(written), format="ISO8601", utc=True, errors="coerce")
+    if (wrong := np.flatnonzero(written & dates.isna())).size:
+        text = _shortened(stamps.iloc[wrong[0]])
         raise InputError(
-            f"{path}, column {comma[0]}, row {comma[1]}: '{comma[2]}' has a decimal comma, but '{point[2]}' in column "
-            f"{point[0]}, row {point[1]} a point; write one of them throughout"
+            f"{path}, column {column}, row {rows[wrong[0]]}: '{text}' is not a date; write all of the column as "
+            "2026-03-01T12:00:00.125"
         )
-    return "," if comma else "."
+    elapsed = (dates - dates[written].iloc[0]).dt.total_seconds().to_numpy(dtype=float)
+    return elapsed, f"{path}, column {column}: dates are read as seconds since {first}"
 
 
-def _numbers(path: Path, column: str, texts: list[str], rows: np.ndarray, decimal: str) -> np.ndarray:
-    values = np.empty(len(texts))
-    for index, text in enumerate(texts):
-        try:
-            # float() would take '1_000'; a point beside a decimal comma would be a mark for thousands
-            if "_" in text or (decimal == "," and "." in text):
-                raise ValueError
-            values[index] = float(text.replace(",", ".") if decimal == "," else text) if text else math.nan
-        except ValueError as error:
-            raise InputError(
-                f"{path}, column {column}, row {rows[index]}: '{_shortened(text)}' is not a number; "
-                "correct it, or leave the cell empty where nothing was measured"
-            ) from error
+def _numbers(path: Path, column: str, texts: pd.Series, rows: np.ndarray, decimal: str) -> np.ndarray:
+    # float() would take '1_000'; a point beside a decimal comma would be a mark for thousands
+    odd = texts.str.contains("_", regex=False)
+    plain = texts
+    if decimal == ",":
+        odd |= texts.str.contains(".", regex=False)
+        plain = texts.str.replace(",", ".", regex=False)
+    plain = plain.mask(odd, "x").mask(texts == "", "nan")
+    try:
+        values = plain.to_numpy(dtype=float)
+    except ValueError:
+        place = next(place for place, text in enumerate(plain) if not _is_number(text) or "," in text)
+        text = texts.iloc[place]
+        stamp = "; write times as numbers or as ISO dates such as 2026-03-01T12:00:00.125" if ":" in text else ""
+        raise InputError(
+            f"{path}, column {column}, row {rows[place]}: '{_shortened(text)}' is not a number; "
+            f"correct it, or leave the cell empty where nothing was measured{stamp}"
+        ) from None
     return _finite(path, column, values, rows)
 
 
@@ -230,7 +309,7 @@ def _finite(path: Path, column: str, values: np.ndarray, rows: np.ndarray) -> np
     return values
 
 
-def _parquet(path: Path, wanted: Sequence[str]) -> Columns:
+def _parquet(path: Path, wanted: Sequence[str], clock: str) -> Columns:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -240,12 +319,16 @@ def _parquet(path: Path, wanted: Sequence[str]) -> Columns:
         headings = pq.read_schema(path).names
     except (pa.ArrowException, OSError, ValueError) as error:
         raise _unreadable(path, error) from error
-    _check_headings(str(path), headings, wanted, "")
+    _check_headings(str(path), headings, wanted)
     try:
         table = pq.read_table(path, columns=list(wanted), page_checksum_verification=True)
-        values = {}
+        values, dates = {}, None
         for column in wanted:
             kind = table.schema.field(column).type
+            if column == clock and pa.types.is_timestamp(kind):
+                dates = _seconds(path, column, table.column(column).to_pandas(), np.arange(1, table.num_rows + 1))
+                values[column] = np.full(table.num_rows, np.nan) if dates is None else dates[0]
+                continue
             if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
                 raise InputError(f"{path}, column {column}: holds {kind}, not numbers; write it as numbers")
             numbers = table.column(column).cast(pa.float64(), safe=False)
@@ -253,7 +336,8 @@ def _parquet(path: Path, wanted: Sequence[str]) -> Columns:
     except (pa.ArrowException, OSError) as error:
         raise _unreadable(path, error) from error
     rows = np.arange(1, table.num_rows + 1)
-    return Columns({column: _finite(path, column, numbers, rows) for column, numbers in values.items()}, rows, {})
+    values = {column: _finite(path, column, numbers, rows) for column, numbers in values.items()}
+    return Columns(values, rows, {}, (dates[1],) if dates else (), is_dated=dates is not None)
 
 
 def _unreadable(path: Path, error: Exception | str) -> InputError:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.load import validate
-from jointgap.config.nuisance_bounds import NUISANCES, RUN_NUISANCES, nominal_values
+from jointgap.config.nuisance_bounds import NUISANCES, RUN_NUISANCES
 from jointgap.errors import InputError
 from jointgap.identification.protocol import Parameter
 from jointgap.joints import PINS
@@ -28,7 +28,7 @@ def shared_nuisances(
     nuisances = []
     for key in campaign.nuisance:
         if key not in RUN_NUISANCES and key not in campaign.idle_nuisances:
-            nominal = nominal_values(campaign.mechanism, key)[0]
+            nominal = campaign.nominals(key)[0]
             low, high = campaign.bounds(key, nominal)
             nuisances.append(_parameter(settings, key, nominal, low, high, NUISANCES[key] or "1"))
     if (width := friction_speed(campaign.mechanism)) is not None:
