@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
@@ -98,3 +99,37 @@ def test_a_whole_analysis_ends_with_its_verdict_in_words_and_on_a_page(tmp_path,
     assert ran.exit_code == 0 and "Coulomb friction of the slider" in ran.output
     for page in ("summary.md", "summary.html"):
         assert "Coulomb friction of the slider" in (tmp_path / page).read_text()
+
+
+@pytest.fixture
+def swapped_columns(tmp_path):
+    """The demonstration with the columns of torque and acceleration exchanged in all files."""
+    for file in (DEMONSTRATION.parent / "demonstration").glob("*.csv"):
+        table = pd.read_csv(file, comment="#")
+        torque, acceleration = "torque_Nm", "acc_g"
+        table[[torque, acceleration]] = table[[acceleration, torque]].to_numpy()
+        table.to_csv(tmp_path / file.name, index=False)
+    text = DEMONSTRATION.read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
+    (tmp_path / "plan.yaml").write_text(text.replace("demonstration/", ""))
+    return tmp_path / "plan.yaml"
+
+
+def test_an_analysis_of_swapped_columns_stops_after_reading_them_unless_it_is_asked_to_go_on(
+    swapped_columns, monkeypatch
+):
+    class Reached(Exception):
+        pass
+
+    def recalibrate(state):
+        raise Reached
+
+    stand_in(monkeypatch, "preflight", lambda state, **given: None)
+    stand_in(monkeypatch, "recalibrate", recalibrate)
+    folder = swapped_columns.parent / "results"
+    for command in ("analyse", "noise"):
+        with pytest.raises(InputError, match=r"(?s)go on all the same: --anyway.*torque and slider_acc.* swapped"):
+            asked(command, swapped_columns, "--folder", folder)
+    assert not [*(folder / "noise").glob("*.parquet")]
+    with pytest.raises(Reached):
+        asked("analyse", swapped_columns, "--folder", folder, "--anyway")
+    assert [*(folder / "noise").glob("*.parquet")]

@@ -78,6 +78,7 @@ use rule campaign_stage as campaign_recalibrate with:
         runtime=30,
     params:
         **of_campaign_stages("noise", "recalibrate"),
+        more=["--anyway"] if config.get("anyway") else [],
     message:
         "campaign {wildcards.campaign}: find the noise, re-fit uncertain parameters"
 

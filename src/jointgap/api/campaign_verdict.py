@@ -163,7 +163,7 @@ class Verdict(Result):
         return rows
 
 
-def analyse(campaign: Path | str, folder: Path | str | None = None) -> Verdict:
+def analyse(campaign: Path | str, folder: Path | str | None = None, anyway: bool = False) -> Verdict:
     """Find where the measured runs of a campaign disagree with its model, and what is missing in the model.
 
     Parameters
@@ -173,6 +173,8 @@ def analyse(campaign: Path | str, folder: Path | str | None = None) -> Verdict:
     folder : Path or str, optional
         Where all tables, the mechanism with what was found and ``verdict.json`` are written;
         ``results/campaigns/{name of the campaign}`` by default. What an earlier analysis concluded there is removed.
+    anyway : bool
+        Whether to go on where channels contradict each other, such as two columns that are swapped.
 
     Returns
     -------
@@ -181,7 +183,8 @@ def analyse(campaign: Path | str, folder: Path | str | None = None) -> Verdict:
     Raises
     ------
     InputError
-        Campaign or data cannot be used, or the folder cannot be written; the message says what to do.
+        Campaign or data cannot be used, channels contradict each other, or the folder cannot be written; the message
+        says what to do.
     SimulationError
         The model as it stands cannot be simulated.
 
@@ -197,7 +200,7 @@ def analyse(campaign: Path | str, folder: Path | str | None = None) -> Verdict:
 
     campaign = campaign_file(campaign)
     folder = Path(folder or Path("results/campaigns") / load_campaign(campaign).name)
-    return Verdict(folder, run(campaign, folder))
+    return Verdict(folder, run(campaign, folder, anyway=anyway))
 
 
 def read_verdict(folder: Path | str) -> Verdict:

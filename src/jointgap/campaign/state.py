@@ -118,6 +118,24 @@ class CampaignState:
         """Channels that contradict others, by what the stage measure found."""
         return tuple(dict.fromkeys(found.channel for found in self.measurements.contradictions if found.doubtful))
 
+    def check_agreement(self) -> None:
+        """Make sure that channels do not contradict each other before hours of work.
+
+        Raises
+        ------
+        InputError
+            The stage measure found that they do.
+        """
+        from jointgap.recordings.contradictions import sentences
+
+        if found := [one for one in self.measurements.contradictions if one.stops]:
+            raise InputError(
+                f"campaign {self.campaign.name}: channels are not what they are said to be, so nothing was analysed; "
+                "mend the campaign file or the data, or go on all the same: --anyway (in Python anyway=True, in a "
+                "configuration anyway: true)",
+                *sentences(found),
+            )
+
     def remaining_doubts(self, explanations: "Sequence[Fit]") -> tuple[str, ...]:
         """Channels that contradict others even once the faults of sensors that `explanations` hold are taken out."""
         if not self.doubted_channels:

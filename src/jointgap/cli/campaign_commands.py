@@ -26,7 +26,9 @@ _parts = click.option(
 _part = click.option(
     "--part", type=click.IntRange(min=0), default=0, show_default=True, help="Which of them to fit, counted from 0."
 )
+_anyway = click.option("--anyway", is_flag=True, help="Go on where channels contradict each other.")
 _OPTIONS = {
+    "noise": (_anyway,),
     "fit": (_part, _parts),
     "pair": (_part, _parts),
     "decide": (_parts,),
@@ -93,7 +95,8 @@ def rechain(arguments: tuple[str, ...]) -> NoReturn:
 @cli.command()
 @_campaign
 @_folder
-def analyse(campaign: Path, folder: Path | None) -> None:
+@_anyway
+def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     """Find what is missing in the model of CAMPAIGN: every stage in one go, down to verdict.json, summary and figures.
 
     `make campaign` does the same with stages side by side, goes on where it was stopped, and optimises again.
@@ -105,13 +108,15 @@ def analyse(campaign: Path, folder: Path | None) -> None:
         The campaign file.
     folder : Path, optional
         Of the results.
+    anyway : bool
+        Whether to go on where channels contradict each other.
     """
     from jointgap.campaign.conclude import show
     from jointgap.stages.campaign_pipeline import analyse as analyse_campaign
     from jointgap.stages.what_came_out import verdict_lines
 
     state = _state(campaign, folder)
-    analyse_campaign(campaign, state.folder.path, pictures=True)
+    analyse_campaign(campaign, state.folder.path, pictures=True, anyway=anyway)
     show(state)
     click.echo("\n".join(verdict_lines(state.folder.path)))
 

@@ -99,7 +99,7 @@ _DEFAULT_SECTIONS: dict[str, Any] = {
 RESERVED_SCENARIOS = ("campaigns", "blind", "drills", "logs", "mlflow-artifacts")
 """Folders of results that are no scenario's."""
 
-_NOT_OF_SCENARIOS = ("run", "scenarios", "campaigns", "fit_parts")
+_NOT_OF_SCENARIOS = ("run", "scenarios", "campaigns", "fit_parts", "anyway")
 
 
 def resolve(
@@ -113,8 +113,8 @@ def resolve(
     Parameters
     ----------
     config : mapping
-        Base sections, ``scenarios`` (overrides by name) and ``run`` (names to run; all when absent); ``campaigns`` and
-        ``fit_parts`` are passed over.
+        Base sections, ``scenarios`` (overrides by name) and ``run`` (names to run; all when absent); ``campaigns``,
+        ``fit_parts`` and ``anyway`` are passed over.
     folders : tuple of Path
         Where mechanism files are looked for, first found wins.
     source : str
@@ -329,6 +329,7 @@ def json_schema() -> dict[str, Any]:
             "scenarios": overrides,
             "campaigns": campaigns,
             "fit_parts": fit_parts,
+            "anyway": {"type": "boolean", "description": "analyse campaigns whose channels contradict each other too"},
             **sections,
         },
         "$defs": schema["$defs"],

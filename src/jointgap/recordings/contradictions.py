@@ -57,6 +57,11 @@ class Contradiction:
     phase: float = np.nan
     doubtful: bool = True
 
+    @property
+    def stops(self) -> bool:
+        """Whether it is to be mended before an analysis, unlike the zero of an encoder, which an analysis finds."""
+        return self.doubtful and (self.channel, self.kind) != ("crank_angle", "phase")
+
 
 @dataclass(frozen=True)
 class Orders:

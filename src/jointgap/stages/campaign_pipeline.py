@@ -27,6 +27,7 @@ def analyse(
     settings: IdentificationSettings = DEFAULT_SETTINGS,
     model_settings: SliderCrankSettings | None = None,
     pictures: bool = False,
+    anyway: bool = False,
 ) -> dict[str, Any]:
     """Find where model and measurement of a campaign disagree and what is missing.
 
@@ -43,6 +44,8 @@ def analyse(
         Tuned numbers of the slider-crank model; its own defaults where absent.
     pictures : bool
         Whether the cycles of the runs are drawn too. The summary page has their numbers.
+    anyway : bool
+        Whether to go on where channels contradict each other.
 
     Returns
     -------
@@ -52,7 +55,8 @@ def analyse(
     Raises
     ------
     InputError
-        Campaign or data cannot be used, or the folder cannot be written; the message says what to do.
+        Campaign or data cannot be used, channels contradict each other, or the folder cannot be written; the message
+        says what to do.
     SimulationError
         The model as it stands cannot be simulated.
     """
@@ -62,7 +66,7 @@ def analyse(
     state.folder.check_writable(*written)
     _remove_conclusions(state.folder)
     # advice is sought where the verdict needs it
-    options = {"measure": {"pictures": pictures}, "preflight": {"advice": False}}
+    options = {"measure": {"pictures": pictures}, "preflight": {"advice": False}, "noise": {"anyway": anyway}}
     for stage in followed(stages, "stages of the analysis"):
         begin = time.monotonic()
         stage.function(state, **options.get(stage.name, {}))

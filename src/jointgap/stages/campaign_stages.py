@@ -121,10 +121,19 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
 
 
 @CAMPAIGN_STAGES.stage(reads=_MEASURED, writes=_of("noise", NOISE_TABLES))
-def noise(state: "CampaignState") -> None:
-    """Find the noise of every channel of every run, from what does not repeat."""
+def noise(state: "CampaignState", anyway: bool = False) -> None:
+    """Find the noise of every channel of every run, from what does not repeat.
+
+    Parameters
+    ----------
+    state : CampaignState
+    anyway : bool
+        Whether to go on where channels contradict each other.
+    """
     from jointgap.identification.noise_model import noise_of_model
 
+    if not anyway:
+        state.check_agreement()
     state.noise = noise_of_model(state.model, state.settings)
     state.write_noise(state.noise, "noise")
 
