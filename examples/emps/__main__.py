@@ -31,12 +31,12 @@ class Named:
 
     @property
     def chosen(self) -> Fit:
-        """The model with the effects named."""
-        return self.decision.chosen
+        """The model with the effects named, or with those that explain most."""
+        return self.decision.proposed or self.decision.chosen
 
     @property
     def names(self) -> list[str]:
-        """The effects named."""
+        """Its effects."""
         return [candidate.label for candidate in self.chosen.hypothesis]
 
 

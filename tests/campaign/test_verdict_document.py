@@ -47,7 +47,7 @@ CUBE, WAVE = effect("discovered_slider_force[v^3]", "size"), effect("discovered_
 
 
 def outcome_of(chosen, base=None, equivalent=(), ranking=()):
-    rows = pd.DataFrame(ranking, columns=["explanation", "bic"])
+    rows = pd.DataFrame(ranking, columns=["explanation", "bic"]).assign(admissible=True)
     return Outcome("named", "it is so", chosen, base or fitted([], [1.0], 900.0), list(equivalent), rows)
 
 
@@ -56,6 +56,7 @@ def gaps(after=(1.0, 1.05), fall=(60.0, 64.0), features=(np.nan, np.nan)):
     rows = [
         {"role": role, "run": "all", "channel": "all", "before": before, "after": ends}
         | {"fall_low": fall[0], "fall_high": fall[1], "fall_expected": 62.0}
+        | {"after_low": ends}
         | {"features_before": features[0], "features_after": features[1]}
         for role, before, ends in (("identify", 9.0, after[0]), ("confirm", 8.0, after[1]))
     ]
@@ -242,6 +243,13 @@ def test_what_several_explanations_hold_is_certain_with_the_values_of_the_best()
     (certain,) = document(outcome)["certain"]
     assert (certain["name"], certain["parameters"]["force_N"]["value"]) == ("friction", 20.0)
     assert document(replace(outcome, equivalent=rivals[:1] + [fitted([WAVE], [1.5, 4.0], 72.0)]))["certain"] == []
+    ends = [(fit.label, fit.bic) for fit in rivals]
+    for behind, names in (
+        (-0.1, []),
+        (0.1, ["friction"]),
+    ):  # without friction, and as near or not
+        near = outcome_of(outcome.chosen, equivalent=rivals, ranking=[*ends, ("wave", rivals[1].bic + behind)])
+        assert [one["name"] for one in document(near)["certain"]] == names
 
 
 def test_what_is_best_but_not_proven_stands_with_its_end_its_test_and_its_nearest_rival():

@@ -145,9 +145,9 @@ def real() -> tuple[Emps, object]:
     return model, name(model)
 
 
-def test_on_the_real_axis_dry_friction_and_a_constant_force_are_named_and_nothing_else(real):
+def test_on_the_real_axis_dry_friction_and_a_constant_force_explain_most_of_what_is_missing(real):
     _, found = real
-    assert found.decision.verdict == "named_with_remaining_misfit", found.decision.because
+    assert found.decision.verdict == "unexplained", found.decision.because  # a gap of 7 is left on the held-out run
     assert set(found.names) == {"slider_coulomb_friction", "slider_constant_force"}
 
 

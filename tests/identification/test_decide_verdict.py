@@ -10,6 +10,7 @@ import pytest
 from jointgap.identification.decide_verdict import certain_effects, decide, decide_rough, rank, reduced_chi2, weigh
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.identification.settings import DecisionSettings
 from jointgap.identification.thresholds import Thresholds
 
 SAMPLES = 1000
@@ -34,10 +35,12 @@ def fitted(chi2, *effects, value=1.0, nuisances=1, status="converged", reason=""
     return Fit(effects, tuple(parameters), values, residual, jacobian, 1, status, reason)
 
 
-def decided(base, fits, nominal=None, limits=LIMITS, similarity=None, bounds=None, within=lambda *_: False, second=0.0):
+def decided(
+    base, fits, nominal=None, limits=LIMITS, similarity=None, bounds=None, within=lambda *_: False, second=0.0, **more
+):
     """The decision, with nominal values that are far worse than the base where a test says nothing of them."""
     nominal = nominal or fitted(base.chi2 + 500.0, nuisances=0)
-    return decide(base, nominal, fits, limits, similarity or {}, bounds or {}, within, second)
+    return decide(base, nominal, fits, limits, similarity or {}, bounds or {}, within, second, **more)
 
 
 COULOMB, SPRING, MASS = effect("coulomb"), effect("spring"), effect("mass", replaces={"slider_mass": "size"})
@@ -182,6 +185,30 @@ def test_rivals_that_explain_nearly_all_are_told_as_such(share, verdict):
 
 
 # What an effect leaves
+
+
+@pytest.mark.parametrize(
+    ("chi2", "verdict"),
+    [
+        (1.18**2 * SAMPLES, "unexplained"),  # explains 28 % of a gap of 1.24
+        (1.02 * SAMPLES, "named"),  # 96 %
+        (1.03 * SAMPLES, "unexplained"),  # 94 %
+    ],
+)
+def test_null_campaigns_that_leave_much_are_no_reason_to_name_what_explains_little(chi2, verdict):
+    """The noise is known poorly: from few cycles."""
+    limits = Thresholds(rate=0.01, omnibus=1.6, max_gain_threshold=12.0, numerical_noise=0.0)
+    base = fitted(1.24**2 * SAMPLES)
+    strict = replace(DecisionSettings(), tolerated_reduced_chi2=1.0)
+    found = decided(base, [fitted(chi2, COULOMB)], limits=limits, settings=strict)
+    assert found.verdict == verdict
+    assert (found.best_known is None) == (verdict != "unexplained")
+
+
+@pytest.mark.parametrize(("rest", "verdict"), [(1.0999, "named"), (1.1001, "unexplained")])
+def test_what_would_not_be_called_missing_need_not_be_explained(rest, verdict):
+    limits = Thresholds(rate=0.01, omnibus=1.6, max_gain_threshold=12.0, numerical_noise=0.0)
+    assert decided(fitted(1500.0), [fitted(rest * (SAMPLES - 2), COULOMB)], limits=limits).verdict == verdict
 
 
 @pytest.mark.parametrize(
@@ -389,6 +416,23 @@ def test_chi2_of_as_many_parameters_as_samples_is_taken_as_it_is():
     )
 
 
+# A frequency of its own that is none
+
+
+@pytest.mark.parametrize(("order", "verdict"), [("order 1 of the crank in run slow", "unexplained"), ("", "named")])
+@pytest.mark.parametrize("beside", [(), (COULOMB,)])
+def test_an_effect_that_swings_at_an_order_of_a_crank_is_not_named(beside, order, verdict):
+    swinging = replace(
+        effect("swing"), coordinates=(Parameter("size", 0.0), Parameter("frequency_Hz", 5.0)), steady_counterpart="push"
+    )
+    fit = fitted(NOISE, *beside, swinging)
+    fit = replace(fit, parameters=(Parameter("swing.frequency_Hz", 5.0), *fit.parameters[1:]), values=fit.values + 5.04)
+    asked = []
+    found = decided(fitted(GREAT), [fit], order_in_words=lambda hertz: asked.append(hertz) or order)
+    assert (found.verdict, asked) == (verdict, [5.04])
+    assert not order or found.ranking[0].remark == f"swing swings at 5.04 Hz, which is {order}"
+
+
 # Effects whose size is not there, or at its end
 
 
@@ -447,14 +491,23 @@ def left(share, *effects):
 DRAG, BIAS = effect("drag"), effect("bias")
 
 
-@pytest.mark.parametrize(("rest", "verdict"), [(0.0059, "ambiguous"), (0.0061, "named_with_remaining_misfit")])
-def test_rivals_that_leave_hardly_more_of_a_rest_are_not_told_apart_however_far_their_bic(rest, verdict):
+@pytest.mark.parametrize(("rest", "verdict"), [(0.0059, "unexplained"), (0.0061, "named_with_remaining_misfit")])
+def test_where_another_far_behind_in_bic_leaves_hardly_more_of_a_rest_neither_is_named_nor_both_called_equal(
+    rest, verdict
+):
     fits = [left(0.003, COULOMB, DRAG), left(rest, COULOMB, BIAS)]
     assert fits[1].bic - fits[0].bic > 250.0
     found = decided(fitted(WHOLE), fits)
+    assert (found.verdict, found.equivalent) == (verdict, [])
+    assert (found.best_known is None) == (verdict != "unexplained")
+
+
+@pytest.mark.parametrize(("apart", "verdict"), [(13.9, "ambiguous"), (14.1, "unexplained")])
+def test_what_is_called_equal_is_close_also_where_more_than_noise_is_left(apart, verdict):
+    best = left(0.01, COULOMB)
+    found = decided(fitted(WHOLE), [best, fitted(best.chi2 + apart, SPRING)])
     assert found.verdict == verdict
-    certain = [candidate.label for candidate in certain_effects(found.equivalent)]
-    assert certain == (["coulomb"] if verdict == "ambiguous" else [])
+    assert [fit.label for fit in found.equivalent] == (["coulomb", "spring"] if verdict == "ambiguous" else [])
 
 
 @pytest.mark.parametrize(("rest", "verdict"), [(0.0099, "named_with_remaining_misfit"), (0.0101, "unexplained")])
@@ -472,6 +525,12 @@ def test_explanations_that_share_an_effect_have_it_as_certain():
     assert [candidate.label for candidate in certain_effects(found.equivalent)] == ["coulomb"]
     assert certain_effects([fitted(NOISE, COULOMB), fitted(NOISE, SPRING)]) == []
     assert certain_effects([]) == []
+
+
+def test_what_an_explanation_as_near_as_those_that_are_equal_does_without_is_not_certain():
+    shared = [fitted(NOISE, COULOMB, BIAS), fitted(NOISE + 1.0, COULOMB, DRAG, BIAS)]
+    for close, certain in ([["coulomb", "spring", "bias"]], ["coulomb", "bias"]), ([["coulomb"]], ["coulomb"]):
+        assert [candidate.label for candidate in certain_effects(shared, close)] == certain
 
 
 # A base that hardly shows, and what is best but not proven

@@ -237,3 +237,37 @@ def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new(analys
     assert simulations() < 100  # steps of differences are found anew, and the laws of a family are tried
     monkeypatch.setattr(hypothesis_fits, "_max_simulations", lambda problem: 50)
     assert simulations() < 150  # a fit that has begun ends
+
+
+@pytest.mark.parametrize("bias", [-0.03, 0.03])
+def test_two_effects_that_mask_each_other_are_fitted_though_neither_is_sufficient_alone(bias):
+    """Dry friction makes a torque with a mean, and a bias takes that away, or doubles it."""
+    hidden = {"coulomb": {"force_N": 0.5}, "sensor_bias:torque": {"bias": bias}}
+    model = toy(hidden, seed=3, channels=("torque",))
+    base = recalibrate(model, stated_noise(model))
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    alone = [fit_hypothesis(base.problem, (candidate_of("spring"),), differences=base.differences)]
+    found = min(fit_pairs(base, signatures, limits, alone)[0], key=lambda fit: fit.chi2)
+    assert labels_of(found.hypothesis) == hidden.keys()
+    assert found.chi2 < limits.omnibus * base.problem.size
+
+
+def test_only_pairs_that_would_leave_a_twentieth_of_what_can_be_simulated_are_fitted_so_and_no_more_than_three():
+    model = toy({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1)
+    base = recalibrate(model, stated_noise(model))
+    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+
+    def chosen(base, *alone):
+        return [pair.label for pair, _ in hypothesis_fits._masked_pairs(base, signatures, alone, limits)]
+
+    assert chosen(base)[0] == "coulomb + spring"
+    assert len(chosen(base)) <= DEFAULT_SETTINGS.selection.partners
+    assert not any("spring" in label for label in chosen(base, fit_of(base, "spring", chi2=1.0, status=FAILED)))
+    assert chosen(replace(base, base=fit_of(base, chi2=0.99))) == []
+
+
+def test_where_a_single_effect_would_be_sufficient_no_pair_is_fitted_so(analysed):
+    base, signatures, limits = analysed
+    assert hypothesis_fits._masked_pairs(base, signatures, [], limits) == []

@@ -325,3 +325,62 @@ def test_members_of_the_pair_that_gains_most_are_fitted_alone_though_it_is_not_a
     ranked = SimpleNamespace(fit=pair, delta_bic=gain, admissible=False)
     decision = SimpleNamespace(chosen=base, equivalent=[], ranking=[ranked])
     assert (pair in model_selection._proposed(decision)) == is_asked
+
+
+# Before a name
+
+
+def test_what_looks_like_the_explanation_that_would_be_named_is_fitted_from_its_nuisances(monkeypatch):
+    """The true one was never fitted: quadratic drag is hidden, and viscous friction would be named."""
+    model = toy({"quadratic": {"drag_N_s2_m2": 0.04}}, {"slider_mass": 0.51}, seed=4)
+    base = recalibrate(model, stated_noise(model))
+    found = simulate_signatures(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, found, other_numerics(base.problem, base.base))
+    viscous = fit_hypothesis(base.problem, (candidate_of("viscous"),), differences=base.differences, refresh=True)
+    begun, usual = {}, model_selection.fit_hypothesis
+
+    def recorded(problem, hypothesis, start=None, *rest, **more):
+        begun.setdefault(hypothesis[-1].label if hypothesis else "", start)
+        return usual(problem, hypothesis, start, *rest, **more)
+
+    monkeypatch.setattr(model_selection, "fit_hypothesis", recorded)
+    alike = model_selection.fit_look_alikes(base, found, viscous)
+    assert {"coulomb", "quadratic"} <= begun.keys()
+    assert "constant_force" not in begun
+    assert begun["quadratic"]["slider_mass"] == pytest.approx(viscous.mapping["slider_mass"], rel=0.01)
+    assert min(alike, key=lambda fit: fit.chi2).label == "quadratic"
+    assert viscous.chi2 < limits.omnibus * base.problem.size  # it leaves noise alone
+    assert select_hypothesis(base, found, [viscous], limits).chosen.label == "quadratic"
+
+
+def test_in_a_pair_what_looks_like_one_effect_is_fitted_beside_the_other():
+    model = toy({"quadratic": {"drag_N_s2_m2": 0.1}, "spring": {"stiffness_N_m": 5.0}}, seed=4)
+    base = recalibrate(model, stated_noise(model))
+    found = simulate_signatures(base.problem, base.base, base.differences)
+    pair = fit_hypothesis(base.problem, (candidate_of("viscous"), candidate_of("spring")), refresh=True)
+    best = min(model_selection.fit_look_alikes(base, found, pair), key=lambda fit: fit.chi2)
+    assert best.label == "spring + quadratic"
+    assert best.chi2 < 1.1 * base.problem.size < pair.chi2
+
+
+# Other ends
+
+
+@pytest.mark.parametrize(("left", "factor", "is_wider"), [(2.0, 1.9, True), (2.0, 2.1, False), (1.05, 1.0, False)])
+def test_where_more_than_noise_is_left_errors_hold_another_end_that_is_as_good(left, factor, is_wider):
+    noise = SAMPLES - 2.0
+    fit = fitted(noise * left, COULOMB)
+    end = replace(fitted(noise * (1.0 + factor * (left - 1.0)), COULOMB), values=fit.values + [0.0, 9.0])
+    near = replace(end, values=fit.values + [0.0, 0.5])
+    other = replace(fitted(noise, SPRING), values=fit.values + [0.0, 99.0])
+    wider = model_selection.with_other_ends(fit, [near, end, fit, other])
+    before, after = (np.sqrt(np.diag(each.distribution.covariance)) for each in (fit, wider))
+    assert after[0] == pytest.approx(before[0])
+    assert after[1] == pytest.approx(np.hypot(before[1], 9.0 if is_wider else 0.0))
+
+
+def test_draws_hold_such_an_end_too():
+    fit = fitted(400.0, COULOMB)
+    drawn = replace(fit, draws=np.random.default_rng(1).standard_normal((4000, 2)) + fit.values)
+    wider = model_selection.with_other_ends(drawn, [replace(fit, values=fit.values + [0.0, 9.0])])
+    assert np.std(wider.distribution.draws, axis=0) == pytest.approx([1.0, np.hypot(1.0, 9.0)], rel=0.05)

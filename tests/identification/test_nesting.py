@@ -69,7 +69,7 @@ def test_of_a_pair_one_effect_leaves_what_it_does_with_the_other_absent_and_all_
     model = toy({"viscous": {"damping_N_s_m": 0.2}, "constant_force": {"force_N": 0.2}}, seed=5)
     problem, viscous = Problem(model, stated_noise(model)), candidate_of("viscous")
     pair = fit_hypothesis(problem, (candidate_of(other), viscous), refresh=True)
-    found = without_other_effects(problem, pair, viscous)
+    found = without_other_effects(problem, pair, (viscous,))
     assert found.hypothesis == (viscous,)
     kept = {key: value for key, value in pair.mapping.items() if not key.startswith(other)}
     assert found.mapping == {"slider_mass": 0.5, **kept}

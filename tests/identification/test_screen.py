@@ -7,6 +7,7 @@ import pytest
 
 from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import CONVERGED, Fit, fit_hypothesis
+from jointgap.identification.frequency_search import orders_of_cranks
 from jointgap.identification.problem import Problem
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.screening import Signature, SignatureRegression, Signatures, simulate_signatures
@@ -148,3 +149,48 @@ def test_an_effect_that_could_not_be_simulated_about_the_base_is_like_none():
     )
     assert spaces.nearest(lost)[1] == 0.0
     assert not spaces.is_special_case(lost, (rest[-1].candidate,))
+
+
+def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if_together_they_do():
+    """Residuals linear in three amplitudes; the signatures of the first two are nearly opposite."""
+    rng = np.random.default_rng(0)
+    first, apart, third, noise = rng.standard_normal((4, 400, 1))
+    columns = (first, 0.2 * apart - first, third)
+    residual = 10.0 * (columns[0] + columns[1])[:, 0] + 0.1 * noise[:, 0]
+    one = Candidate("one", "slider", (Parameter("size", 0.0),), ("size",))
+    entries = [
+        Signature(replace(one, name=name), {}, column, residual, ("slow",))
+        for name, column in zip(("one", "two", "three"), columns, strict=True)
+    ]
+    regression = SignatureRegression(Signatures((), np.empty(0), np.empty((400, 0)), residual, entries, {}))
+    assert all(single.chi2 > 0.9 * residual @ residual for single in regression.singles())
+    best, *others = regression.pairs()
+    assert (best.label, len(others)) == ("one + two", 2)
+    assert best.chi2 < 0.01 * residual @ residual
+    assert best.start == pytest.approx({"one.size": -10.0, "two.size": -10.0}, rel=0.1)
+
+
+def test_no_pair_is_made_of_two_effects_that_replace_one_nuisance_or_of_one_that_is_searched():
+    one = Candidate("one", "slider", (Parameter("size", 0.0),), ("size",), replaces={"mass": "size"})
+    column, residual = np.ones((9, 1)), np.ones(9)
+    entries = [Signature(replace(one, name=name), {}, column, residual, ("slow",)) for name in ("one", "two")]
+    entries.append(Signature(replace(one, name="three", replaces={}), {}, column, residual, (), only_searched=True))
+    assert SignatureRegression(Signatures((), np.empty(0), np.empty((9, 0)), residual, entries, {})).pairs() == []
+
+
+@pytest.mark.parametrize(
+    ("frequency", "order"),
+    [(5.04, "order 1 of the crank in run slow"), (7.2, "order 0.5 of the crank in run fast"), (6.1, ""), (10.2, "")],
+)
+def test_a_frequency_near_an_order_or_half_an_order_of_a_crank_is_that_order(frequency, order):
+    model = toy(speeds={"slow": 2 * np.pi * 5.0, "fast": 2 * np.pi * 14.0}, held_out=())
+    problem = Problem(model, stated_noise(model))
+    assert orders_of_cranks(problem.parts, problem.settings.screening)(frequency) == order
+
+
+def test_no_effect_of_its_own_frequency_begins_at_an_order_of_a_crank():
+    hidden = {"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.1, "frequency_Hz": 1.01 * 16.0 / (2 * np.pi)}}
+    problem, *_, signatures = screened(hidden, seed=4)
+    order = orders_of_cranks(problem.parts, problem.settings.screening)
+    tried = [one.shape_parameters["frequency_Hz"] for one in signatures.of("harmonic_force")]
+    assert tried and not any(map(order, tried))

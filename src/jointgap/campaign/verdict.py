@@ -69,7 +69,7 @@ def document(
         Whether the motion repeats; statistics over cycles are compared where it does not.
     """
     gains = _gains(outcome)
-    certain = {candidate.label for candidate in certain_effects(outcome.equivalent)}
+    certain = {candidate.label for candidate in certain_effects(outcome.equivalent, _close(outcome))}
     test = held_out_test(gaps) if outcome.proposed else None
     by_features = any(fit.status == MATCHED for fit in outcome.explanations)
     return {
@@ -207,6 +207,15 @@ def _with_families(named: list[dict[str, Any]], families: pd.DataFrame | None) -
         left |= {"interval_99": [row.low, row.high], "named": not row.alone}
         found.setdefault(row.effect if row.fits else row.law, []).append(left)
     return [effect | ({"families": found[effect["name"]]} if effect["name"] in found else {}) for effect in named]
+
+
+def _close(outcome: Outcome) -> list[list[str]]:
+    """Effects of each admissible explanation whose BIC is no farther from the best than those that are equivalent."""
+    if not outcome.equivalent:
+        return []
+    ranking = outcome.ranking.query("admissible").set_index("explanation")["bic"]
+    farthest = ranking.reindex([fit.label for fit in outcome.equivalent]).max()
+    return [label.split(JOINED) for label in ranking.index[ranking <= farthest]]
 
 
 def _gains(outcome: Outcome) -> dict[str, float]:

@@ -15,7 +15,11 @@ from jointgap.identification.fit import MATCHED, Fit, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Model
 from jointgap.identification.screening import can_be_searched
-from jointgap.identification.settings import DEFAULT_SETTINGS, ConfirmationSettings, IdentificationSettings
+from jointgap.identification.settings import (
+    DEFAULT_SETTINGS,
+    ConfirmationSettings,
+    IdentificationSettings,
+)
 from jointgap.identification.whitening import Noise
 
 _ENDS = (0.05, 0.95)  # [1] quantiles between which a 90 % interval lies
@@ -40,12 +44,15 @@ class HeldOutTest:
         Gaps [1] of the runs that could be simulated; NaN where none could.
     features : (float, float), optional
         Misfits [1] of the features of the cycle before and after, where these decide since samples cannot be followed.
+    after_low : float
+        Lower end [1] of the 90 % interval of the gap after.
     """
 
     outcome: str
     before: float = np.nan
     after: float = np.nan
     features: tuple[float, float] | None = None
+    after_low: float = np.nan
 
     @property
     def words(self) -> str:
@@ -74,16 +81,12 @@ class Rest:
     Attributes
     ----------
     channel : str
-        Empty where nothing can be simulated.
     gap : float
         [1] Root mean square over the runs.
-    over_small : float
-        [1] Over what counts as small.
     """
 
     channel: str
     gap: float
-    over_small: float
 
 
 @dataclass(frozen=True)
@@ -114,35 +117,24 @@ class Confirmed:
         rows = self.gaps.query("role == @role and channel != 'all'")["after"].dropna()
         return float(np.sqrt(np.mean(rows**2))) if len(rows) else np.nan
 
-    def worst_rest(self, role: str, max_gap: float, max_share: float) -> "Rest":
-        """The channel in which the effects leave most, over what counts as small.
+    @property
+    def largest_noise(self) -> tuple[str, float]:
+        """The channel whose noise is the largest part of what it varies by in a run, and that part [1]."""
+        series = self.residuals.groupby(["run", "channel"], sort=False)["spread"]
+        shares = {key: mean_square_root(spread) / (self.variation[key] or np.inf) for key, spread in series}
+        (_, channel), share = max(shares.items(), key=lambda item: item[1])
+        return channel.replace("_", " "), share
 
-        Of each channel of a run the smaller one counts of its rest in standard deviations of the noise over `max_gap`,
-        and as a share of what it varies by over `max_share`; of a channel the root mean square over the runs. Channels
-        that are met make up for none that is not.
-
-        Parameters
-        ----------
-        role : str
-            ``identify`` or ``confirm``.
-        max_gap : float
-            [1]
-        max_share : float
-            [1]
-        """
+    def rests(self, role: str) -> list["Rest"]:
+        """What the effects leave in each channel of the runs of a role, ``identify`` or ``confirm``, that can be
+        simulated."""
         own = self.residuals[self.residuals["held_out"] == (role == "confirm")].dropna(subset=["augmented"])
-        rests, gaps = {}, {}
-        for (run, channel), series in own.groupby(["run", "channel"], sort=False):
-            gap = np.sqrt(np.mean(series["whitened_augmented"] ** 2))
-            left = np.sqrt(np.mean((series["measured"] - series["augmented"]) ** 2))
-            varies = max_share * self.variation[run, channel]
-            gaps.setdefault(channel, []).append(gap)
-            rests.setdefault(channel, []).append(min(gap / max_gap, left / varies if varies > 0.0 else np.inf))
-        found = [Rest(channel, _mean_square_root(gaps[channel]), _mean_square_root(rests[channel])) for channel in gaps]
-        return max(found, key=lambda rest: rest.over_small, default=Rest("", 0.0, 0.0))
+        gaps = own.groupby(["channel", "run"], sort=False)["whitened_augmented"].apply(mean_square_root)
+        return [Rest(channel, mean_square_root(of_runs)) for channel, of_runs in gaps.groupby("channel", sort=False)]
 
 
-def _mean_square_root(values: Sequence[float]) -> float:
+def mean_square_root(values: Sequence[float]) -> float:
+    """The root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -178,8 +170,8 @@ def _test(row: Mapping[str, float], by_features: bool) -> HeldOutTest:
     if by_features:
         outcome = FALLS if fall > least else RISES if fall < -least else STAYS
     if by_features or (outcome != FALLS and fall > least):
-        return HeldOutTest(outcome if by_features else FALLS, row["before"], row["after"], features)
-    return HeldOutTest(outcome, row["before"], row["after"])
+        return HeldOutTest(outcome if by_features else FALLS, row["before"], row["after"], features, row["after_low"])
+    return HeldOutTest(outcome, row["before"], row["after"], after_low=row["after_low"])
 
 
 def _outcome(row: Mapping[str, float]) -> str:

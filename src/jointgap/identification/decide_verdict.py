@@ -15,7 +15,8 @@ first line that holds is the verdict of the fits:
   5  others are as good as the best, and poor                                     ``unexplained``
   6  the best leaves noise alone                                                  ``named``
   7  the best explains all but a percent; or nearly all, and more than it would   ``named_with_remaining_misfit``
-     if the effect most like it were the cause; or the base itself hardly shows
+     if the effect most like it were the cause; or the base itself hardly shows;
+     and of what remains no other explanation leaves hardly more
   8  otherwise                                                                    ``unexplained``
 ===  ==========================================================================  ===============================
 
@@ -32,34 +33,41 @@ part, and to what is known of the channels. Again the first line that holds coun
 ===  ==========================================================================  ===============================
   9  a channel contradicts others, even once the faults of sensors that are       ``unexplained``
      named are taken out of what was read
- 10  what is left in a channel is large, on the data used for fitting or on       ``unexplained``
-     those held out, unless motion depends roughly on an effect and the gap of
-     the held-out data falls: at another speed impacts ring in another phase
- 11  the gap of the held-out data rises, or does not fall at all though the       ``unexplained``
+ 10  three nuisances end at bounds, and the noise of a channel is a large part    ``unexplained``
+     of what it varies by
+ 11  what is left is large: in a channel, on the data used for fitting or on      ``unexplained``
+     those held out; or in all channels of those held out together. Of effects
+     on which motion depends roughly held-out data are not asked, as long as
+     their gap falls: at another speed impacts ring in another phase
+ 12  the gap of the held-out data rises, or does not fall at all though the       ``unexplained``
      effects would show there
- 12  of a base that hardly shows, or of its excess not nearly all is explained,   ``unexplained``
+ 13  of a base that hardly shows, or of its excess not nearly all is explained,   ``unexplained``
      more than noise is left, and no fall of the held-out gap confirms the name
- 13  the fits leave noise alone, the held-out data more; or the held-out gap      ``named_with_remaining_misfit``
+ 14  of held-out data more than noise is left, and less than half of what was     ``unexplained``
+     there is gone
+ 15  the fits leave noise alone, the held-out data more; or the held-out gap      ``named_with_remaining_misfit``
      falls by less than noise leaves open, though the effects would show there
- 14  otherwise                                                                    as the fits say
+ 16  otherwise                                                                    as the fits say
 ===  ==========================================================================  ===============================
 
 Of an effect on which motion depends roughly the features of the cycle tell whether the held-out data confirm it where
-samples cannot be followed (`jointgap.identification.cycle_features`): these stand for the gap in lines 11 and 12, and
-line 10 is then asked of the data used for fitting alone. Where samples can be followed nowhere,
-`jointgap.identification.decide_by_features` goes on after line 8; of what it names features tell in lines 11 and 12,
-and lines 10 and 13 are not asked. A joint that became loose whose held-out data are met by features alone keeps its
+samples cannot be followed (`jointgap.identification.cycle_features`): these stand for the gap in lines 12 and 13, and
+lines 11 and 14 are not asked of held-out samples. Where samples can be followed nowhere,
+`jointgap.identification.decide_by_features` goes on after line 8; of what it names features tell in lines 12 and 13,
+and lines 11, 14 and 15 are not asked. A joint that became loose whose held-out data are met by features alone keeps its
 verdict, and has the size and the intervals of the features.
 
-Lines 11 to 13 are not asked of ``ambiguous``. Wherever the verdict is ``unexplained`` and one hypothesis gains enough,
-`Decision.best_known` holds the best one: shown, not named.
+Lines 12 to 15 are not asked of ``ambiguous``. Wherever the verdict is ``unexplained`` and one hypothesis gains enough,
+`Decision.best_known` holds the best one: what is missing is partly explained by it, and nothing is named.
 
-"Gains" are differences of the Bayesian information criterion (BIC); "leaves noise alone" means that chi2 stays below
-what campaigns with nothing hidden leave (`Thresholds.omnibus`); the numbers stand in `settings.DecisionSettings`.
+"Gains" are differences of the Bayesian information criterion (BIC). "Leaves noise alone" means that chi2 stays below
+what campaigns with nothing hidden leave (`Thresholds.omnibus`), and that nearly all of the excess is explained or what
+is left would not be called missing either: where the noise is known poorly such campaigns leave much. Of held-out data
+more than noise is left if the interval of the gap begins above it. The numbers stand in `settings.DecisionSettings`.
 A hypothesis is admissible if its fit did not fail, every one of its effects is there (its size is significant, and at
-no bound but that at which the effect is absent or nothing is left of what it changes) and is more than a nuisance
-within its range. Others are as good as the best where their BIC is not far behind; and, where the best leaves more than
-noise, where they explain nearly all too and leave hardly more than it does: a rest that is no noise says little of BIC.
+no bound but that at which the effect is absent or nothing is left of what it changes), is more than a nuisance within
+its range, and if none swings at a frequency of its own that is an order of the crank. Others are as good as the best
+where their BIC is not far behind.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -68,10 +76,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from jointgap.identification.confirmation import FALLS, RISES, STAYS, Confirmed
+from jointgap.identification.confirmation import FALLS, RISES, STAYS, Confirmed, Rest, share_closed
 from jointgap.identification.fit import FAILED, MATCHED, Fit
 from jointgap.identification.problem import Hypothesis
-from jointgap.identification.protocol import Candidate
+from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS, DecisionSettings
 from jointgap.identification.significance import chance
 from jointgap.identification.thresholds import Thresholds
@@ -93,7 +101,7 @@ class Ranked:
     share : float
         [1] Explained share, (chi2_base - chi2) / (chi2_base - n); NaN where the base leaves no more than noise.
     passes : bool
-        Whether it leaves nothing that null campaigns do not leave.
+        Whether it leaves noise alone, as the table of the module has it.
     admissible : bool
         Whether all its effects are there and none is a nuisance within its range.
     remark : str
@@ -158,17 +166,20 @@ def proposal(chosen: Fit, equivalent: Sequence[Fit], best_known: Fit | None) -> 
     return chosen if chosen.hypothesis else next(iter(equivalent), best_known)
 
 
-def certain_effects(equivalent: Sequence[Fit]) -> list[Candidate]:
+def certain_effects(equivalent: Sequence[Fit], close: Collection[Collection[str]] = ()) -> list[Candidate]:
     """Effects that all of several explanations hold, in the order of the first: what is certain though the rest is not.
 
     Parameters
     ----------
     equivalent : sequence of Fit
         Explanations that the data cannot tell apart.
+    close : collection of collections of str
+        Labels of the effects of all others that are as near to the best.
     """
     if not equivalent:
         return []
-    shared = set.intersection(*({candidate.label for candidate in fit.hypothesis} for fit in equivalent))
+    explanations = [{candidate.label for candidate in fit.hypothesis} for fit in equivalent]
+    shared = set.intersection(*explanations, *map(set, close))
     return [candidate for candidate in equivalent[0].hypothesis if candidate.label in shared]
 
 
@@ -182,6 +193,7 @@ def decide(
     is_special_case: Callable[[Hypothesis, Hypothesis], bool],
     second_effect_gain: float = 0.0,
     settings: DecisionSettings = DEFAULT_SETTINGS.decision,
+    order_in_words: Callable[[float], str] = lambda _: "",
 ) -> Decision:
     """Choose among fitted explanations, by lines 1 to 8 of the table of the module.
 
@@ -202,8 +214,10 @@ def decide(
         [BIC] What a second effect has to gain over the best single one, where that is more than
         `limits.max_gain_threshold`.
     settings : DecisionSettings
+    order_in_words : function
+        Of which crank a frequency [Hz] is an order; empty where it is none.
     """
-    ranking = rank(base, fits, limits, nuisance_bounds, settings)
+    ranking = rank(base, fits, limits, nuisance_bounds, settings, order_in_words)
     # The base is a rival too, and the best of many candidates gains something by chance alone.
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
     best = _best(ranking, max(needed, second_effect_gain))
@@ -228,17 +242,17 @@ def decide(
     label = best.fit.label
     explains_nearly_all = best.share >= settings.min_explained_share
     # A share of what hardly shows says nothing; what is left of it would not be called missing either.
-    hardly_shows = reduced_chi2(base) <= slight
+    hardly_shows = reduced_chi2(base) <= settings.tolerated_reduced_chi2
     good = best.passes or explains_nearly_all or hardly_shows
     apart = settings.min_delta_bic + limits.numerical_noise
-    rivals = [
-        ranked.fit
+    others = [
+        ranked
         for ranked in ranking
         if ranked.admissible
         and _is_other(ranked.fit, best.fit)
-        and (ranked.fit.bic - best.fit.bic < apart or (not best.passes and _leaves_as_little(ranked, best, settings)))
         and not is_special_case(best.fit.hypothesis, ranked.fit.hypothesis)
     ]
+    rivals = [ranked.fit for ranked in others if ranked.fit.bic - best.fit.bic < apart]
     if rivals and good:
         return decided(AMBIGUOUS, "several explanations fit the data equally well", equivalent=[best.fit, *rivals])
     if rivals:
@@ -250,6 +264,10 @@ def decide(
     if not good:
         explains = f"explains {best.share:.1%} only" if np.isfinite(best.share) else "leaves as much"
         return decided(UNEXPLAINED, f"the best, {label}, {explains}", best_known=best.fit)
+    # a rest that is no noise says little of BIC
+    if similar := next((ranked for ranked in others if _leaves_as_little(ranked, best, settings)), None):
+        because = f"{label} leaves more than noise, and {similar.fit.label} hardly more than that"
+        return decided(UNEXPLAINED, because, best_known=best.fit)
     if not explains_nearly_all:
         because = "it is far ahead of all others, of a disagreement that hardly shows"
         return decided(NAMED_WITH_REMAINING_MISFIT, because, best.fit)
@@ -275,7 +293,7 @@ def final_verdict(
     doubted_channels: Collection[str] = (),
     settings: DecisionSettings = DEFAULT_SETTINGS.decision,
 ) -> _Decided:
-    """The verdict with the held-out data heard, by lines 9 to 14 of the table of the module; its fits know the gap that
+    """The verdict with the held-out data heard, by lines 9 to 16 of the table of the module; its fits know the gap that
     they leave there (`Fit.gap_left`).
 
     Parameters
@@ -313,7 +331,7 @@ def _with_gap_left(decision: _Decided, gap: float) -> _Decided:
 def _heard(
     decision: _Decided, confirmed: Confirmed, doubted_channels: Collection[str], settings: DecisionSettings
 ) -> _Decided:
-    """The verdict by lines 9 to 14."""
+    """The verdict by lines 9 to 16."""
     if decision.verdict not in (NAMED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS):
         return decision
     proposed = proposal(decision.chosen, decision.equivalent, decision.best_known)
@@ -334,6 +352,13 @@ def _heard(
         verb = "reads contradicts" if len(doubted_channels) == 1 else "read contradicts"
         return withheld(f"what {names} {verb} other channels, so no effect can be told from it")
     # 10
+    ends, (channel, share) = _nuisances_at_bounds(proposed), confirmed.largest_noise
+    if len(ends) >= settings.many_at_bounds and share > settings.max_noise_share:
+        return withheld(
+            f"{', '.join(ends)} end at their bounds, and the noise of {channel} is {share:.0%} of what it varies by: "
+            "the model is wrong in more than one effect"
+        )
+    # 11
     test, places = confirmed.test, {"identify": "the data used for fitting", "confirm": "the held-out data"}
     by_features = proposed.status == MATCHED
     falls_roughly = test.outcome == FALLS and any(map(_is_rough, proposed.hypothesis))
@@ -342,15 +367,17 @@ def _heard(
     if by_features:
         del places["identify"]
     for role, where in places.items():
-        rest = confirmed.worst_rest(role, settings.max_gap_left, settings.max_share_of_signal_left)
-        if rest.over_small > 1.0:
-            channel = rest.channel.replace("_", " ")
+        worst = max(confirmed.rests(role), key=lambda rest: rest.gap, default=Rest("", 0.0))
+        if worst.gap > settings.max_gap_left:
+            channel = worst.channel.replace("_", " ")
             return withheld(
-                f"the best, {proposed.label}, leaves a gap of {rest.gap:.3g} in {channel} on {where}: no small rest"
+                f"the best, {proposed.label}, leaves a gap of {worst.gap:.3g} in {channel} on {where}: no small rest"
             )
+    if "confirm" in places and (gap := confirmed.gap("confirm")) > settings.max_gap_held_out:
+        return withheld(f"the best, {proposed.label}, leaves a gap of {gap:.3g} on the held-out data: no small rest")
     if decision.verdict == AMBIGUOUS:
         return decision
-    # 11 and 12
+    # 12 to 14
     # Of what the effects change in the held-out data the share a is there: the squared gap falls by (2 a - 1) times
     # that change's mean square. Where it falls at all, more of the change is there than not.
     if by_features and test.outcome != FALLS:
@@ -359,23 +386,37 @@ def _heard(
         return withheld(f"with {proposed.label} the gap on the held-out data does not fall: {test.words}")
     hardly_shows = reduced_chi2(decision.base) <= settings.tolerated_reduced_chi2
     doubtful = hardly_shows or not explained_share(decision.base, proposed) >= settings.min_explained_share
-    if decision.verdict == NAMED_WITH_REMAINING_MISFIT and doubtful and test.outcome != FALLS:
+    leaves_more = test.after_low > settings.max_low_end_of_gap
+    is_plain = decision.verdict == NAMED and not leaves_more
+    if not (is_plain or by_features) and doubtful and test.outcome != FALLS:
         return withheld(
             f"the best, {proposed.label}, is far ahead of all others, but of a disagreement that hardly shows, and no "
             "held-out data confirm it"
         )
-    # 13
-    if by_features:
+    if "confirm" in places and leaves_more and share_closed(test.before, test.after) < settings.least_closed:
+        return withheld(f"{proposed.label} explains less than half of the gap on the held-out data: {test.words}")
+    # 15
+    if by_features or decision.verdict != NAMED:
         return decision
-    if decision.verdict == NAMED and test.after > settings.max_gap_of_noise:
+    if leaves_more:
         because = "it leaves noise alone on the data used for fitting, but more on the held-out data"
         if test.features:
             because += f": {test.words}"
         return replace(decision, verdict=NAMED_WITH_REMAINING_MISFIT, because=because)
-    if decision.verdict == NAMED and test.outcome == STAYS:
+    if test.outcome == STAYS:
         because = f"the gap on the held-out data falls by less than noise leaves open: {test.words}"
         return replace(decision, verdict=NAMED_WITH_REMAINING_MISFIT, because=because)
     return decision
+
+
+def _nuisances_at_bounds(fit: Fit) -> list[str]:
+    """Names of the parameters that runs share, and that no effect has, that a fit drew to an end of their range."""
+    at_bounds = zip(fit.parameters, fit.values, fit.active, strict=True)
+    return [p.name for p, value, active in at_bounds if active and _is_shared(p) and not p.low < value < p.high]
+
+
+def _is_shared(parameter: Parameter) -> bool:
+    return parameter.run is None and "." not in parameter.name
 
 
 def decide_rough(
@@ -425,6 +466,7 @@ def rank(
     limits: Thresholds,
     nuisance_bounds: Mapping[str, tuple[float, float, float]],
     settings: DecisionSettings = DEFAULT_SETTINGS.decision,
+    order_in_words: Callable[[float], str] = lambda _: "",
 ) -> list[Ranked]:
     """All explanations, best BIC first, the failed ones last.
 
@@ -436,15 +478,26 @@ def rank(
     nuisance_bounds : mapping of name to (nominal, low, high)
         Ranges [SI] of the nuisances that effects may replace.
     settings : DecisionSettings
+    order_in_words : function
+        Of which crank a frequency [Hz] is an order; empty where it is none.
     """
-    ranking = [
-        weigh(base, fit, limits, "" if fit.status == FAILED else _objection(fit, nuisance_bounds, settings))
-        for fit in fits
-    ]
+
+    def objection(fit: Fit) -> str:
+        if fit.status == FAILED:
+            return ""
+        return _swings_with_a_crank(fit, order_in_words) or _objection(fit, nuisance_bounds, settings)
+
+    ranking = [weigh(base, fit, limits, objection(fit), settings) for fit in fits]
     return sorted(ranking, key=lambda ranked: (ranked.fit.status == FAILED, -ranked.delta_bic))
 
 
-def weigh(base: Fit, fit: Fit, limits: Thresholds, objection: str = "") -> Ranked:
+def weigh(
+    base: Fit,
+    fit: Fit,
+    limits: Thresholds,
+    objection: str = "",
+    settings: DecisionSettings = DEFAULT_SETTINGS.decision,
+) -> Ranked:
     """One explanation beside the base.
 
     Parameters
@@ -453,10 +506,14 @@ def weigh(base: Fit, fit: Fit, limits: Thresholds, objection: str = "") -> Ranke
     limits : Thresholds
     objection : str
         Why the explanation is not admissible; empty where it is.
+    settings : DecisionSettings
     """
-    passes = bool(reduced_chi2(fit) <= limits.omnibus)
+    left, share = reduced_chi2(fit), explained_share(base, fit)
+    # null campaigns leave much where the noise is known poorly: that says little of what is explained
+    explains = left <= settings.tolerated_reduced_chi2 or not share < settings.min_explained_share
+    passes = bool(left <= limits.omnibus and explains)
     admissible = fit.status != FAILED and not objection
-    return Ranked(fit, base.bic - fit.bic, explained_share(base, fit), passes, admissible, objection or fit.reason)
+    return Ranked(fit, base.bic - fit.bic, share, passes, admissible, objection or fit.reason)
 
 
 def explained_share(base: Fit, fit: Fit) -> float:
@@ -498,6 +555,15 @@ def _objection(fit: Fit, nuisance_bounds: Mapping[str, tuple[float, float, float
     for candidate in fit.hypothesis:
         if chance(fit, candidate) > settings.max_chance_of_size:
             return f"{candidate.label} may as well be absent: the interval of its size holds 0"
+    return ""
+
+
+def _swings_with_a_crank(fit: Fit, order_in_words: Callable[[float], str]) -> str:
+    """Why an effect has no frequency of its own: it is an order of a crank; empty where it is not."""
+    for candidate in (one for one in fit.hypothesis if one.steady_counterpart):
+        frequency = fit.mapping.get(f"{candidate.label}.frequency_Hz")
+        if frequency is not None and (order := order_in_words(frequency)):
+            return f"{candidate.label} swings at {frequency:.4g} Hz, which is {order}"
     return ""
 
 

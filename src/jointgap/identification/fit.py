@@ -134,7 +134,10 @@ class Fit:
         low, high = self._bounds()
         if self.draws is not None:  # they hold what the fitted data leave already
             wider = np.sqrt(self.inflation / self._inflation_of_chi2)
-            draws = np.clip(self.values + wider * (self.draws - self.values), low, high) if wider > 1.0 else self.draws
+            draws, shifts = self.values + wider * (self.draws - self.values), self.shifts
+            if shifts is not None:
+                draws = draws + np.random.default_rng(0).standard_normal((len(draws), len(shifts))) @ shifts
+            draws = self.draws if wider == 1.0 and shifts is None else np.clip(draws, low, high)
             return BoundedNormal(np.atleast_2d(np.cov(draws, rowvar=False)), draws)
         shifts = np.empty((0, self.values.size)) if self.shifts is None else self.shifts
         slope = np.nan_to_num(self.half_derivative)

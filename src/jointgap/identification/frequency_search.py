@@ -1,6 +1,6 @@
 """Frequencies, in time or over the crank angle, at which a swinging effect may be hidden in a residual."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -49,6 +49,8 @@ def likely_frequencies(
     step = 1.0 / (settings.frequencies_per_line * span)
     densest = min(np.median(np.diff(part.series.time[part.used])) for part in parts if timed[part.place].all())
     tried = np.arange(max(frequency.low, 0.5 / span), min(frequency.high, 0.5 / densest), step)
+    order = orders_of_cranks(parts, settings)
+    tried = np.array([hertz for hertz in tried if not order(hertz)])  # an effect in step with the crank is another one
     basis, left = _beyond_nuisances(residual, jacobian)
     carriers = [np.where(timed & (run == name), carrier, 0.0) for name in dict.fromkeys(run)]
     time = np.where(timed, time, 0.0)
@@ -100,6 +102,33 @@ def likely_orders(
     carriers, angle = [np.where(known, carrier, 0.0)], np.where(known, angle, 0.0)
     power = [_power(k * angle, carriers, basis, left) for k in tried]
     return [float(tried[i]) for i in sorted(range(tried.size), key=lambda i: -power[i])[: settings.max_frequencies]]
+
+
+def orders_of_cranks(parts: Sequence[Part], settings: ScreeningSettings) -> Callable[[float], str]:
+    """What tells of a frequency [Hz] whether it is an order or half an order of a run's crank, in words; empty where it
+    is none.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        Series with times and crank angles; others take no part.
+    settings : ScreeningSettings
+    """
+    rates = {}
+    for series in (part.series for part in parts if not part.series.statistic):
+        known = np.isfinite(series.time) & np.isfinite(series.angle)
+        turns, seconds = (np.ptp(values[known]) if known.any() else 0.0 for values in (series.angle, series.time))
+        if turns > 0.0 and seconds > 0.0:
+            rates[series.run] = float(turns / seconds / (2.0 * np.pi))
+
+    def order_in_words(frequency: float) -> str:
+        for run, rate in rates.items():
+            order = max(round(2.0 * frequency / rate), 1) / 2.0
+            if abs(frequency / rate - order) <= settings.order_width:
+                return f"order {order:g} of the crank in run {run}"
+        return ""
+
+    return order_in_words
 
 
 def _beyond_nuisances(residual: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

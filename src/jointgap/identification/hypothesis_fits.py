@@ -29,7 +29,13 @@ from jointgap.identification.rough_search import (
     search_rough,
 )
 from jointgap.identification.scattered_starts import fit_from_scattered_starts
-from jointgap.identification.screening import LinearizedFit, Signatures, can_be_searched, only_searched
+from jointgap.identification.screening import (
+    LinearizedFit,
+    SignatureRegression,
+    Signatures,
+    can_be_searched,
+    only_searched,
+)
 from jointgap.identification.smoother import smoothers_of
 from jointgap.identification.thresholds import Thresholds
 from jointgap.progress import followed
@@ -77,8 +83,9 @@ def fit_pairs(
 
     Where no single effect is sufficient the first part searches for one, or for a pair, the cheapest way first: changes
     of something on which motion depends roughly, such as a clearance; from scattered starts, where chi2 has valleys;
-    from the nuisances of the best one; pairs on samples, where these can be followed; if no law of a family is
-    sufficient, effects on which motion depends roughly, if what is left is rough; by smoothed residuals.
+    from the nuisances of the best one; pairs whose signatures explain nearly all, where none does alone; pairs on
+    samples, where these can be followed; if no law of a family is sufficient, effects on which motion depends roughly,
+    if what is left is rough; by smoothed residuals.
     The first two and the last two are not tried on doubted data, which would lead anywhere. No step of it begins once
     it has simulated as many runs as the settings say, the first two apart. How far each one goes depends on all others,
     so it is not shared out. Single effects that it finds are among the fits then.
@@ -141,8 +148,12 @@ def _search(
     singles, leaders = [*alone, *fits], []
     if _insufficient(baseline, singles, limits):
         # of motion that never repeats pairs come last: single effects from other starts take a third as long
-        pairs_first = _follows_samples(baseline, singles) and (doubted or not baseline.problem.has_statistics)
-        pairs = search_pairs(baseline, singles, limits, (), until) if pairs_first else []
+        repeats = doubted or not baseline.problem.has_statistics
+        screened = _masked_pairs(baseline, signatures, singles, limits) if repeats else []
+        pairs = _fit_each(baseline, signatures, screened, limits, singles)[0]
+        pairs_first = _follows_samples(baseline, singles) and repeats
+        if pairs_first and not any(_is_sufficient(fit, limits) for fit in pairs):
+            pairs += search_pairs(baseline, singles, limits, (), until)
         if sufficient := [fit for fit in pairs if _is_sufficient(fit, limits)]:
             best = min(sufficient, key=lambda fit: fit.chi2)
             found = [
@@ -170,6 +181,19 @@ def _search(
     found = [*(fit for fit in found if labels_of(fit.hypothesis) not in led), *leaders]
     share = (time.monotonic() - begin) / max(len(found), 1)
     return found, [share] * len(found)
+
+
+def _masked_pairs(
+    baseline: Baseline, signatures: Signatures, alone: Sequence[Fit], limits: Thresholds
+) -> list[tuple[LinearizedFit, None]]:
+    """The best of all pairs that would explain nearly all of what the base leaves, if all were linear and no single
+    effect would be sufficient: two may mask each other. What failed `alone` would fail in a pair."""
+    regression, noise = SignatureRegression(signatures), limits.omnibus * baseline.problem.size
+    if any(single.chi2 <= noise for single in regression.singles()):
+        return []
+    failed = {fit.label for fit in alone if fit.status == FAILED} - {fit.label for fit in alone if fit.status != FAILED}
+    pairs = ((pair, None) for pair in regression.pairs() if _explains(baseline, pair))
+    return [pair for pair in pairs if not failed & _labels(pair)][: baseline.problem.settings.selection.partners]
 
 
 def _search_far(
@@ -359,7 +383,7 @@ def _explains_some(baseline: Baseline, fit: Fit) -> bool:
     return fit.status != FAILED and base.chi2 - fit.chi2 > share * max(base.chi2 - problem.size, 0.0)
 
 
-def _explains(baseline: Baseline, fit: Fit) -> bool:
+def _explains(baseline: Baseline, fit: Fit | LinearizedFit) -> bool:
     """Whether a fit explains so much of what the base leaves that nothing else is searched for."""
     chi2, size = baseline.base.chi2, baseline.problem.size
     return chi2 - fit.chi2 >= baseline.problem.settings.decision.min_explained_share * (chi2 - size)

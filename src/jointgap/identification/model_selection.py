@@ -24,9 +24,11 @@ from jointgap.identification.decide_verdict import (
 )
 from jointgap.identification.ensemble_regression import leading_over_ensembles
 from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
+from jointgap.identification.frequency_search import orders_of_cranks
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.nesting import (
     chi2_without_effects,
+    derivatives_of,
     labels_of,
     lowest_of_each,
     moved,
@@ -37,7 +39,13 @@ from jointgap.identification.nesting import (
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.protocol import Candidate
 from jointgap.identification.rough_search import leaves_rough_motion
-from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures, can_be_searched
+from jointgap.identification.screening import (
+    LinearizedFit,
+    SignatureRegression,
+    Signatures,
+    can_be_searched,
+    only_searched,
+)
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.identification.signature_subspaces import SignatureSubspaces, orthonormal
 from jointgap.identification.smoother import fit_via_smoothers, smoothers_of
@@ -208,6 +216,7 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
         subspaces.is_special_case,
         second.max_gain_threshold,
         settings,
+        orders_of_cranks(baseline.problem.parts, baseline.problem.settings.screening),
     )
 
 
@@ -227,7 +236,7 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     for kept in best.hypothesis:
         in_valley = can_be_searched(problem, kept)
         if in_valley:
-            alone = without_other_effects(problem, best, kept)
+            alone = without_other_effects(problem, best, (kept,))
         else:
             alone = min((fit for fit in fits if fit.label == kept.label), key=lambda fit: fit.chi2, default=None)
             if alone is None or alone.status == FAILED:
@@ -247,6 +256,31 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
             else:
                 swapped.append(fit_screened(problem, differences, signatures, pair, alone))
     return swapped
+
+
+def fit_look_alikes(baseline: Baseline, signatures: Signatures, best: Fit) -> list[Fit]:
+    """Fits of all that could stand for one effect of the best explanation, from its nuisances: of candidates whose
+    signature beside the nuisances is like that of the effect.
+
+    A fit from the base's nuisances may have ended early, or in another valley, and the search ends at the first
+    explanation that is sufficient: it need not be the true one.
+    Arguments as in `select_hypothesis`; `best` is what it would name.
+    """
+    problem, found = baseline.problem, []
+    subspaces = SignatureSubspaces(signatures, problem.settings.screening)
+    for out in best.hypothesis:
+        if out.label not in subspaces.of or only_searched(problem, out):
+            continue
+        rest = without_other_effects(problem, best, tuple(one for one in best.hypothesis if one is not out))
+        space, regression = subspaces.span([out.label]), SignatureRegression(signatures.about(rest), rest.hypothesis)
+        for other in regression.singles():
+            label = other.hypothesis[-1].label
+            if label == out.label or subspaces.cosine(space, label) <= problem.settings.selection.alike_cosine:
+                continue
+            known = signatures.derivatives(other.signatures) | derivatives_of(best)
+            start = rest.mapping | other.start
+            found.append(fit_hypothesis(problem, other.hypothesis, start, known, baseline.differences))
+    return found
 
 
 def fits_beyond_bounds(baseline: Baseline, fits: Sequence[Fit]) -> list[Fit]:
@@ -377,6 +411,10 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     What leaving out one of two effects costs is the fit of the other alone, at its best: before two effects are named
     each is fitted alone once more, from the nuisances of the pair and from other starts, and is open to choice like all
     others. So it is of the best pair where that is not admissible: one of its effects may be there without the other.
+    Before anything is named, all that looks like it is fitted from its nuisances (`fit_look_alikes`).
+
+    Where more than noise is left, errors of what is stated hold another end of its fits that is as good: chi2 has
+    valleys, and the deepest one that was found need not be that of the truth.
 
     Parameters
     ----------
@@ -390,10 +428,13 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     by_features, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
     fits = [*fits, *fits_beyond_bounds(baseline, fits)]
     fits, done, given = [*fits, *swap_one_effect(baseline, signatures, fits)], set(), baseline.base
-    decision = refit_and_decide(baseline, signatures, fits, limits)
-    while members := _members_alone(baseline, _proposed(decision), done):
+    decision, found = refit_and_decide(baseline, signatures, fits, limits), list(fits)
+    while further := [
+        *_members_alone(baseline, _proposed(decision), done),
+        *_look_alikes(baseline, signatures, decision, done),
+    ]:
         baseline = replace(baseline, base=decision.base)
-        fits = [*(ranked.fit for ranked in decision.ranking), *members]
+        fits, found = [*(ranked.fit for ranked in decision.ranking), *further], [*found, *further]
         decision = refit_and_decide(baseline, signatures, fits, limits)
 
     subspaces = SignatureSubspaces(signatures, baseline.problem.settings.screening)
@@ -402,7 +443,8 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     decision = decide_rough(decision, is_rough, baseline.problem.settings.decision)
 
     def stated(fit: Fit) -> Fit:
-        return with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
+        fit = with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
+        return with_other_ends(fit, found)
 
     base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
     chosen = decision.chosen
@@ -421,6 +463,31 @@ def _proposed(decision: Decision) -> list[Fit]:
     """What a decision names or calls equivalent, and what gains most, admissible or not."""
     first = [ranked.fit for ranked in decision.ranking[:1] if ranked.fit.status != FAILED and ranked.delta_bic > 0.0]
     return [decision.chosen, *decision.equivalent, *first]
+
+
+def _look_alikes(baseline: Baseline, signatures: Signatures, decision: Decision, done: set[str]) -> list[Fit]:
+    """Fits of what looks like the explanation that would be named, if that is not `done` yet; then it is."""
+    best = next((fit for fit in (decision.chosen, *decision.equivalent) if fit.hypothesis), None)
+    if best is None or (label := f"like {best.label}") in done:
+        return []
+    done.add(label)
+    return fit_look_alikes(baseline, signatures, best)
+
+
+def with_other_ends(fit: Fit, others: Sequence[Fit]) -> Fit:
+    """The `fit`; where it leaves more than noise, with the farthest end of those `others` of the same hypothesis that
+    leave hardly more as a shift of its values."""
+    settings, noise = fit.settings.decision, fit.residual.size - len(fit.parameters)
+    if fit.status in (FAILED, MATCHED) or reduced_chi2(fit) <= settings.tolerated_reduced_chi2:
+        return fit
+    labels, most = labels_of(fit.hypothesis), noise + (fit.chi2 - noise) / settings.max_share_of_wrong_misfit
+    as_good = (other for other in others if labels_of(other.hypothesis) == labels and other.chi2 <= most)
+    ends = [np.array([other.mapping[p.key] for p in fit.parameters]) - fit.values for other in as_good]
+    if not ends:
+        return fit
+    errors = np.sqrt(np.diag(fit.covariance()))
+    farthest = max(ends, key=lambda end: np.max(np.abs(end[errors > 0.0]) / errors[errors > 0.0], initial=0.0))
+    return replace(fit, shifts=np.vstack([*([] if fit.shifts is None else [fit.shifts]), farthest]))
 
 
 def _members_alone(baseline: Baseline, chosen: Sequence[Fit], done: set[str]) -> list[Fit]:

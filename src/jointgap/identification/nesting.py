@@ -15,7 +15,6 @@ from jointgap.identification.finite_differences import FiniteDifferences
 from jointgap.identification.fit import FAILED, STOPPED, Fit, bounds_of, fit_hypothesis
 from jointgap.identification.gauss_newton import bounded_step
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import only_searched
 
 
@@ -117,22 +116,22 @@ def with_nuisances_of(problem: Problem, fit: Fit, other: Fit) -> dict[str, float
     return fit.mapping | {key: value for key, value in nuisances.items() if key in fit.mapping}
 
 
-def without_other_effects(problem: Problem, fit: Fit, kept: Candidate) -> Fit:
-    """What one effect of a fit would leave with the others absent, if residuals were linear in their amplitudes there.
+def without_other_effects(problem: Problem, fit: Fit, kept: Hypothesis) -> Fit:
+    """What some effects of a fit would leave with the others absent, if residuals were linear in their amplitudes.
 
-    All else is as the fit has it: no minimum of this effect alone.
+    All else is as the fit has it: no minimum of these effects alone.
 
     Parameters
     ----------
     problem : Problem
     fit : Fit
-    kept : Candidate
-        One of its effects.
+    kept : tuple of Candidate
+        Of its effects.
     """
     columns = {p.key: column for p, column in zip(fit.parameters, fit.jacobian.T, strict=True)}
-    parameters, residual, values = problem.parameters((kept,)), fit.residual.copy(), fit.mapping
+    parameters, residual, values = problem.parameters(kept), fit.residual.copy(), fit.mapping
     names = {p.name for p in problem.nuisances}
-    for candidate in (each for each in fit.hypothesis if each is not kept):
+    for candidate in (each for each in fit.hypothesis if each not in kept):
         own = {p.key: f"{candidate.label}.{p.key}" for p in candidate.coordinates_in(problem.runs)}
         for key in candidate.amplitudes:
             if key in own:
@@ -142,8 +141,8 @@ def without_other_effects(problem: Problem, fit: Fit, kept: Candidate) -> Fit:
         for name, amplitude in candidate.replaces.items():
             columns[name] = columns.get(name, 0.0) + columns[own[amplitude]]
     here = np.array([values.get(p.key, p.nominal) for p in parameters])
-    jacobian = np.column_stack([columns[p.key] for p in parameters])
-    return Fit((kept,), parameters, here, residual, jacobian, 0, STOPPED, settings=fit.settings)
+    jacobian = np.array([columns[p.key] for p in parameters]).reshape(len(parameters), -1).T
+    return Fit(kept, parameters, here, residual, jacobian, 0, STOPPED, settings=fit.settings)
 
 
 def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit, sufficient_chi2: float = np.inf) -> Fit:

@@ -1,7 +1,8 @@
 """Which effects are worth a fit: what each would explain if the motion depended on it linearly."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -332,9 +333,23 @@ class SignatureRegression:
 
     def singles(self) -> list[LinearizedFit]:
         """Every candidate that is not searched with its best start, best first."""
+        return self._best_of_each((signature,) for signature in self._followed())
+
+    def pairs(self) -> list[LinearizedFit]:
+        """Every two of these candidates that do not replace the same nuisance, best first."""
+        return self._best_of_each(
+            (first, second)
+            for first, second in combinations(self._followed(), 2)
+            if not {first.candidate.label, *first.candidate.replaces}
+            & {second.candidate.label, *second.candidate.replaces}
+        )
+
+    def _followed(self) -> list[Signature]:
+        return [signature for signature in self.signatures.entries if not signature.only_searched]
+
+    def _best_of_each(self, chosen: Iterable[Sequence[Signature]]) -> list[LinearizedFit]:
         best: dict[str, LinearizedFit] = {}
-        for signature in (signature for signature in self.signatures.entries if not signature.only_searched):
-            screened = self.explained((signature,))
+        for screened in map(self.explained, chosen):
             if screened.label not in best or screened.chi2 < best[screened.label].chi2:
                 best[screened.label] = screened
         return sorted(best.values(), key=lambda screened: screened.bic)

@@ -458,9 +458,11 @@ class ModelSelectionSettings:
         either.
     min_singles : int
         Candidates that are fitted there in any case, so that the best one has a rival to be compared with.
+    alike_cosine : float
+        [1] Of the signatures of two effects beside the nuisances: what is more alike is fitted before one is named.
     partners : int
-        Partners of a sufficient effect that are fitted, rivals that are fitted again from the best one's nuisances,
-        and swaps of each effect of a pair.
+        Partners of a sufficient effect that are fitted, pairs whose signatures explain nearly all, rivals that are
+        fitted again from the best one's nuisances, and swaps of each effect of a pair.
     followed_share : float
         [1, of the misfit of samples] A single effect that explains so much of it without being sufficient can be
         followed on samples: pairs with it are fitted there before anything is smoothed.
@@ -486,6 +488,7 @@ class ModelSelectionSettings:
     max_delta_bic: float = 30.0
     min_gain_share: float = 0.5
     min_singles: int = 2
+    alike_cosine: float = 0.7
     partners: int = 3
     followed_share: float = 0.5
     max_simulations: int = 5000
@@ -560,6 +563,9 @@ class ScreeningSettings:
         [1, of a signature's length] What the nuisances cannot take up counts as rounding below.
     special_case_distance : float
         [1, of a signature's length] What may lie outside another's span for it to be a special case of that.
+    order_width : float
+        [cycles per revolution] A frequency so near an order or half an order of a crank is that order: 1 % of the
+        second.
     null_campaigns : int
         Simulated campaigns with nothing hidden; at a rate of 1 % forty of them exceed the threshold, which is known to
         16 %.
@@ -570,6 +576,7 @@ class ScreeningSettings:
     secant_factor: float = 2.0
     negligible_projection: float = 1e-6
     special_case_distance: float = 0.03
+    order_width: float = 0.02
     null_campaigns: int = 4000
 
 
@@ -690,10 +697,19 @@ class DecisionSettings:
     max_gap_left : float
         [standard deviations of the noise] Up to this gap, root mean square, a channel's rest is small. Right names
         leave 0.9 to 1.1 in blind trials, up to 1.4 where numerics decide; three can be seen with the naked eye.
-    max_share_of_signal_left : float
-        [1, of what a channel varies by] So it is where it is at most this share, root mean square: of a sensor that is
-        better than any model of the machine, noise is no measure. The one real machine of the examples, named rightly,
-        leaves a gap of 5 to 7 that is 4 %.
+    max_gap_held_out : float
+        [standard deviations of the noise] The same of all channels of the held-out data together. Of the one real
+        machine of the examples 7 are left, 6 % of the force: it is explained in part.
+    max_low_end_of_gap : float
+        [standard deviations of the noise] Where the 90 % interval of the held-out gap begins above it, more than noise
+        is left there.
+    least_closed : float
+        [1, of the squared excess of the held-out gap] What has to be gone of it then.
+    many_at_bounds : int
+        Nuisances that end at bounds from which on a fit is not believed where noise is large too: they make up for
+        what the model lacks.
+    max_noise_share : float
+        [1, of what a channel varies by] Such a noise: an encoder's of 47 deg is half of what an angle varies by.
     max_gap_of_noise : float
         [standard deviations of the noise] Gap on held-out data that still counts as noise: another seed of noise, and a
         run's own speed and angle found from fewer samples, move it by less.
@@ -708,7 +724,11 @@ class DecisionSettings:
     max_share_without_rough: float = 0.25
     max_chance_of_size: float = 0.1
     max_gap_left: float = 3.0
-    max_share_of_signal_left: float = 0.1
+    max_gap_held_out: float = 1.5
+    max_low_end_of_gap: float = 1.05
+    least_closed: float = 0.5
+    many_at_bounds: int = 3
+    max_noise_share: float = 0.3
     max_gap_of_noise: float = 1.2
 
 
