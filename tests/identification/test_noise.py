@@ -8,7 +8,9 @@ import pytest
 from jointgap.errors import InputError
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.cycle_noise import effective_samples
+from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.noise_model import estimate_noise, numerics_noise
+from jointgap.identification.protocol import Series
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.toy import Toy, toy
 
@@ -149,6 +151,62 @@ def test_too_few_samples_to_find_a_noise_are_refused():
     model = toy(samples=3, cycles=1, stated=False)
     with pytest.raises(InputError, match=r"run slow, channel torque: 3 samples are too few.*state it as `noise`"):
         estimate_noise(model, residuals(model))
+
+
+def encoder(samples: float, step: float, sd: float, seed: int, cycles: int = 12) -> tuple[Series, np.ndarray]:
+    """A crank angle [rad] that is read in steps, of a crank that turns evenly, and its true course."""
+    true = 0.317 + 2 * np.pi / samples * np.arange(int(cycles * samples))
+    read = step * np.round((true + sd * np.random.default_rng(seed).standard_normal(true.size)) / step)
+    return series("crank_angle", "rad", read, true, resolution=step), true
+
+
+def series(channel: str, unit: str, value: np.ndarray, angle: np.ndarray, **known) -> Series:
+    return Series("run", channel, unit, value, angle / 20.0, angle, np.zeros(value.size, bool), **known)
+
+
+def noise_of(one: Series, predicted: np.ndarray):
+    return estimate_noise(replace(toy(), series=[one]), {one.key: one.value - predicted})[one.key]
+
+
+@pytest.mark.parametrize("samples", [250, 250.37])  # of 250 a turn each is rounded as in the cycle before
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.6])
+def test_rounding_and_scatter_add_up_whether_or_not_cycles_repeat_the_rounding(samples, share):
+    step = np.deg2rad(0.25)
+    found = [noise_of(*encoder(samples, step, share * step, seed)).sd[0] for seed in range(4)]
+    assert np.mean(found) == pytest.approx(step * np.hypot(share, 1 / np.sqrt(12)), rel=0.07)
+
+
+def test_an_angle_that_drifts_between_cycles_does_not_scatter():
+    angle = 0.4 * np.arange(600)
+    away = 2e-6 * (angle - 100.0) ** 2 + 1e-3 * np.random.default_rng(0).standard_normal(angle.size)
+    one = series("crank_angle", "rad", angle + 40.0 * away, angle)
+    assert noise_of(one, angle).sd[0] == pytest.approx(0.04, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("channel", "unit", "size"), [("crank_angle", "rad", 0.5), ("slider_position", "m", 0.05)], ids=["turn", "signal"]
+)
+def test_a_noise_that_is_a_large_part_of_a_turn_or_of_the_signal_is_refused(channel, unit, size):
+    angle = 0.4 * np.arange(600)
+    true = angle if unit == "rad" else 0.05 * np.cos(angle)
+    one = series(channel, unit, true + size * np.random.default_rng(0).standard_normal(angle.size), angle)
+    with pytest.raises(InputError, match=rf"run run, channel {channel}: .*does not follow the motion.*`noise`"):
+        noise_of(one, true)
+
+
+def test_a_channel_that_should_stand_still_may_hold_nothing_but_noise():
+    angle = 0.1 * np.arange(600)
+    one = series("crank_speed", "rad/s", 20.0 + np.random.default_rng(0).standard_normal(angle.size), angle)
+    assert noise_of(one, np.full(angle.size, 20.0)).sd[0] == pytest.approx(1.0, rel=0.1)
+
+
+def test_of_a_fit_that_failed_nothing_is_known():
+    model = toy()
+    values = np.array([p.nominal for p in model.nuisances])
+    nothing = np.full(360, np.nan), np.empty((360, 0))  # as it is read from its tables
+    failed = Fit((), tuple(model.nuisances), values, *nothing, 0, FAILED, "the rod does not reach")
+    assert not failed.distribution.covariance.any()
+    assert not failed.covariance().any()
 
 
 def test_statistics_have_the_noise_that_is_stated_and_need_one():

@@ -1,8 +1,10 @@
 """Noise estimated from repeated cycles: what differs between neighbours at one angle is not the periodic motion."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import brentq
 
 from jointgap.identification.settings import NoiseSettings
 from jointgap.identification.whitening import autoregression
@@ -33,7 +35,9 @@ class Scatter:
     count: int
 
 
-def scatter_between_cycles(residual: np.ndarray, angle: np.ndarray, settings: NoiseSettings) -> Scatter | None:
+def scatter_between_cycles(
+    residual: np.ndarray, angle: np.ndarray, settings: NoiseSettings, resolution: float = 0.0
+) -> Scatter | None:
     """Noise from the differences of neighbouring cycles.
 
     Parameters
@@ -43,17 +47,21 @@ def scatter_between_cycles(residual: np.ndarray, angle: np.ndarray, settings: No
     angle : (n,) array
         Rising [rad]; NaN where not known.
     settings : NoiseSettings
+    resolution : float
+        Step in which the sensor reads [unit]: a difference of one is no outlier.
 
     Returns
     -------
     Scatter or None
         None where the cycles do not overlap enough.
     """
-    difference, share = _cycle_differences(residual, angle)
-    finite = np.isfinite(difference)
-    if finite.sum() < settings.min_differences:
+    compared = compared_cycles(residual, angle, settings)
+    if compared is None:
         return None
+    difference, share = compared.difference, compared.share
+    finite = np.isfinite(difference)
     per_cycle = int(2 * np.pi / np.median(np.diff(angle[np.isfinite(angle)])))
+    difference = _without_drift(difference, per_cycle, settings)
     # Neighbouring differences share a cycle: covariances near a lag of one cycle are not the noise's own.
     lags = min(finite.size // 4, per_cycle // 2)
     if lags <= settings.max_ar_order:
@@ -61,7 +69,8 @@ def scatter_between_cycles(residual: np.ndarray, angle: np.ndarray, settings: No
             _robust_sd(difference[finite] / np.sqrt(1 + (1 - share[finite]) ** 2 + share[finite] ** 2)), None, 0
         )
     # Outliers are cut twice: coarsely, as they would look like lines, and finely once the lines are gone.
-    clean = _without_outliers(_without_lines(_without_outliers(difference, 5.0), settings), 3.0)
+    clean = _without_outliers(difference, 5.0, 1.5 * resolution)
+    clean = _without_outliers(_without_lines(clean, settings), 3.0, 1.5 * resolution)
     spectrum = _spectrum(clean, lags)
     frequency = np.linspace(0.0, np.pi, spectrum.size)
     # Interpolation between two samples damps what changes from one to the next.
@@ -88,7 +97,8 @@ def growth_with_rate(residual: np.ndarray, angle: np.ndarray, rate: np.ndarray, 
     float
         [s^2/unit^2]; 0 where differences are too few, or do not tell that it grows.
     """
-    difference, share = _cycle_differences(residual, angle)
+    compared = _differences(residual, angle, 1)
+    difference, share = compared.difference, compared.share
     finite = np.isfinite(difference) & np.isfinite(rate)
     if finite.sum() < settings.min_differences or not np.ptp(rate[finite] ** 2) > 0.0:
         return 0.0
@@ -169,21 +179,65 @@ def effective_samples(count: int, autocorrelation: tuple[float, ...]) -> float:
     return float(count * min((1.0 - weights.sum()) ** 2 / sd**2, 1.0))
 
 
-def _cycle_differences(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Each sample minus the residual one cycle later, between samples interpolated linearly.
+@dataclass(frozen=True)
+class ComparedCycles:
+    """Samples of a residual beside those some cycles later at the same phase, between two samples interpolated.
+
+    Attributes
+    ----------
+    difference : (n,) array
+        Sample minus later value [unit]; NaN where there is none, or none that can be compared.
+    share : (n,) array
+        Of the second of the two later samples [1]; NaN where there is none.
+    before, after : (n,) array of int
+        Places of the two later samples.
+    """
+
+    difference: np.ndarray
+    share: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+
+def compared_cycles(residual: np.ndarray, angle: np.ndarray, settings: NoiseSettings) -> ComparedCycles | None:
+    """Cycles beside the next ones or, where phases repeat after several cycles only, beside those.
+
+    Where a residual rings as fast as it is sampled, a value interpolated between two samples is none of the noise's:
+    such differences are left out.
+
+    Parameters
+    ----------
+    residual, angle : (n,) array
+        As for `scatter_between_cycles`.
+    settings : NoiseSettings
 
     Returns
     -------
-    difference, share : (n,) array
-        NaN where the next cycle has no datum; the share of the later one of the two samples.
+    ComparedCycles or None
+        None of too few differences.
     """
+    best, most = None, 0
+    for cycles in range(1, settings.max_cycles_apart + 1):
+        found = _differences(residual, angle, cycles)
+        known = int(np.isfinite(found.difference).sum())
+        if known <= max(most, settings.min_differences - 1):
+            break  # those farther apart are fewer still
+        found = _where_smooth(found, residual, angle, settings)
+        kept = int(np.isfinite(found.difference).sum())
+        if kept > most:
+            best, most = found, kept
+    return best
+
+
+def _differences(residual: np.ndarray, angle: np.ndarray, cycles: int) -> ComparedCycles:
     difference, share = np.full(residual.size, np.nan), np.full(residual.size, np.nan)
+    places = np.zeros((2, residual.size), int)
     finite = np.flatnonzero(np.isfinite(angle))
     if finite.size < 2 or not angle[finite[-1]] > angle[finite[0]]:
-        return difference, share
+        return ComparedCycles(difference, share, *places)
     # An angle as measured may step back by its own noise.
     rising, value = np.maximum.accumulate(angle[finite]), residual[finite]
-    later = rising + 2 * np.pi
+    later = rising + 2 * np.pi * cycles
     inside = later <= rising[-1] + 1e-9
     right = np.clip(np.searchsorted(rising, later[inside] - 1e-9), 1, rising.size - 1)
     apart = rising[right] - rising[right - 1]
@@ -194,7 +248,102 @@ def _cycle_differences(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndar
     mixed = np.where(weight < 1, (1 - weight) * before, 0.0) + np.where(weight > 0, weight * after, 0.0)
     difference[finite[inside]] = value[inside] - mixed
     share[finite[inside]] = weight
-    return difference, share
+    places[:, finite[inside]] = finite[right - 1], finite[right]
+    return ComparedCycles(difference, share, *places)
+
+
+def _where_smooth(
+    compared: ComparedCycles, residual: np.ndarray, angle: np.ndarray, settings: NoiseSettings
+) -> ComparedCycles:
+    """Without differences from values that were interpolated where the residual bends by more than its noise does.
+
+    A straight line between samples misses a sinusoid by a quarter of its second difference at most. The noise's own
+    second difference is that of the differences; white noise has six times its variance there.
+    """
+    difference, share = compared.difference, compared.share
+    known = np.isfinite(difference)
+    bend = _mean_squared_bend(residual, angle)
+    bend = np.maximum(bend[compared.before], bend[compared.after])
+    missed = (4.0 * share * (1.0 - share)) ** 2
+    samples = 1.0 + (1.0 - share) ** 2 + share**2  # so much of the noise's variance is in a difference
+    kept = known
+    while True:
+        left = np.where(kept, (difference - np.median(difference[kept])) / np.sqrt(samples), np.nan)
+        variance, own = _robust_variance(left), _robust_variance(np.diff(left, 2))
+        excess = np.where(known, missed * (bend - max(6.0 * variance, own)), np.inf)
+        # the smoothest are kept whatever they are: there is nothing better
+        least = np.partition(excess, settings.min_differences - 1)[settings.min_differences - 1]
+        smooth = kept & (excess <= max(settings.max_bend * variance, least))
+        if smooth.sum() == kept.sum():
+            return replace(compared, difference=np.where(kept, difference, np.nan))
+        kept = smooth
+
+
+def _mean_squared_bend(residual: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Mean square (n,) of second differences at the phase of each sample, of all cycles together [unit^2]."""
+    bend = np.full(residual.size, np.nan)
+    bend[1:-1] = np.diff(residual, 2)
+    finite = np.flatnonzero(np.isfinite(bend) & np.isfinite(angle))
+    square = np.zeros(residual.size)
+    if finite.size:
+        order = finite[np.argsort(np.mod(angle[finite], 2 * np.pi), kind="stable")]
+        limit = (5.0 * _robust_sd(bend[finite])) ** 2
+        cycles = np.ptp(angle[finite]) / (2 * np.pi)
+        width = int(min(max(3 * cycles, 24), order.size))
+        square[order] = uniform_filter1d(np.minimum(bend[order] ** 2, limit), width, mode="wrap")
+    return square
+
+
+def _without_drift(difference: np.ndarray, per_cycle: int, settings: NoiseSettings) -> np.ndarray:
+    """Differences without their median and, where that wanders by more than noise with a memory could, without their
+    mean over a cycle."""
+    finite = np.isfinite(difference)
+    difference = difference - np.median(difference[finite])
+    window = np.ones(max(per_cycle, 1))
+    count = np.convolve(finite, window, mode="same")
+    total = np.convolve(np.where(finite, difference, 0.0), window, mode="same")
+    if total.size != difference.size:  # less than a cycle
+        return difference
+    drift = np.where(finite, total / np.maximum(count, 1), np.nan)
+    rest = difference - drift
+    wanders = np.nanvar(drift) + np.nanmean(drift) ** 2
+    return rest if wanders * per_cycle > settings.least_drift * np.nanmean(rest**2) else difference
+
+
+def rounding_that_repeats(compared: ComparedCycles, predicted: np.ndarray, resolution: float, variance: float) -> float:
+    """Variance [unit^2] of a sensor's rounding that cycles have in common, so that they do not differ by it.
+
+    Noise of standard deviation s before the rounding leaves, of the error's k-th harmonic over the steps, the share
+    exp(-(2 pi k s / step)^2) to what repeats; how far it does is told by how many steps lie between the values that
+    are compared.
+
+    Parameters
+    ----------
+    compared : ComparedCycles
+    predicted : (n,) array
+        What the sensor should read [unit].
+    resolution : float
+        Its step [unit], > 0.
+    variance : float
+        Of what cycles differ by [unit^2].
+    """
+    known = np.isfinite(compared.difference)
+    k = np.arange(1, 41)[:, None]
+    share = compared.share[known]
+    alike = 0.0
+    for place, weight in ((compared.before, 1.0 - share), (compared.after, share)):
+        steps = (predicted[place[known]] - predicted[known]) / resolution
+        alike = alike + np.where(weight > 0.0, weight * np.cos(2 * np.pi * k * np.nan_to_num(steps)), 0.0)
+    k, alike = k[:, 0], np.maximum(alike.mean(axis=1), 0.0)
+
+    def repeated(sd: float) -> float:
+        harmonics = resolution**2 / (2 * np.pi**2 * k**2) * np.exp(-((2 * np.pi * k * sd / resolution) ** 2))
+        return float(harmonics @ alike)
+
+    def beyond(sd: float) -> float:
+        return sd**2 + resolution**2 / 12.0 - repeated(sd) - variance
+
+    return repeated(0.0 if beyond(0.0) >= 0.0 else brentq(beyond, 0.0, np.sqrt(variance)))
 
 
 def _spectrum(values: np.ndarray, lags: int) -> np.ndarray:
@@ -267,13 +416,23 @@ def _level(spectrum: np.ndarray, mean: float) -> float:
 
 
 def _robust_sd(values: np.ndarray) -> float:
-    """Standard deviation by the median of absolute values, which a few outliers do not move."""
-    plain = float(np.sqrt(np.mean(values**2)))
-    robust = float(np.median(np.abs(values)) / 0.6744897501960817)  # half of a normal distribution lies within
-    return robust if robust > 1e-6 * plain else plain  # coarsely rounded readings hardly ever differ
+    """Standard deviation by the median of absolute values, which a few outliers do not move.
+
+    Coarsely rounded readings differ by nothing or by a step: where most are near 0, the rest tells it.
+    """
+    half, most = np.quantile(np.abs(values), [0.5, 0.9]) / [0.6744897501960817, 1.6448536269514722]
+    if half > 0.1 * most:
+        return float(half)
+    return float(most) if most > 0.0 else float(np.sqrt(np.mean(values**2)))
 
 
-def _without_outliers(values: np.ndarray, most: float) -> np.ndarray:
-    """Values cut at `most` standard deviations."""
-    limit = most * _robust_sd(values[np.isfinite(values)])
+def _robust_variance(values: np.ndarray) -> float:
+    """Square of `_robust_sd` of what is known of them; 0 where that is nothing."""
+    finite = np.isfinite(values)
+    return _robust_sd(values[finite]) ** 2 if finite.any() else 0.0
+
+
+def _without_outliers(values: np.ndarray, most: float, least: float = 0.0) -> np.ndarray:
+    """Values cut at `most` standard deviations, or at `least` [unit] where that is more."""
+    limit = max(most * _robust_sd(values[np.isfinite(values)]), least)
     return np.clip(values, -limit, limit)

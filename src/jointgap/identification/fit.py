@@ -131,6 +131,8 @@ class Fit:
     @cached_property
     def distribution(self) -> BoundedNormal:
         """What the data and the bounds say of the values, for intervals; variances inflated like the `covariance`."""
+        if self.status == FAILED:  # nothing is known
+            return BoundedNormal(np.zeros((self.values.size, self.values.size)))
         low, high = self._bounds()
         if self.draws is not None:  # they hold what the fitted data leave already
             wider = np.sqrt(self.inflation / self._inflation_of_chi2)
@@ -164,6 +166,8 @@ class Fit:
         released : sequence of int
             Places of parameters that are not held, though they are at a bound.
         """
+        if self.status == FAILED:  # nothing is known
+            return np.zeros((self.values.size, self.values.size))
         low, high = self._bounds()
         length = np.linalg.norm(self.jacobian, axis=0)
         width = high - low

@@ -11,8 +11,10 @@ from jointgap.identification.confirmation import fit_run_parameters
 from jointgap.identification.cycle_noise import (
     Scatter,
     ar_autocorrelation,
+    compared_cycles,
     effective_samples,
     growth_with_rate,
+    rounding_that_repeats,
     scatter_between_cycles,
     scatter_between_samples,
 )
@@ -80,7 +82,7 @@ def _guess(series: Series, share: float) -> Noise:
     if series.stated_noise is not None:
         return Noise(np.hypot(series.stated_noise, series.rounding))
     measured = series.value[_is_for_noise(series) & np.isfinite(series.value)]
-    spread = max(share * float(np.std(measured)), np.finfo(float).tiny) if measured.size else 1.0
+    spread = max(share * series.variation(measured), np.finfo(float).tiny) if measured.size else 1.0
     return Noise(np.full(series.value.shape, spread), source="guessed")
 
 
@@ -137,9 +139,10 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
             raise InputError(f"run {series.run}, channel {series.channel}: statistics need a stated noise")
         return NoiseEstimate(stated, effective_samples=float(count))
     least = max(settings.min_share_of_channel * series.variation(value), series.rounding) if count else 0.0
-    rate = _rate(series, value - residual)
-    shape, sd = _known_shape(series, residual, rate, least, settings)
-    scatter, source = _scatter(series, residual / shape, settings)
+    predicted = value - residual
+    rate = _rate(series, predicted)
+    shape, sd = _known_shape(series, residual, predicted, rate, least, settings)
+    scatter, source = _scatter(series, residual / shape, predicted, settings)
     remarks, autocorrelation = [], ()
     if scatter is not None and scatter.spectrum is not None:
         known = None if stated is None else _rms(sd / shape)
@@ -172,6 +175,7 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
         if sd is None:
             # The least is that of the white part, which is left where a channel stands still; jitter comes on top.
             sd = np.sqrt(grown**2 + max(least**2 - float(np.min(grown)) ** 2, 0.0))
+        _check_is_noise(series, _rms(sd), value, predicted, settings)
     if not np.all(sd > 0.0):
         raise InputError(
             f"run {series.run}, channel {series.channel}: its noise is 0; state what the sensor resolves as `noise`"
@@ -186,11 +190,39 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
     )
 
 
-def _scatter(series: Series, residual: np.ndarray, settings: NoiseSettings) -> tuple[Scatter | None, str]:
-    """What cycles of a residual do not repeat, else what neighbouring samples do not; and which of them it was."""
-    if (scatter := scatter_between_cycles(residual, series.angle, settings)) is not None:
-        return scatter, "differences between neighbouring cycles"
-    return scatter_between_samples(residual, settings), "differences between neighbouring samples"
+def _check_is_noise(
+    series: Series, sd: float, value: np.ndarray, predicted: np.ndarray, settings: NoiseSettings
+) -> None:
+    """Refuse a noise that was found where the model's motion is not that of the measurement."""
+    most = settings.max_share_of_channel * series.variation(value)
+    if series.unit == "rad":
+        most = min(most, settings.max_angle_rad)
+    # a channel that should stand still, as the speed of a steady crank does, may hold nothing but noise
+    if sd > most and series.variation(predicted) > settings.least_motion * sd:
+        raise InputError(
+            f"run {series.run}, channel {series.channel}: its cycles differ by {sd:.3g} {series.unit} (standard "
+            f"deviation), it varies by {series.variation(value):.3g}: that is no noise of a sensor, the model does not "
+            "follow the motion. Check the drive, the bounds in `nuisance` and the column, or state the sensor's noise "
+            "as `noise` of the channel"
+        )
+
+
+def _scatter(
+    series: Series, residual: np.ndarray, predicted: np.ndarray, settings: NoiseSettings
+) -> tuple[Scatter | None, str]:
+    """What cycles of a residual do not repeat, else what neighbouring samples do not; and which of them it was.
+
+    The rounding to the sensor's steps belongs to it, also where cycles have it in common.
+    """
+    scatter = scatter_between_cycles(residual, series.angle, settings, series.resolution)
+    if scatter is None:
+        return scatter_between_samples(residual, settings), "differences between neighbouring samples"
+    if series.resolution:
+        compared = compared_cycles(residual, series.angle, settings)
+        repeated = rounding_that_repeats(compared, predicted, series.resolution, scatter.sd**2)
+        spectrum = None if scatter.spectrum is None else scatter.spectrum + repeated
+        scatter = replace(scatter, sd=float(np.hypot(scatter.sd, np.sqrt(repeated))), spectrum=spectrum)
+    return scatter, "differences between neighbouring cycles"
 
 
 def _rate(series: Series, predicted: np.ndarray) -> np.ndarray:
@@ -203,7 +235,12 @@ def _rate(series: Series, predicted: np.ndarray) -> np.ndarray:
 
 
 def _known_shape(
-    series: Series, residual: np.ndarray, rate: np.ndarray, least: float, settings: NoiseSettings
+    series: Series,
+    residual: np.ndarray,
+    predicted: np.ndarray,
+    rate: np.ndarray,
+    least: float,
+    settings: NoiseSettings,
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """How the noise changes over the samples, (n,) with a mean square of 1; and the noise (n,) [unit] itself where it
     is known so far.
@@ -220,7 +257,7 @@ def _known_shape(
         return grown / _rms(grown), own
     timing = series.jitter * np.abs(rate)
     if own is None:
-        scatter, _ = _scatter(series, residual, settings)
+        scatter, _ = _scatter(series, residual, predicted, settings)
         if scatter is None:
             return np.ones(rate.size), None
         own = np.sqrt(max(scatter.sd**2 - float(np.mean(timing**2)), least**2))
@@ -240,8 +277,8 @@ def _mismatch(series: Series, scatter: Scatter, stated: float) -> str:
     if scatter.sd < stated:
         return f"{start} as if it were {scatter.sd:.3g}: small disagreements may be overlooked"
     return (
-        f"{start} as if it were {scatter.sd:.3g}: it is larger than stated, or something out of step with the crank "
-        "acts"
+        f"{start} as if it were {scatter.sd:.3g}: it is larger than stated, something out of step with the crank "
+        "acts, or impacts ring differently in each cycle"
     )
 
 

@@ -509,6 +509,21 @@ class NoiseSettings:
         [samples] The noise is an autoregressive process of at most this order: sensors and filters need no more.
     min_differences : int
         Differences between cycles; fewer say nothing of a correlation.
+    max_cycles_apart : int
+        Cycles apart that are compared: phases that neighbours do not have in common may be met again later.
+    max_bend : float
+        [1, of the noise's variance] By so much more than noise makes may the squared second difference of a residual
+        be where it is interpolated: a straight line then adds 2 % to the noise, in the middle between two samples 8 %.
+    least_drift : float
+        [1] Variance of the differences' mean over a cycle, over what noise without a memory leaves of it, from which on
+        they drift; a noise with a correlation of 0.96 from sample to sample leaves 49.
+    max_share_of_channel : float
+        [1, of what a channel varies by] A noise that is found is no more: what is left of such a channel is a motion
+        that the model does not follow.
+    least_motion : float
+        [1, of such a noise] A channel that the model says to vary by less stands still: it may hold nothing but noise.
+    max_angle_rad : float
+        [rad] Nor is that of an angle, 10 deg: no encoder scatters so.
     max_lines : int
         Sinusoids that are taken out of the differences, as motions out of step with the crank (experience).
     line_probability : float
@@ -535,6 +550,12 @@ class NoiseSettings:
 
     max_ar_order: int = 4
     min_differences: int = 32
+    max_cycles_apart: int = 4
+    max_bend: float = 4.0
+    least_drift: float = 100.0
+    max_share_of_channel: float = 0.5
+    least_motion: float = 0.2
+    max_angle_rad: float = 0.1745
     max_lines: int = 24
     line_probability: float = 1e-4
     reported_mismatch: float = 1.3

@@ -20,6 +20,7 @@ from jointgap.slider_crank.chaotic_channels import (
 )
 from jointgap.slider_crank.nuisances import run_nuisances, shared_nuisances
 from jointgap.slider_crank.run_simulation import RunPlan, channels_read, numerics_for, unknown_starts
+from jointgap.slider_crank.sample_grid import own_rows
 from jointgap.slider_crank.sensor_faults import sensor_candidates
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SliderCrankSettings
 
@@ -74,6 +75,11 @@ class SliderCrankModel:
                 kept = ~held_out[run] | held_out[run].all()
                 fitted = {channel: np.where(kept, measured[run][channel], np.nan) for channel in channels}
                 self._chaotic[run] = chaotic_run(campaign, plan, channels, values, fitted, noise[run])
+        self._rows = {
+            (run, channel): own_rows(plan.samples.elapsed, measured[run][channel])
+            for run, plan in plans.items()
+            for channel in plan.channels
+        }
         self.series = tuple(
             series for run in plans for series in self._all_series(run, measured[run], noise[run], held_out[run])
         )
@@ -90,7 +96,8 @@ class SliderCrankModel:
         samples, series = self.plans[run].samples, []
         for channel in self.plans[run].channels:
             if channel not in self.chaotic(run):
-                value, sd = measured[channel], noise.get(channel)
+                rows = self._rows[run, channel]
+                value, sd = measured[channel][rows], noise.get(channel)
                 stated = None if sd is None else np.full(value.size, sd)
                 unit = CHANNELS[channel]
                 step = (self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(channel)
@@ -103,9 +110,9 @@ class SliderCrankModel:
                         channel,
                         unit,
                         value,
-                        samples.time,
-                        samples.angle,
-                        held_out,
+                        samples.time[rows],
+                        samples.angle[rows],
+                        held_out[rows],
                         stated,
                         resolution=step,
                         jitter=jitter,
@@ -182,7 +189,8 @@ class SliderCrankModel:
         sampled = tuple(channel for channel in plan.channels if channel not in self.chaotic(run))
         read = {}
         if sampled:
-            read = channels_read(self.campaign, replace(plan, channels=sampled), values, effects, numerics)
+            whole = channels_read(self.campaign, replace(plan, channels=sampled), values, effects, numerics)
+            read = {channel: value[self._rows[run, channel]] for channel, value in whole.items()}
         if chaotic is not None:
             statistics = simulated_statistics(self.campaign, chaotic, values, effects, numerics)
             sizes = {series.channel: series.value.size for series in self.series if series.run == run}

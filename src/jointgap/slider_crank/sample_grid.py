@@ -166,6 +166,27 @@ def sample_grid(
     return SampleGrid((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, timed=False)
 
 
+def own_rows(elapsed: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Rows of a channel at its own rate, (n,) bool: of files of several loggers joined on time each fills some rows.
+
+    Those with a value, and those in gaps longer than its usual step; all of a channel that is yet to be measured.
+
+    Parameters
+    ----------
+    elapsed : (n,) array
+        Times since the first sample [s].
+    value : (n,) array
+        As measured; NaN where nothing was.
+    """
+    kept = np.isfinite(value)
+    known = np.flatnonzero(kept)
+    if known.size < 2:
+        return np.ones(value.size, bool)
+    lapse = np.diff(elapsed[known])
+    between = np.clip(np.searchsorted(known, np.arange(value.size)) - 1, 0, lapse.size - 1)
+    return kept | (lapse > 1.5 * np.median(lapse))[between]
+
+
 def _robust_line(x: np.ndarray, y: np.ndarray, outlier: float) -> tuple[float, float, float]:
     """Slope, value at 0 and residual sd of a straight line; points `outlier` standard deviations off are left out."""
     kept = np.ones(x.size, bool)

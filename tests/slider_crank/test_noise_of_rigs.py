@@ -1,0 +1,142 @@
+"""The noise of a rig's sensors is found where its model misses a lot: a loose pin, the weight, and joined loggers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from jointgap.config import Simulate, load_mechanism
+from jointgap.config.load import load_campaign
+from jointgap.config.scenario import MotorDrive
+from jointgap.dynamics import simulate
+from jointgap.identification.noise_model import estimate_noise, noise_of_model
+from jointgap.identification.problem import Problem
+from jointgap.identification.protocol import Series
+from jointgap.recordings import Measurements, read_measurements
+from jointgap.slider_crank import build_model
+from tests.identification.toy import toy
+from tests.slider_crank.rigs import campaign, mechanism, recorded
+
+SHARE = 0.01  # of a channel's standard deviation: noise
+
+
+@pytest.fixture(scope="module")
+def loose_pin():
+    """Settled revolutions of a rig with a loose piston pin, and those of its model without."""
+    motions = []
+    for loose in (("piston_pin",), ()):
+        content = mechanism(loose)
+        for joint in content["joints"].values():
+            joint["bearing_radius"] = joint["journal_radius"] + 0.3e-3
+        content["contacts"]["steel"]["restitution"] = 0.3
+        options = Simulate(speed=40.0, revolutions=12, samples_per_revolution=1373, tolerance=4e-9)
+        motions.append(simulate(campaign(content).mechanism, options).samples.iloc[4 * 1373 :])
+    return motions
+
+
+def rung(motions, channel: str, every: int, seed: int, stated: bool = False):
+    """Noise found in a channel of the rig, read at every so many samples, over the true one."""
+    rig, model = (motion.iloc[::every] for motion in motions)
+    sd = SHARE * rig[channel].std()
+    value = rig[channel].to_numpy() + sd * np.random.default_rng(seed).standard_normal(len(rig))
+    time, angle = rig["time"].to_numpy(), rig["crank_angle"].to_numpy()
+    known = np.full(value.size, sd) if stated else None
+    one = Series("run", channel, "SI", value, time, angle, np.zeros(value.size, bool), known)
+    noise = estimate_noise(replace(toy(), series=[one]), {one.key: value - model[channel].to_numpy()})[one.key]
+    return noise.estimated_sd / sd, noise.remarks
+
+
+@pytest.mark.parametrize("channel", ["crank_torque", "slider_acceleration"])
+@pytest.mark.parametrize("every", [5, 10])  # 274.6 and 137.3 samples a turn: phases do not repeat
+def test_ringing_between_the_samples_of_a_loose_pin_is_no_noise(loose_pin, channel, every):
+    assert np.mean([rung(loose_pin, channel, every, seed)[0] for seed in range(3)]) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("channel", ["crank_torque", "slider_acceleration"])
+def test_a_true_stated_noise_of_a_rig_that_rings_is_not_called_too_small(loose_pin, channel):
+    assert not rung(loose_pin, channel, 10, 0, stated=True)[1]
+
+
+def test_each_channel_of_loggers_that_were_joined_has_its_own_rate_noise_and_memory():
+    channels = ("time", "crank_angle", "slider_acceleration", "crank_torque")
+    own = campaign(mechanism(), channels)
+    rng, runs = np.random.default_rng(5), recorded(own, kept=8, per_turn=180).runs
+    for run, one in runs.items():
+        read = {name: value.copy() for name, value in one.channels.items()}
+        torque = read["crank_torque"][::4].copy()
+        memory = np.zeros(torque.size)
+        for i, step in enumerate(rng.standard_normal(torque.size)):
+            memory[i] = 0.7 * memory[i - 1] + np.sqrt(1 - 0.7**2) * step
+        read["crank_torque"][:] = np.nan
+        read["crank_torque"][::4] = torque + 0.2 * memory
+        read["slider_acceleration"] += rng.standard_normal(one.time.size)
+        angle = np.where(np.arange(one.time.size) % 2, np.nan, one.crank_angle)
+        angle += np.deg2rad(0.05) * rng.standard_normal(angle.size)
+        runs[run] = replace(one, channels=read, crank_angle=angle)
+    model = build_model(own, Measurements(runs))
+    noise = noise_of_model(model)
+    for (_, channel), found in noise.items():
+        rows, sd = {"crank_torque": (4, 0.2), "slider_acceleration": (1, 1.0)}.get(channel, (2, np.deg2rad(0.05)))
+        assert found.sd.size == (8 * 180 + rows) // rows
+        assert found.sd[0] == pytest.approx(sd, rel=0.15)
+        assert (found.autocorrelation or (0.0,))[0] == pytest.approx(
+            0.7 if channel == "crank_torque" else 0.0, abs=0.15
+        )
+    problem = Problem(model, noise)
+    assert problem.gap(problem.residual({p.key: p.nominal for p in problem.nuisances})) == pytest.approx(1.0, abs=0.06)
+
+
+def test_gaps_of_a_channel_at_its_own_rate_stay_gaps():
+    own = campaign(mechanism(), ("time", "crank_angle", "crank_torque"))
+    runs = recorded(own, kept=4, per_turn=90).runs
+    for one in runs.values():
+        every_third = np.arange(one.time.size) % 3 == 0
+        one.channels["crank_torque"][~every_third] = np.nan
+        one.channels["crank_torque"][60:90] = np.nan
+    series = next(s for s in build_model(own, Measurements(runs)).series if s.channel == "crank_torque")
+    known = np.isfinite(series.value)
+    assert known.sum() == 111
+    assert known[:20].all()
+    assert not known[20:].all()
+
+
+def test_the_noise_of_a_motor_rig_is_found_although_the_weight_is_not_in_its_model(tmp_path):
+    content = {
+        "crank": {"length": 0.06, "mass": 1.0, "inertia": 2e-3, "mass_centre": 1e-3},
+        "rod": {"length": 0.21, "mass": 0.1, "inertia": 4e-4, "mass_centre": 0.1},
+        "slider": {"mass": 0.3, "offset": -0.09},
+        "joints": {"crank_pivot": "ideal", "crank_pin": "ideal", "piston_pin": "ideal"},
+        "gravity_direction": "0 deg",
+    }
+    (tmp_path / "true.yaml").write_text(yaml.safe_dump(content | {"effects": [{"name": "gravity"}]}))
+    (tmp_path / "model.yaml").write_text(yaml.safe_dump(content))
+    drive = MotorDrive(kind="motor", stall_torque=0.9, no_load_speed=20.9, inertia=4e-3)
+    options = Simulate(speed=17.8, revolutions=20, samples_per_revolution=360, drive=drive)
+    seen = simulate(load_mechanism(tmp_path / "true.yaml"), options).samples
+    rng, time = np.random.default_rng(0), np.arange(seen["time"].iloc[0] + 2.0, seen["time"].iloc[-1], 0.02)
+    angle = np.interp(time, seen["time"], seen["crank_angle"])
+    position = 0.06 * np.cos(angle) + np.sqrt(0.21**2 - (-0.09 - 0.06 * np.sin(angle)) ** 2)
+    sd = {"crank_angle": np.deg2rad(0.06), "slider_position": 3e-4}
+    angle = angle + sd["crank_angle"] * rng.standard_normal(time.size)
+    position = position + sd["slider_position"] * rng.standard_normal(time.size)
+    pd.DataFrame({"t": time - time[0], "angle": angle, "x": position}).to_csv(tmp_path / "v.csv", index=False)
+    keys = {
+        "name": "motor",
+        "mechanism": "model.yaml",
+        "drive": "motor",
+        "motor": {"stall_torque": 1.5, "no_load_speed": 24.1, "inertia": 4e-3},
+        "runs": [{"id": "v", "file": "v.csv", "speed": 20.9, "role": "split"}],
+        "channels": {
+            "time": {"column": "t", "unit": "s"},
+            "crank_angle": {"column": "angle", "unit": "rad"},
+            "slider_position": {"column": "x", "unit": "m"},
+        },
+        "nuisance": {"stall_torque": [0.3, 3.0], "no_load_speed": [18.0, 60.0], "slider_mass": "20 %"},
+    }
+    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(keys))
+    own = load_campaign(tmp_path / "campaign.yaml")
+    noise = noise_of_model(build_model(own, read_measurements(own)))
+    for channel, true in sd.items():
+        assert noise["v", channel].sd[0] == pytest.approx(true, rel=0.2)
