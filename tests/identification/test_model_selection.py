@@ -353,6 +353,19 @@ def test_what_looks_like_the_explanation_that_would_be_named_is_fitted_from_its_
     assert select_hypothesis(base, found, [viscous], limits).chosen.label == "quadratic"
 
 
+def test_so_it_is_where_the_best_explains_too_little_but_leaves_no_more_than_null_campaigns_do():
+    """The noise is known so poorly that viscous friction, which explains 94 %, would pass."""
+    model = toy({"quadratic": {"drag_N_s2_m2": 0.1}}, seed=4)
+    base = recalibrate(model, stated_noise(model))
+    found = simulate_signatures(base.problem, base.base, base.differences)
+    viscous = fit_hypothesis(base.problem, (candidate_of("viscous"),), differences=base.differences, refresh=True)
+    for omnibus, label in ((1.1, ""), (1.5, "quadratic")):
+        limits = Thresholds(rate=0.01, omnibus=omnibus, max_gain_threshold=12.0)
+        decision = select_hypothesis(base, found, [viscous], limits)
+        assert decision.chosen.label == (label or decision.base.label)
+        assert (decision.best_known is None) == bool(label)
+
+
 def test_in_a_pair_what_looks_like_one_effect_is_fitted_beside_the_other():
     model = toy({"quadratic": {"drag_N_s2_m2": 0.1}, "spring": {"stiffness_N_m": 5.0}}, seed=4)
     base = recalibrate(model, stated_noise(model))

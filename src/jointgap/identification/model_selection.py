@@ -466,9 +466,12 @@ def _proposed(decision: Decision) -> list[Fit]:
 
 
 def _look_alikes(baseline: Baseline, signatures: Signatures, decision: Decision, done: set[str]) -> list[Fit]:
-    """Fits of what looks like the explanation that would be named, if that is not `done` yet; then it is."""
-    best = next((fit for fit in (decision.chosen, *decision.equivalent) if fit.hypothesis), None)
+    """Fits of what looks like the explanation that would be named, or that is best and leaves no more than null
+    campaigns do; if it is not `done` yet, and then it is."""
+    best = decision.proposed
     if best is None or (label := f"like {best.label}") in done:
+        return []
+    if best is decision.best_known and reduced_chi2(best) > decision.thresholds.omnibus:
         return []
     done.add(label)
     return fit_look_alikes(baseline, signatures, best)
