@@ -6,6 +6,25 @@ from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.parameters import MOTOR
 
 _SHARE = 2.0 / math.pi  # mean of the bending mode sin(pi s / L), of which the mean square is 1/2
+STILL_SHARE = 1.0 - 2.0 * _SHARE * _SHARE
+"""Share of a bending rod's mass that resists across it: the rest gives way."""
+
+
+@inlined
+def bending_levers(bodies, bend) -> tuple:
+    """How a bending rod turns: levers [m] of a force along and across it at its mass centre, inertia [kg m^2].
+
+    Parameters
+    ----------
+    bodies : BodyParameters
+    bend : float
+        Deflection at midspan [m].
+    """
+    m, k, beyond = bodies.rod_mass, _SHARE, 0.5 * bodies.rod_length - bodies.rod_centre
+    along, across = k * bend, 2.0 * k * k * beyond / STILL_SHARE
+    inertia = bodies.rod_inertia + m * (0.5 * bend**2 - 2.0 * k * k * beyond**2)
+    inertia -= m * (along**2 + 2.0 * k * k * beyond * across)
+    return along, across, inertia
 
 
 @compiled
@@ -43,15 +62,26 @@ def rod_accelerations(bodies, rod_cos, rod_sin, speed, bend, bend_rate, fx, fy, 
     right_t = along + 2.0 * k * m * speed * bend_rate
     right_n = across + k * m * (speed**2 * bend - free)
     right = moment - m * speed * bend * bend_rate - k * m * beyond * free
-    tangential, normal = k * bend, 2.0 * k * k * beyond / (1.0 - 2.0 * k * k)
-    inertia = bodies.rod_inertia + m * (0.5 * bend**2 - 2.0 * k * k * beyond**2)
-    inertia -= m * (tangential**2 + 2.0 * k * k * beyond * normal)
+    tangential, normal, inertia = bending_levers(bodies, bend)
     alpha = (right + tangential * right_t + normal * right_n) / inertia
     at = right_t / m + tangential * alpha
-    an = right_n / (m * (1.0 - 2.0 * k * k)) + normal * alpha
+    an = right_n / (m * STILL_SHARE) + normal * alpha
     ax = rod_cos * at - rod_sin * an + bodies.gravity_x
     ay = rod_sin * at + rod_cos * an + bodies.gravity_y
     return ax, ay, alpha, free - 2.0 * k * (an + alpha * beyond)
+
+
+@inlined
+def crank_moment(bodies, crank) -> tuple:
+    """First moment of the crank's mass about its pivot end [kg m], x and y.
+
+    Parameters
+    ----------
+    bodies : BodyParameters
+    crank : Crank
+    """
+    hx = bodies.crank_moment_x * crank.cosine - bodies.crank_moment_y * crank.sine
+    return hx, bodies.crank_moment_x * crank.sine + bodies.crank_moment_y * crank.cosine
 
 
 @compiled
@@ -74,8 +104,7 @@ def crank_accelerations(p, crank, torque, pivot, pin):
     """
     b, alpha = p.bodies, crank.acceleration
     inertia = b.crank_inertia + p.drive.rotor_inertia
-    hx = b.crank_moment_x * crank.cosine - b.crank_moment_y * crank.sine
-    hy = b.crank_moment_x * crank.sine + b.crank_moment_y * crank.cosine
+    hx, hy = crank_moment(b, crank)
     # m a + alpha z x h - w^2 h = force,  J alpha + h x a = moment about the pivot end
     fx = pivot[2] - pin[2] + b.crank_mass * b.gravity_x + crank.speed**2 * hx
     fy = pivot[3] - pin[3] + b.crank_mass * b.gravity_y + crank.speed**2 * hy

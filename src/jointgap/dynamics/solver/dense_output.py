@@ -12,6 +12,7 @@ import math
 from jointgap.dynamics.compilation import compiled, inlined
 from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.solver.runge_kutta import (
+    auxiliary_after,
     auxiliary_rows,
     auxiliary_weight,
     ds_for,
@@ -65,7 +66,12 @@ def prepare_inside(p, here, there, time_map, s, ds, tolerance, velocity_time, k)
             y[0] + ds * total[0], y[1] + ds * total[1], y[2] + ds * total[2], y[3] + ds * total[3],
             y[4] + ds * total[4], y[5] + ds * total[5], y[6] + ds * total[6], y[7] + ds * total[7],
         )  # fmt: skip
-        z_auxiliary = auxiliary_rows(x, ds, MORE_STAGES, i, _FIRST, row, k) if auxiliary else x
+        z_auxiliary = x
+        if auxiliary:
+            newest, weight = k.auxiliary_rates[row - 1], MORE_STAGES[i, row - 1]
+            z_auxiliary = auxiliary_after(
+                p, x, ds, auxiliary_rows(p, MORE_STAGES, i, _FIRST, row - 1, k), weight, newest
+            )
         on = MORE_NODES[i] * ds
         time = here.time + elapsed_time(time_map, s, on)
         there_inside = instant(p, time, z, z_auxiliary, here.modes, here.approaches, here.begins)

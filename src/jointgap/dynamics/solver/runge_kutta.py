@@ -18,7 +18,7 @@ from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES, Crank, a
 from jointgap.dynamics.model.normal_contact import damping_factor_at
 from jointgap.dynamics.model.parameters import CONSTANT, MOTOR
 from jointgap.dynamics.model.prescribed_drive import crank_motion
-from jointgap.dynamics.solver.step_stages import weighted_rows
+from jointgap.dynamics.solver.step_stages import weighted_auxiliary, weighted_motion, weighted_rows
 from jointgap.dynamics.solver.tableau import COUNT, ERROR_3, ERROR_5, NODES, STAGES
 
 LINEAR, AFTER, BEFORE = (np.int64(time_map) for time_map in (0, 1, -1))  # of one type, so that code is compiled once
@@ -229,30 +229,62 @@ instant_in_place = inlined(getattr(instant, "py_func", instant))
 """`instant`, put in where it is called: for the one place that the integration passes at every step."""
 
 
-@compiled
-def auxiliary_rows(x, ds, weights, row, first, last, k):
-    """Auxiliary states after `ds` from `x` on at the weighted sum of the rates that are kept.
+@inlined
+def auxiliary_rows(p, weights, row, first, last, k) -> tuple:
+    """Weighted sums of the auxiliary states' rates that are kept; those of bristles only where a joint has some.
 
     Parameters
     ----------
-    x : tuple of 11 floats
-    ds : float
+    p : Parameters
     weights : (n, m) array
     row, first, last : int
         As in `jointgap.dynamics.solver.step_stages.weighted_rows`.
     k : record
         See `step`.
+
+    Returns
+    -------
+    tuple of 11 floats
     """
-    moved = np.zeros(AUXILIARY_STATES)
-    for i in range(AUXILIARY_STATES):
-        moved[i] = weights[row, 0] * k.auxiliary_rates[0, i]
-    for j in range(first, last):
-        for i in range(AUXILIARY_STATES):
-            moved[i] += weights[row, j] * k.auxiliary_rates[j, i]
-    for i in range(AUXILIARY_STATES):
-        moved[i] = x[i] + ds * moved[i]
+    if p.switches.bristles:
+        return weighted_auxiliary(k.auxiliary_rates, weights, row, first, last)[:AUXILIARY_STATES]
+    return (*weighted_motion(k.auxiliary_rates, weights, row, first, last), 0.0, 0.0, 0.0)
+
+
+@inlined
+def auxiliary_after(p, x, ds, sums, weight, newest) -> tuple:
+    """Auxiliary states after `ds` from `x` on at rates that are summed up but for the newest one.
+
+    Parameters
+    ----------
+    p : Parameters
+    x, sums, newest : tuples of 11 floats
+    ds, weight : float
+        The newest rate's weight.
+    """
+    motion = (
+        x[0] + ds * (sums[0] + weight * newest[0]), x[1] + ds * (sums[1] + weight * newest[1]),
+        x[2] + ds * (sums[2] + weight * newest[2]), x[3] + ds * (sums[3] + weight * newest[3]),
+        x[4] + ds * (sums[4] + weight * newest[4]), x[5] + ds * (sums[5] + weight * newest[5]),
+        x[6] + ds * (sums[6] + weight * newest[6]), x[7] + ds * (sums[7] + weight * newest[7]),
+    )  # fmt: skip
+    if not p.switches.bristles:
+        return (*motion, x[8], x[9], x[10])
     return (
-        moved[0], moved[1], moved[2], moved[3], moved[4], moved[5], moved[6], moved[7], moved[8], moved[9], moved[10],
+        *motion,
+        x[8] + ds * (sums[8] + weight * newest[8]),
+        x[9] + ds * (sums[9] + weight * newest[9]),
+        x[10] + ds * (sums[10] + weight * newest[10]),
+    )
+
+
+@inlined
+def _scaled(factor, rates) -> tuple:
+    """Rates of the auxiliary states times a factor."""
+    return (
+        factor * rates[0], factor * rates[1], factor * rates[2], factor * rates[3], factor * rates[4],
+        factor * rates[5], factor * rates[6], factor * rates[7], factor * rates[8], factor * rates[9],
+        factor * rates[10],
     )  # fmt: skip
 
 
@@ -316,7 +348,7 @@ def step(p, here, time_map, s, ds, velocity_time, k):
     rates_over_s(k, 0, here, factor, auxiliary)
     for i in range(3):
         k.normals[i, 0] = here.normals[i]
-    z_auxiliary, crank, angle = x, here.crank, here.crank_angle
+    z_auxiliary, newest_auxiliary, crank, angle = x, _scaled(factor, here.auxiliary_rates), here.crank, here.crank_angle
     for stage in range(1, COUNT):
         earlier = weighted_rows(k.rates, STAGES, stage, SECOND[stage], stage - 1)
         w = ds * STAGES[stage, stage - 1]
@@ -327,7 +359,8 @@ def step(p, here, time_map, s, ds, velocity_time, k):
             y[6] + ds * earlier[6] + w * newest[6], y[7] + ds * earlier[7] + w * newest[7],
         )  # fmt: skip
         if auxiliary:
-            z_auxiliary = auxiliary_rows(x, ds, STAGES, stage, SECOND[stage], stage, k)
+            sums = auxiliary_rows(p, STAGES, stage, SECOND[stage], stage - 1, k)
+            z_auxiliary = auxiliary_after(p, x, ds, sums, STAGES[stage, stage - 1], newest_auxiliary)
         advance = NODES[stage] * ds
         passed = elapsed_time(time_map, s, advance)
         if p.drive.kind == CONSTANT:
@@ -349,9 +382,9 @@ def step(p, here, time_map, s, ds, velocity_time, k):
         for i in range(STATES):
             k.rates[stage, i] = newest[i]
         if auxiliary:
-            rates = rates_of_auxiliary(z_auxiliary, a4, bristles)
+            newest_auxiliary = _scaled(factor, rates_of_auxiliary(z_auxiliary, a4, bristles))
             for i in range(AUXILIARY_STATES):
-                k.auxiliary_rates[stage, i] = factor * rates[i]
+                k.auxiliary_rates[stage, i] = newest_auxiliary[i]
         k.normals[0, stage], k.normals[1, stage], k.normals[2, stage] = pin[0], piston[0], pivot[0]
     e, w = weighted_rows(k.rates, STAGES, COUNT, SECOND[COUNT], _LAST), STAGES[COUNT, _LAST]
     # Summed before it is added to the state: of a state's last digit nothing is lost twice.
@@ -362,7 +395,8 @@ def step(p, here, time_map, s, ds, velocity_time, k):
         y[6] + ds * (e[6] + w * newest[6]), y[7] + ds * (e[7] + w * newest[7]),
     )  # fmt: skip
     if auxiliary:
-        z_auxiliary = auxiliary_rows(x, ds, STAGES, COUNT, SECOND[COUNT], COUNT, k)
+        sums = auxiliary_rows(p, STAGES, COUNT, SECOND[COUNT], _LAST, k)
+        z_auxiliary = auxiliary_after(p, x, ds, sums, STAGES[COUNT, _LAST], newest_auxiliary)
     return z, z_auxiliary, abs(ds) * relative_error(p, k, newest, velocity_time)
 
 

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from jointgap.dynamics.compilation import compiled, inlined
-from jointgap.dynamics.model.bodies import rod_accelerations
+from jointgap.dynamics.model.bodies import crank_moment, rod_accelerations
 from jointgap.dynamics.model.effect_laws import crank_losses
 from jointgap.dynamics.model.equations import accelerations, pose
 from jointgap.dynamics.model.joint_forces import NOTHING, reaction
@@ -126,13 +126,6 @@ def _never_pulling(joint, force):
 
 
 @inlined
-def _crank_moment(bodies, crank):
-    """First moment of the crank's mass about its pivot end [kg m], x and y."""
-    hx = bodies.crank_moment_x * crank.cosine - bodies.crank_moment_y * crank.sine
-    return hx, bodies.crank_moment_x * crank.sine + bodies.crank_moment_y * crank.cosine
-
-
-@inlined
 def joint_forces_at(p, crank, alpha, pin, piston, pivot) -> tuple:
     """Forces in crank pin, piston pin and crank pivot as samples show them: none pulls, and an ideal pivot has one too.
 
@@ -154,7 +147,7 @@ def joint_forces_at(p, crank, alpha, pin, piston, pivot) -> tuple:
         return pin, piston, _never_pulling(p.crank_pivot, pivot)
     # The crank as a free body: m a + alpha z x h - w^2 h = force,  I alpha + h x a = moment about its pivot end.
     b = p.bodies
-    hx, hy = _crank_moment(b, crank)
+    hx, hy = crank_moment(b, crank)
     fx = pin[2] - b.crank_mass * b.gravity_x - alpha * hy - crank.speed**2 * hx
     fy = pin[3] - b.crank_mass * b.gravity_y + alpha * hx - crank.speed**2 * hy
     return pin, piston, reaction(fx, fy, 0.0)
@@ -197,7 +190,7 @@ def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, be
         place = pose(b, crank, y, x)
         alpha = a[6]
         pin, piston, pivot = joint_forces_at(p, crank, alpha, pin, piston, pivot)
-        hx, hy = _crank_moment(b, crank)
+        hx, hy = crank_moment(b, crank)
         torque = b.crank_inertia * alpha + hx * (a[5] - b.gravity_y) - hy * (a[4] - b.gravity_x) - pivot[4] - pin[5]
         torque += b.crank_length * (crank.cosine * pin[3] - crank.sine * pin[2])
         torque -= crank_losses(p, place.slider, place.slider_speed, crank.speed, angle, times[n])

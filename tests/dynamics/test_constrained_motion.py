@@ -1,0 +1,112 @@
+"""Where a joint is ideal: Newton's and Euler's equations of all bodies with their constraints, solved as one system."""
+
+import numpy as np
+import pytest
+
+from jointgap.dynamics import simulate
+from tests.dynamics.cases import CENTRE, CRANK, MOTOR, PINS, ROD, SPEED, effect, mechanism, options
+
+MIXES = (
+    (),
+    ("crank_pin",),
+    ("piston_pin",),
+    ("crank_pivot",),
+    ("crank_pivot", "crank_pin"),
+    ("crank_pivot", "piston_pin"),
+)
+PIN_FRICTION, GUIDE_FRICTION, COULOMB = 0.3, 0.2, 4.0
+KEYS = {
+    "plain": ({}, {}),
+    "slider forces": ({"slider": True}, {}),
+    "motor": ({"slider": True}, {"drive": MOTOR}),
+    "friction of ideal pins and guide": ({"rubbing": True}, {}),
+    "friction of ideal pins and guide, motor": ({"rubbing": True}, {"drive": MOTOR}),
+}
+
+
+def made(loose, slider=False, rubbing=False):
+    effects = [effect("slider_coulomb_friction", force_N=COULOMB)] if slider else []
+    if rubbing:
+        effects = [effect("pin_friction", pin, coefficient=PIN_FRICTION) for pin in PINS if pin not in loose]
+        effects.append(effect("slider_load_friction", coefficient=GUIDE_FRICTION))
+    return mechanism(*effects, loose=loose, offset=0.03, gravity=True)
+
+
+def point(rows, unknown, lever):
+    """Acceleration x, y of a body's point at `lever` (n, 2) from its mass centre, by the body's x'', y'', angle''."""
+    jacobian = np.zeros((rows, 2, 8))
+    jacobian[:, 0, unknown] = jacobian[:, 1, unknown + 1] = 1.0
+    jacobian[:, 0, unknown + 2], jacobian[:, 1, unknown + 2] = -lever[:, 1], lever[:, 0]
+    return jacobian
+
+
+def solved(mechanism, loose, t, motor, slider, rubbing):
+    """Accelerations (n, 8) of crank, rod (x, y, angle each) and slider (x, y), and the constraints' forces by name."""
+    crank, rod, piston = mechanism.crank, mechanism.rod, mechanism.slider
+    n = len(t)
+    toward = np.stack([np.cos(t.crank_angle), np.sin(t.crank_angle)], 1)
+    along = np.stack([np.cos(t.rod_angle), np.sin(t.rod_angle)], 1)
+    to_pivot, to_pin = -crank.mass_centre * toward, (CRANK - crank.mass_centre) * toward
+    near, far = -CENTRE * along, (ROD - CENTRE) * along
+    w, turn = t.crank_speed.to_numpy()[:, None], t.rod_angular_velocity.to_numpy()[:, None]
+    inertia = crank.inertia + (MOTOR["inertia"] if motor else 0.0)
+    masses = np.array([crank.mass, crank.mass, inertia, rod.mass, rod.mass, rod.inertia, piston.mass, piston.mass])
+    push = np.zeros((n, 8))
+    push[:, [0, 1]], push[:, [3, 4]], push[:, [6, 7]] = (body.mass * mechanism.gravity for body in (crank, rod, piston))
+    v = t.slider_velocity.to_numpy()
+    if slider:
+        push[:, 6] -= COULOMB * np.tanh(v / 0.01)
+    if rubbing:
+        push[:, 6] -= GUIDE_FRICTION * np.abs(t.guide_force) * np.tanh(v / 0.01)
+    if motor:
+        push[:, 2] += MOTOR["stall_torque"] * (1 - w[:, 0] / MOTOR["no_load_speed"])
+    slides = np.zeros((n, 2, 8))
+    slides[:, 0, 6] = slides[:, 1, 7] = 1.0
+    of_crank, of_rod = point(n, 0, to_pin), point(n, 3, near)
+    ends = {
+        "crank_pivot": (point(n, 0, to_pivot), w**2 * to_pivot),
+        "crank_pin": (of_rod - of_crank, turn**2 * near - w**2 * to_pin),
+        "piston_pin": (point(n, 3, far) - slides, turn**2 * far),
+    }
+    rows, right, names = [np.eye(8)[None, [7]].repeat(n, 0)], [np.zeros((n, 1))], ["guide"]
+    if not motor:
+        rows.append(np.eye(8)[None, [2]].repeat(n, 0))
+        right.append(np.zeros((n, 1)))
+        names.append("drive")
+    for name, (jacobian, centripetal) in ends.items():
+        force = t[[f"{name}_force_x", f"{name}_force_y"]].to_numpy()
+        if name in loose:
+            push += np.einsum("nij,ni->nj", jacobian, force)
+            continue
+        rows.append(jacobian)
+        right.append(centripetal)
+        names += [f"{name}_force_x", f"{name}_force_y"]
+        if rubbing and name in PINS:
+            relative = turn[:, 0] - (w[:, 0] if name == "crank_pin" else 0.0)
+            moment = -PIN_FRICTION * 0.007 * np.hypot(*force.T) * np.tanh(relative / 0.1)
+            push[:, 5] += moment
+            push[:, 2] -= moment if name == "crank_pin" else 0.0
+    jacobian, right = np.concatenate(rows, 1), np.concatenate(right, 1)
+    count = len(names)
+    whole = np.zeros((n, 8 + count, 8 + count))
+    whole[:, range(8), range(8)] = masses
+    whole[:, :8, 8:], whole[:, 8:, :8] = -jacobian.transpose(0, 2, 1), jacobian
+    found = np.linalg.solve(whole, np.concatenate([push, right], 1)[:, :, None])[:, :, 0]
+    return found[:, :8], dict(zip(names, found[:, 8:].T, strict=True))
+
+
+@pytest.mark.parametrize("loose", MIXES, ids="+".join)
+@pytest.mark.parametrize("keys", KEYS)
+def test_accelerations_and_reactions_are_those_of_the_constrained_equations_of_motion(keys, loose, worst):
+    more, drive = KEYS[keys]
+    one = made(loose, **more)
+    t = simulate(one, options(samples_per_revolution=90, tolerance=1e-10, **drive)).samples
+    a, forces = solved(one.applied(), loose, t, bool(drive), **({"slider": False, "rubbing": False} | more))
+    seen = {"rod_acceleration_x": 3, "rod_acceleration_y": 4, "rod_angular_acceleration": 5, "slider_acceleration": 6}
+    expected = {name: a[:, column] for name, column in seen.items()}
+    expected |= {"crank_acceleration": a[:, 2]} if drive else {}
+    expected |= {name: force for name, force in forces.items() if name in t} | {"guide_force": forces["guide"]}
+    for name, values in expected.items():
+        off = np.abs(t[name] - values).max() / np.abs(values).max()
+        worst("constrained equations of motion", off, 1e-11)
+    assert np.abs(a).max() > SPEED
