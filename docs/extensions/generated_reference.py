@@ -17,6 +17,7 @@ from jointgap import tables
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import example, parameters_of
 from jointgap.figures import campaign_catalogue, catalogue
+from jointgap.slider_crank.sensor_faults import FAULTS
 
 SCHEMAS = Path(__file__).parents[2] / "workflow" / "schemas"
 MARK = re.compile(r"<!-- filled by the build: (\w+) -->")
@@ -260,7 +261,12 @@ def _effects() -> list[str]:
         ]
         lines += table(["parameter", "unit", "bounds", "default", "meaning"], rows)
         lines += ["```yaml", yaml.safe_dump({"effects": [example(effect)]}, sort_keys=False).rstrip(), "```", ""]
-    return lines
+    rows = [
+        [code(name), _sentence(fault.law), code(fault.parameter), fault.unit or "the channel's"]
+        for name, fault in FAULTS.items()
+    ]
+    lines += ["## Faults of sensors", "", "A campaign looks for them; a mechanism file cannot list them.", ""]
+    return lines + table(["fault", "reading y of the true u", "parameter", "unit"], rows)
 
 
 # -- gallery ----------------------------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from click.testing import CliRunner
 
 from jointgap.cli import cli
 from jointgap.config import EFFECTS, Mechanism, load_mechanism, read_yaml, validate
+from jointgap.slider_crank.sensor_faults import FAULTS
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -191,8 +192,15 @@ def test_the_catalogue_of_effects_fits_a_hundred_columns_and_leaves_none_out():
     shown = CliRunner().invoke(cli, ["effects"])
     assert shown.exit_code == 0
     assert max(map(len, shown.output.splitlines())) <= 100
-    for name in EFFECTS:
+    for name in (*EFFECTS, *FAULTS):
         assert name in shown.output
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_of_a_sensor_is_shown_with_what_the_sensor_reads(name):
+    shown = CliRunner().invoke(cli, ["effects", name])
+    assert shown.exit_code == 0
+    assert FAULTS[name].law.split()[0] in shown.output and FAULTS[name].parameter in shown.output
 
 
 @pytest.mark.parametrize("name", EFFECTS)

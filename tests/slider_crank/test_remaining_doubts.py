@@ -77,6 +77,7 @@ def test_the_fit_of_an_encoder_offset_begins_where_the_other_channels_say_too(tm
         ("sensor_bias:slider_acceleration", "bias", 0.3),
         ("sensor_gain:slider_acceleration", "gain_error", 0.2),
         ("sensor_lag:slider_acceleration", "lag_s", 1e-4),
+        ("sensor_delay:slider_acceleration", "delay_s", 1e-4),
         ("encoder_offset", "offset_rad", 0.4),
     ],
 )
@@ -90,10 +91,10 @@ def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path, label, nam
         true = faults.taken_out(recording).channels["slider_acceleration"]
         interval = float(recording.time[1] - recording.time[0])
         again = faults.after_filter(candidate.site, faults.before_filter(candidate.site, true))
-        if candidate.name == "sensor_lag":
-            again = faults.over_time(candidate.site, true, interval)
+        again = faults.over_time(candidate.site, again, interval)
+        again = np.interp(recording.time - faults.delay(candidate.site), recording.time, again)
         # a derivative of noisy samples is as good as differences of neighbours, and a filter forgets its beginning
-        allowed = 0.1 if candidate.name == "sensor_lag" else 1e-12
+        allowed = 0.1 if candidate.name in ("sensor_lag", "sensor_delay") else 1e-12
         assert np.std((again - read)[5:]) < allowed * np.std(read)
     else:
         assert np.allclose(faults.taken_out(recording).crank_angle, recording.crank_angle - value)

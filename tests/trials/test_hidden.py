@@ -16,7 +16,7 @@ from jointgap.recordings import read_measurements
 from jointgap.slider_crank.modified_mechanism import with_nuisances
 from jointgap.trials.batches import cached_record, folder_digest
 from jointgap.trials.idle_effects import idle_effects
-from jointgap.trials.injected_effects import LISTED, OFF_LIST, InjectedEffect
+from jointgap.trials.injected_effects import DRAWN_APART, LISTED, OFF_LIST, InjectedEffect
 from jointgap.trials.make_trial import ar1_noise, draw_trial, make_trial, parameters_beyond_nominal
 from jointgap.trials.sensor_readings import CrankRun, faulty_reading, noise_free_readings, simulate_signals
 from jointgap.trials.size_calibration import GAP_TOLERANCE, SIZING_NUMERICS, SizeCalibrator, calibrate_size
@@ -60,7 +60,7 @@ def test_every_effect_of_the_catalogue_but_formulas_and_the_faults_of_sensors_ca
     families = friction | {"slider_power_drag", "slider_nonlinear_spring"}
     beyond = families | {"common_pin_friction", "pin_restitution", "common_pin_restitution"}
     assert names == physical - {"crank_periodic_torque"} - beyond | {
-        *("encoder_offset", "sensor_bias", "sensor_gain", "sensor_lag"),
+        *("encoder_offset", "sensor_bias", "sensor_gain", "sensor_lag", "sensor_delay"),
     }
     assert set(EXUDYN_EFFECTS) <= set(LISTED)
     assert not names & set(OFF_LIST)
@@ -102,8 +102,16 @@ def test_a_part_of_a_set_that_is_not_there_is_told(first):
 
 def test_every_effect_of_the_list_is_hidden_about_as_often():
     names = [plan.effects[0] for plan in plan_trials(SET) if plan.kind == "single"]
-    counts = [names.count(name) for name in LISTED]
+    counts = [names.count(name) for name in LISTED if name not in DRAWN_APART]
     assert max(counts) - min(counts) <= 1
+
+
+def test_delays_are_single_effects_beside_those_that_a_set_draws_without_them():
+    plain, more = (plan_trials(chosen) for chosen in (SET, SET.model_copy(update={"delays": 8})))
+    delayed = [plan for plan in more if plan.effects == ("sensor_delay",)]
+    assert len(delayed) == 8 and {plan.size for plan in delayed} == set(TARGET_GAPS)
+    rest = [(plan.kind, plan.base, plan.size, plan.effects) for plan in more if plan not in delayed]
+    assert sorted(rest) == sorted((plan.kind, plan.base, plan.size, plan.effects) for plan in plain)
 
 
 def test_what_other_kinds_draw_does_not_depend_on_clearances_and_on_loose_joints_in_exudyn():
@@ -239,6 +247,18 @@ def test_a_slow_sensor_lags_behind_a_slow_signal_by_its_time(rig):
     ]
     true = noise_free_readings(made.true, CrankRun(speed, 1.0, times), SIZING_NUMERICS, [channel])[channel]
     assert np.abs(seen - delayed).max() < 0.02 * np.abs(seen - true).max()
+
+
+def test_a_late_logger_stores_what_was_true_earlier(rig):
+    made, _ = rig
+    delay = LISTED["sensor_delay"](made.scales(dict.fromkeys(made.sensors, 1.0)), np.random.default_rng(0))
+    times = np.linspace(0.0, 0.3, 301)
+    seen, true = (
+        noise_free_readings(made.true, CrankRun(20.0, 1.0, times), SIZING_NUMERICS, [delay.sensor], effects)
+        for effects in ([(delay, 2e-3)], [])
+    )
+    assert seen[delay.sensor][2:] == pytest.approx(true[delay.sensor][:-2], rel=1e-6, abs=1e-6)
+    assert seen["crank_angle"] == pytest.approx(true["crank_angle"])
 
 
 def test_noise_with_a_memory_has_the_variance_and_the_correlation_it_should_have():

@@ -16,7 +16,15 @@ from jointgap.report.page import to_markdown
 from jointgap.slider_crank.sensor_faults import FAULTS
 from jointgap.trials.analyse_trial import greedy_names, statistics_names
 from jointgap.trials.make_trial import ANGLE_PIECES
-from jointgap.trials.score import BASELINES, LEAST_GAP, TRIALS, effect_label, score_batches, score_trial
+from jointgap.trials.score import (
+    BASELINES,
+    LEAST_GAP,
+    TRIALS,
+    effect_label,
+    named_labels,
+    score_batches,
+    score_trial,
+)
 from jointgap.trials.trial_figures import draw_score
 from jointgap.trials.trials_report import EFFECT_CLASSES, class_confusion, metrics, page, rates, share_interval
 
@@ -602,6 +610,17 @@ def test_nuisances_count_where_the_model_is_right_and_an_interval_is_stated():
     assert [row["nuisances"], *(row[f"nuisances_covered_{level}"] for level in LEVELS)] == [2.0, 0.0, 1.0, 2.0]
     found["verdict"]["effects"] = [named(SPRING)]
     assert math.isnan(score_trial(known, found)["nuisances"])
+
+
+def test_a_late_sensor_that_is_named_as_lag_or_delay_is_right_whichever_it_is_and_at_its_own_channel_alone():
+    family = {"law": "sensor_lag_and_delay", "shape": "delay_share", "interval_99": [0.0, 1.0], "named": True}
+    effect = {"name": "sensor_delay", "site": "crank_torque", "families": [family]}
+    for hidden in ("sensor_lag:crank_torque", "sensor_delay:crank_torque"):
+        assert named_labels([effect], frozenset([hidden])) == {hidden}
+    others = frozenset(["sensor_lag:guide_force"])
+    assert named_labels([effect], others) == {"sensor_lag_and_delay:crank_torque"}
+    lag_alone = effect | {"families": [family | {"interval_99": [0.0, 0.4]}]}
+    assert named_labels([lag_alone], frozenset(["sensor_delay:crank_torque"])) == {"sensor_lag_and_delay:crank_torque"}
 
 
 def test_every_effect_of_the_list_has_a_class():

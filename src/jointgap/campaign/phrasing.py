@@ -29,12 +29,14 @@ def effect_in_words(effect: Mapping[str, Any]) -> str:
 
     Where a family of it is named: ``drag of the slider (exponent 1.6 to 5; quadratic drag of the slider fits)``.
     """
-    words, named = _words(effect["name"]).format(site=effect["site"].replace("_", " ")), []
+    site, named = effect["site"].replace("_", " "), []
+    words = _words(effect["name"]).format(site=site)
     for family in effect.get("families", ()):
         if family["named"]:
             low, high = (f"{end:.2g}" for end in family["interval_99"])
             fits = "" if effect["name"] == family["law"] else f"; {words} fits"
-            named.append(f"{_words(family['law'])} ({family['shape'].replace('_', ' ')} {low} to {high}{fits})")
+            law = _words(family["law"]).format(site=site)
+            named.append(f"{law} ({family['shape'].replace('_', ' ')} {low} to {high}{fits})")
     return " or ".join(named) or words
 
 

@@ -203,10 +203,14 @@ def _with_families(named: list[dict[str, Any]], families: pd.DataFrame | None) -
     """The effects `named`, each with what the data leave of its families, if it has any."""
     found: dict[str, list[dict[str, Any]]] = {}
     for row in () if families is None else families.itertuples():
-        left = {"law": row.law, "shape": row.shape, "value": row.value}
+        left = {"law": row.law.partition(":")[0], "shape": row.shape, "value": row.value}
         left |= {"interval_99": [row.low, row.high], "named": not row.alone}
         found.setdefault(row.effect if row.fits else row.law, []).append(left)
-    return [effect | ({"families": found[effect["name"]]} if effect["name"] in found else {}) for effect in named]
+
+    def own(effect: dict[str, Any]) -> list[dict[str, Any]]:
+        return found.get(effect["name"], found.get(f"{effect['name']}:{effect['site']}", []))
+
+    return [effect | ({"families": own(effect)} if own(effect) else {}) for effect in named]
 
 
 def _close(outcome: Outcome) -> list[list[str]]:

@@ -10,19 +10,24 @@ WIDTH = 100  # columns; also where the output is no terminal and its width unkno
 @cli.command()
 @click.argument("name", required=False)
 def effects(name: str | None) -> None:
-    """Show the physical effects that a mechanism file can list: law, parameters with units and bounds, reference.
+    """Show the physical effects that a mechanism file can list: law, parameters with units and bounds, reference; and
+    the faults of sensors that a campaign looks for.
 
     With NAME, show that effect in full, and what to paste into the mechanism file.
     """
     from jointgap.config import EFFECTS
     from jointgap.errors import InputError, did_you_mean
+    from jointgap.slider_crank.sensor_faults import FAULTS
 
     if name is None:
         _catalogue(EFFECTS)
-        return
-    if name not in EFFECTS:
-        raise InputError(f"effect '{name}': no such effect; {did_you_mean(name, EFFECTS)}")
-    _page_of(name, EFFECTS[name])
+        _faults(FAULTS)
+    elif name in FAULTS:
+        _faults({name: FAULTS[name]})
+    elif name in EFFECTS:
+        _page_of(name, EFFECTS[name])
+    else:
+        raise InputError(f"effect '{name}': no such effect; {did_you_mean(name, [*EFFECTS, *FAULTS])}")
 
 
 def _limits(row) -> str:
@@ -56,6 +61,21 @@ def _catalogue(catalogue) -> None:
         markup=False,
         highlight=False,
     )
+
+
+def _faults(faults) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = Table(show_lines=True, width=WIDTH, highlight=False)
+    shown.add_column("fault of a sensor", width=24, overflow="fold")
+    shown.add_column("reading y of the true u")
+    shown.add_column("parameter", width=22, overflow="fold")
+    for name, fault in faults.items():
+        unit = {"": "channel's unit", "1": ""}.get(fault.unit, fault.unit)
+        shown.add_row(Text(name, "bold"), Text(fault.law), Text(f"{fault.parameter} {unit}".rstrip()))
+    Console(width=WIDTH).print(shown)
 
 
 def _page_of(name: str, effect) -> None:

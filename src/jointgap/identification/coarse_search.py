@@ -15,7 +15,13 @@ from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.nesting import labels_of, lowest_of_each
 from jointgap.identification.problem import Hypothesis
-from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures, simulate_signatures
+from jointgap.identification.screening import (
+    LinearizedFit,
+    SignatureRegression,
+    Signatures,
+    shortlist,
+    simulate_signatures,
+)
 from jointgap.identification.smoother import Smoother, coarse_to_fine_fit, coordinate_scan, smoothers_of
 from jointgap.identification.thresholds import Thresholds
 
@@ -65,7 +71,10 @@ def search_pairs(
     first = next(visible, smoothers[-1] if smoothers else None)
     singles = lowest_of_each((fit for fit in fits if fit.status != FAILED), lambda fit: _chi2(fit, first))
     limit = settings.eliminated_factor * min((_chi2(fit, first) for fit in singles), default=np.inf)
-    leading = [fit for fit in singles if _chi2(fit, first) < limit]
+    best: dict[str, Fit] = {}  # of alternatives, which have the same partners; `swap_one_effect` fits the others
+    for fit in singles:
+        best.setdefault(fit.hypothesis[0].exclusion_group, fit)
+    leading = [fit for fit in best.values() if _chi2(fit, first) < limit]
     failed = {fit.label for fit in fits} - {fit.label for fit in singles}  # what failed alone would fail in a pair
     chosen: dict[frozenset[str], tuple[LinearizedFit, Signatures]] = {}
     remaining: Sequence[Smoother] = ()
@@ -84,7 +93,8 @@ def search_pairs(
                 chosen.setdefault(labels_of(pair.hypothesis), (pair, signatures))
     pairs = list(chosen.values())
     if not smoothers:  # then none is eliminated on the way, and each is fitted to its end
-        pairs = sorted(pairs, key=lambda pair: pair[0].chi2)[: settings.survivors[0]]
+        kept = shortlist(sorted((pair for pair, _ in pairs), key=lambda pair: pair.chi2), settings.survivors[0])
+        pairs = [chosen[labels_of(pair.hypothesis)] for pair in kept]
     return successive_elimination(baseline, pairs, remaining, limits, until)
 
 
@@ -96,7 +106,9 @@ def _shortlist(
     These are added to the best single effect alone, because a pair costs some fifty simulations.
     """
     singles = SignatureRegression(signatures, fitted_effects, smoother).singles()
-    return [*singles[:count], *(single for single in singles[count:] if every and _is_nonlinear(single))]
+    first = shortlist(singles, count)
+    kept = set(map(id, first))
+    return [*first, *(single for single in singles if every and id(single) not in kept and _is_nonlinear(single))]
 
 
 def _is_nonlinear(screened: LinearizedFit) -> bool:

@@ -45,6 +45,7 @@ from jointgap.identification.screening import (
     Signatures,
     can_be_searched,
     only_searched,
+    shortlist,
 )
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.identification.signature_subspaces import SignatureSubspaces, orthonormal
@@ -61,12 +62,12 @@ def shortlist_singles(
     dof = signatures.residual.size - len(signatures.parameters)
     chi2 = signatures.residual @ signatures.residual
     if chi2 > limits.omnibus * dof:
-        return singles[: selection.max_singles]
+        return shortlist(singles, selection.max_singles)
     # the base leaves noise alone: effects are small, and signatures nearly exact
     min_gain = selection.min_gain_share * max(settings.decision.min_delta_bic, limits.max_gain_threshold)
     limit = chi2 + len(signatures.parameters) * np.log(signatures.residual.size) - min_gain
     count = sum(single.bic < min(singles[0].bic + selection.max_delta_bic, limit) for single in singles)
-    return singles[: min(max(count, selection.min_singles), selection.max_singles)]
+    return shortlist(singles[: max(count, selection.min_singles)], selection.max_singles)
 
 
 def best_sufficient(baseline: Baseline, fits: Sequence[Fit], second: Thresholds) -> Fit | None:
@@ -89,7 +90,7 @@ def shortlist_pairs(
     failed = {fit.label for fit in fits} - {fit.label for fit in fits if fit.status != FAILED}
     pairs = SignatureRegression(signatures.about(best), best.hypothesis).singles()
     gaining = [pair for pair in pairs if best.bic - pair.bic > second.max_gain_threshold]
-    return [pair for pair in gaining if pair.hypothesis[-1].label not in failed][:count]
+    return shortlist([pair for pair in gaining if pair.hypothesis[-1].label not in failed], count)
 
 
 def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
@@ -245,7 +246,7 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
                 continue
         about = signatures.about(alone)
         partners = SignatureRegression(about.without_nuisances() if in_valley else about, alone.hypothesis).singles()
-        for pair in partners[: problem.settings.selection.partners]:
+        for pair in shortlist(partners, problem.settings.selection.partners):
             labels = labels_of(pair.hypothesis)
             if labels in done:
                 continue

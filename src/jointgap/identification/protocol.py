@@ -149,6 +149,12 @@ class Candidate:
         return f"{self.name}:{self.site}" if self.has_site else self.name
 
     @property
+    def exclusion_group(self) -> str:
+        """What at most one effect of a hypothesis can have: one sensor errs by one fault of a family, so that is the
+        law's label; of other effects it is their own."""
+        return self.families[0].law.label if self.sensor and self.families else self.label
+
+    @property
     def vanishing_amplitude(self) -> float:
         """Where the first amplitude [SI] leaves nothing of what it changes: at 0, but for a perturbation."""
         if not self.is_perturbation:

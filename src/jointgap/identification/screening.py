@@ -103,7 +103,7 @@ class Signatures:
 
         A nuisance that a candidate replaces goes back to nominal from where the fit has it.
         """
-        taken = {name for candidate in fit.hypothesis for name in (candidate.label, *candidate.replaces)}
+        taken = {name for candidate in fit.hypothesis for name in (candidate.exclusion_group, *candidate.replaces)}
         base = dict(zip((p.key for p in self.parameters), self.values.tolist(), strict=True))
 
         def origin(signature: Signature) -> np.ndarray:
@@ -114,7 +114,9 @@ class Signatures:
             return left
 
         others = [
-            replace(s, origin=origin(s)) for s in self.entries if not taken & {s.candidate.label, *s.candidate.replaces}
+            replace(s, origin=origin(s))
+            for s in self.entries
+            if not taken & {s.candidate.exclusion_group, *s.candidate.replaces}
         ]
         return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, others, self.failed)
 
@@ -181,7 +183,7 @@ def simulate_signatures(
     ----------
     problem : Problem
     base : Fit
-        May have effects itself: those, and what replaces the same nuisances, are left out.
+        May have effects itself: those, their alternatives, and what replaces the same nuisances, are left out.
     differences : FiniteDifferences
     candidates : sequence of Candidate
         All of the model's by default.
@@ -189,8 +191,8 @@ def simulate_signatures(
     entries: list[Signature] = []
     failed: dict[str, str] = {}
     candidates = problem.model.candidates if candidates is None else candidates
-    taken = {name for effect in base.hypothesis for name in (effect.label, *effect.replaces)}
-    candidates = [candidate for candidate in candidates if not taken & {candidate.label, *candidate.replaces}]
+    taken = {name for effect in base.hypothesis for name in (effect.exclusion_group, *effect.replaces)}
+    candidates = [one for one in candidates if not taken & {one.exclusion_group, *one.replaces}]
     steady_first = sorted(candidates, key=lambda candidate: bool(candidate.steady_counterpart))
     for candidate in followed(steady_first, "effects to screen"):
         steady = [signature for signature in entries if signature.candidate.label == candidate.steady_counterpart]
@@ -353,3 +355,18 @@ class SignatureRegression:
             if screened.label not in best or screened.chi2 < best[screened.label].chi2:
                 best[screened.label] = screened
         return sorted(best.values(), key=lambda screened: screened.bic)
+
+
+def shortlist(screened: Sequence[LinearizedFit], count: int) -> list[LinearizedFit]:
+    """The first `count` hypotheses; those that differ only in the effect that they hold of an `exclusion_group` count
+    once, since their signatures are the same.
+
+    Parameters
+    ----------
+    screened : sequence of LinearizedFit
+        Best first.
+    count : int
+    """
+    groups = [frozenset(candidate.exclusion_group for candidate in one.hypothesis) for one in screened]
+    kept = list(dict.fromkeys(groups))[:count]
+    return [one for one, group in zip(screened, groups, strict=True) if group in kept]

@@ -28,6 +28,7 @@ class SignatureSubspaces:
                 continue  # from where a fit starts too; what it can change is what small amplitudes do
             space = orthonormal(self.projected(signature.columns))
             self.of.setdefault(signature.candidate.label, []).append(space)
+        self._groups = {s.candidate.label: s.candidate.exclusion_group for s in signatures.entries}
 
     def projected(self, columns: np.ndarray) -> np.ndarray:
         """What of the columns (n, m) the nuisances cannot take up; zero where that is rounding."""
@@ -72,10 +73,12 @@ class SignatureSubspaces:
 
     def nearest(self, hypothesis: Hypothesis) -> tuple[str, float]:
         """The candidate beyond the explanation that it could stand for best, and the squared cosine; '' where there is
-        none."""
+        none. Alternatives to its effects are left out: signatures cannot tell these apart, fits can.
+        """
         named = {candidate.label for candidate in hypothesis}
+        taken = {candidate.exclusion_group for candidate in hypothesis}
         space = self.span([label for label in named if label in self.of])
-        others = [(self.cosine(space, label) ** 2, label) for label in self.of if label not in named]
+        others = [(self.cosine(space, label) ** 2, label) for label in self.of if self._groups[label] not in taken]
         cosine, label = max(others, default=(0.0, ""))
         return label, cosine
 

@@ -181,11 +181,13 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -
     if channels.keys() == {"crank_angle"}:
         return {"crank_angle": late + faults.offset}
     corners = [channel.bandwidth for channel in channels.values() if channel.bandwidth]
-    angles, grid = driven.angles, np.empty(0)
+    grid, count = np.empty(0), driven.angles.size
     if corners or any(map(faults.need_grid, channels)):
         grid = _filter_times(plan, driven, corners)
-        angles = np.append(angles, driven.at(grid))
-    count = driven.angles.size
+    # the motion is simulated at the times that a late sensor reads: impacts stay as sharp as they are
+    delays = list(dict.fromkeys([0.0, *map(faults.delay, channels)]))
+    earlier = [driven.at(np.maximum(plan.samples.elapsed - delay, -driven.begin)) for delay in delays[1:]]
+    angles = np.concatenate([driven.angles, *earlier, driven.at(grid)])
     change = _change_over_noise(campaign, plan, count, fast) if drives.began_anywhere(plan.run) else None
     true = channels_at(driven.numbers, angles, tolerance, perturbation, plan.settings.simulation, change, count, fast)
     elapsed = true["time"][:count] - driven.begin
@@ -200,14 +202,16 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -
         if channel.reads_gravity:
             values = values + sensors.gravity_read(name, campaign.mechanism.gravity_direction)
         values = faults.before_filter(name, values)
-        read, fine = values[:count], values[count:]
+        delay = faults.delay(name)
+        first, times = count * delays.index(delay), elapsed - delay
+        read, fine = values[first : first + count], values[count * len(delays) :]
         if channel.bandwidth:
             fine = sensors.low_pass(fine, grid[1] - grid[0], channel.bandwidth, channel.filter == "causal")
-            read = sensors.at_times(elapsed, grid, fine)
+            read = sensors.at_times(times, grid, fine)
         if faults.need_grid(name):
             # the lag's change is interpolated, not the reading: without a filter impacts stay as sharp as they are
             change = faults.over_time(name, fine, grid[1] - grid[0]) - fine
-            read = read + sensors.at_times(elapsed, grid, change)
+            read = read + sensors.at_times(times, grid, change)
         readings[name] = faults.after_filter(name, read)
     return readings
 

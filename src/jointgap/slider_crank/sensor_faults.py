@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude
-from jointgap.identification.protocol import Candidate
+from jointgap.identification.protocol import Candidate, LawFamily, Parameter
 from jointgap.recordings.recording import Recording
 from jointgap.slider_crank.sensors import lagged
 
@@ -31,6 +31,8 @@ class SensorFault:
     ----------
     name, words : str
         As a verdict states it, and what it calls it; words may hold ``{site}``.
+    law : str
+        What the sensor reads, y, of what is true, u.
     parameter, unit : str
         SI; empty for the unit of the channel.
     bounds : function
@@ -48,6 +50,8 @@ class SensorFault:
         From readings (n,) before or after the sensor's low-pass, and the parameter, to those with the fault.
     over_time : function, optional
         The same of filtered readings on a grid, with its interval [s] in between.
+    delays : bool
+        Whether the sensor reads what was true earlier, by its parameter [s].
     undone : function, optional
         From readings (n,) with the fault, the parameter, and the times (n,) [s] of the samples, to those without it;
         a fault that cannot be undone ends no doubt of its channel.
@@ -58,6 +62,7 @@ class SensorFault:
     unit: str
     words: str
     bounds: Callable[[Reading], tuple[float, float, float]]
+    law: str = ""
     trial: Callable[[Any, str], tuple[float, float]] | None = None
     of_each_run: bool = False
     steady: bool = False
@@ -65,6 +70,7 @@ class SensorFault:
     before_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     after_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     over_time: Callable[[np.ndarray, float, float], np.ndarray] | None = None
+    delays: bool = False
     undone: Callable[[np.ndarray, float, np.ndarray], np.ndarray] | None = None
 
     def candidate(
@@ -74,8 +80,6 @@ class SensorFault:
         `Candidate`; `runs` are those of the campaign.
         """
         step, low, high = self.bounds(reading)
-        if replaces:  # then it counts from what is known, and may be less
-            low = min(low, -high)
         coordinate = amplitude(self.parameter, step, self.unit or reading.unit, low, high)
         coordinates = tuple(replace(coordinate, run=run) for run in runs) if self.of_each_run else (coordinate,)
         return Candidate(
@@ -86,6 +90,7 @@ class SensorFault:
             replaces=replaces or {},
             sensor=True,
             has_site=self.name not in ENCODER_FAULTS,
+            families=_families_of(self, site, coordinate) if self.name in DELAY_SHARES else (),
         )
 
 
@@ -95,7 +100,26 @@ ENCODER_ZEROS = "encoder_zeros"
 ENCODER_FAULTS = (ENCODER_OFFSET, ENCODER_ZEROS, ENCODER_LAG)
 """Faults of the one sensor that reads the crank angle, on which the motion is laid: they have no channel to choose."""
 
+SENSOR_LAG, SENSOR_DELAY, LAG_AND_DELAY = "sensor_lag", "sensor_delay", "sensor_lag_and_delay"
+DELAY_SHARES = {SENSOR_LAG: 0.0, SENSOR_DELAY: 1.0}
+"""Faults that are one shape of `LAG_AND_DELAY`, first order plus dead time, and the share [1] of the delay there."""
+
 _INF = math.inf
+
+
+def _late(reading: Reading) -> tuple[float, float, float]:
+    """Step and bounds [s] of a time by which a sensor is late."""
+    return DETECTABLE_SHARE / reading.turning, 0.0, 1.0 / reading.turning
+
+
+def _families_of(fault: SensorFault, site: str, late: Parameter) -> tuple[LawFamily]:
+    """The family of a fault that makes the sensor at a `site` late, as `late` says; the law has its bounds."""
+    own = DELAY_SHARES[fault.name]
+    coordinates = replace(late, name=FAULTS[LAG_AND_DELAY].parameter), Parameter("delay_share", own, 0.0, 1.0, 0.1)
+    law = Candidate(LAG_AND_DELAY, site, coordinates, (coordinates[0].key,), sensor=True, has_site=True)
+    shares = tuple(DELAY_SHARES.values())
+    return (LawFamily(law, "delay_share", own, shares, lambda values: {coordinates[0].key: values[late.key]}),)
+
 
 FAULTS = {
     fault.name: fault
@@ -106,6 +130,7 @@ FAULTS = {
             "rad",
             "an offset of the encoder",
             bounds=lambda reading: (2e-3, -math.pi, math.pi),
+            law="y = u + offset_rad",
             trial=lambda rig, channel: (0.005, 0.5),
         ),
         SensorFault(
@@ -114,21 +139,24 @@ FAULTS = {
             "rad",
             "a zero of the encoder that is another one in each run",
             bounds=lambda reading: (2e-3, -math.pi, math.pi),
+            law="y = u + zero_rad, with its own value in each run",
             of_each_run=True,
         ),
         SensorFault(
             ENCODER_LAG,
             "lag_s",
             "s",
-            "a lag of the encoder behind the other sensors",
-            bounds=lambda reading: (DETECTABLE_SHARE / reading.turning, 0.0, 1.0 / reading.turning),
-            either_sign=False,
+            "a delay of the encoder against the other sensors",
+            bounds=lambda reading: (DETECTABLE_SHARE / reading.turning, -1.0 / reading.turning, 1.0 / reading.turning),
+            law="y(t) = u(t - lag_s), a pure delay against all other channels; negative: these are late by the same "
+            "time. A candidate with drive measured_angle; at constant speed it is an offset of the encoder",
         ),
         SensorFault(
             "sensor_bias",
             "bias",
             "",
             "a bias of the sensor of {site}",
+            law="y = u + bias",
             bounds=lambda reading: (DETECTABLE_SHARE * (reading.spread or 1.0), -_INF, _INF),
             trial=lambda rig, channel: (0.1 * rig.spread[channel], _INF),
             steady=True,
@@ -140,21 +168,44 @@ FAULTS = {
             "gain_error",
             "1",
             "a wrong gain of the sensor of {site}",
+            law="y = (1 + gain_error) u",
             bounds=lambda reading: (DETECTABLE_SHARE, -0.9, 9.0),
             trial=lambda rig, channel: (0.05, 1.0),
             before_filter=lambda values, error: (1.0 + error) * values,
             undone=lambda values, error, times: values / (1.0 + error),
         ),
         SensorFault(
-            "sensor_lag",
+            SENSOR_LAG,
             "lag_s",
             "s",
             "a lag of the sensor of {site}",
-            bounds=lambda reading: (DETECTABLE_SHARE / reading.turning, 0.0, 1.0 / reading.turning),
+            bounds=_late,
+            law="lag_s dy/dt + y = u, first order, as of a filter or a slow transducer: a fast change comes late and "
+            "smaller",
             trial=lambda rig, channel: (0.02 / rig.speed, 0.02),
             either_sign=False,
             over_time=lambda values, interval, lag: lagged(values, interval, lag) if lag else values,
             undone=lambda values, lag, times: values + lag * np.gradient(values, times),
+        ),
+        SensorFault(
+            SENSOR_DELAY,
+            "delay_s",
+            "s",
+            "a delay of the sensor of {site}",
+            bounds=_late,
+            law="y(t) = u(t - delay_s), a pure delay, as of a logger, a bus or USB: all comes late and nothing smaller",
+            trial=lambda rig, channel: (0.02 / rig.speed, 0.02),
+            either_sign=False,
+            delays=True,
+            undone=lambda values, delay, times: np.interp(times + delay, times, values),
+        ),
+        SensorFault(
+            LAG_AND_DELAY,
+            "late_s",
+            "s",
+            "a lag or a delay of the sensor of {site}",
+            bounds=_late,
+            law="a delay of delay_share late_s and a lag of the rest, the family of the two: no candidate by itself",
         ),
     )
 }
@@ -212,7 +263,7 @@ def sensor_candidates(
         fault.candidate(channel, Reading(spread, unit, turning))
         for channel, (spread, unit) in spreads.items()
         for fault in FAULTS.values()
-        if fault.name not in ENCODER_FAULTS and (fault.steady or spread > 0.0)
+        if fault.name not in (*ENCODER_FAULTS, LAG_AND_DELAY) and (fault.steady or spread > 0.0)
     ]
 
 
@@ -232,7 +283,7 @@ class Faults:
     offset : float
         What the encoder reads too much [rad].
     lag : float
-        By how much later than the other sensors it reads an angle [s].
+        By how much later than the other sensors it reads an angle [s]; negative where these are late.
     """
 
     NUISANCES = ("encoder_zero", "encoder_lag", "slider_position_zero")
@@ -257,6 +308,10 @@ class Faults:
                 self.offset += side * values["zero_rad"]
             elif candidate.name == ENCODER_LAG:
                 self.lag += values["lag_s"]
+            elif candidate.name == LAG_AND_DELAY:
+                late = values[FAULTS[LAG_AND_DELAY].parameter]
+                parts = {SENSOR_LAG: (1.0 - values["delay_share"]) * late, SENSOR_DELAY: values["delay_share"] * late}
+                self._faults += [(FAULTS[name], candidate.site, part) for name, part in parts.items()]
             elif candidate.sensor:
                 self._faults.append((FAULTS[candidate.name], candidate.site, values[candidate.amplitudes[0]]))
 
@@ -275,11 +330,16 @@ class Faults:
         if self.lag and recording.has_time:
             angle = angle + self.lag * np.gradient(recording.crank_angle, recording.time)
         channels = dict(recording.channels)
-        for when in ("after_filter", "over_time", "before_filter"):  # the last one to act is the first to be undone
+        # the last one to act is the first to be undone
+        for when in ("after_filter", "delays", "over_time", "before_filter"):
             for fault, site, value in self._faults:
-                if getattr(fault, when) is not None and fault.undone is not None and site in channels:
+                if getattr(fault, when) and fault.undone is not None and site in channels:
                     channels[site] = fault.undone(channels[site], value, recording.time)
         return replace(recording, crank_angle=angle, channels=channels)
+
+    def delay(self, channel: str) -> float:
+        """By how much [s] a channel reads later what is true."""
+        return sum(value for fault, site, value in self._faults if fault.delays and site == channel)
 
     def need_grid(self, channel: str) -> bool:
         """Whether readings of a channel have to be known in between."""

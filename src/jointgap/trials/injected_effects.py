@@ -11,7 +11,14 @@ import numpy as np
 
 from jointgap.effects import EFFECTS, Effect
 from jointgap.effects.base import LARGEST_SIZE, TrialContext, TrialSize, random_sign
-from jointgap.slider_crank.sensor_faults import ENCODER_OFFSET, FAULTS, SensorFault
+from jointgap.slider_crank.sensor_faults import (
+    DELAY_SHARES,
+    ENCODER_OFFSET,
+    FAULTS,
+    LAG_AND_DELAY,
+    SENSOR_DELAY,
+    SensorFault,
+)
 
 Parameters = dict[str, float]
 
@@ -130,6 +137,9 @@ LISTED: dict[str, DrawEffect] = {
 }
 """Effects of the list by name, with the site where there is a choice."""
 
+DRAWN_APART = (SENSOR_DELAY,)
+"""Effects of the list that came after sets were published, which draw from the others."""
+
 
 _FORCE, _TORQUE = "discovered_slider_force", "discovered_crank_torque"
 
@@ -214,6 +224,7 @@ SHAPES: dict[tuple[str, str], float] = {
     ("slider_nonlinear_spring", "cubic_spring"): 1.0,
     ("slider_stribeck_friction", "stribeck_friction"): 1.0,
     ("slider_position_friction", "friction_by_position"): 1.0,  # but for its period, which is 4.7 % longer
+    **{(LAG_AND_DELAY, name): share for name, share in DELAY_SHARES.items()},
 }
 """The shape [1] at which the law of a family is an effect, by the law and the effect."""
 

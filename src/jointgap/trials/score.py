@@ -156,7 +156,9 @@ def named_labels(effects: Iterable[Mapping[str, Any]], hidden: frozenset[str]) -
     """
 
     def label(effect: Mapping[str, Any]) -> str:
-        inside = {name for family in _families_named(effect) for name in hidden if _holds_shape_of(family, name)}
+        inside = {
+            name for family in _families_named(effect) for name in hidden if _holds_shape_of(effect, family, name)
+        }
         return min(inside, default=_name_stated(effect))
 
     return frozenset(map(label, effects))
@@ -233,15 +235,17 @@ def _families_named(effect: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [family for family in effect.get("families", ()) if family["named"]]
 
 
-def _holds_shape_of(family: Mapping[str, Any], name: str) -> bool:
-    """Whether the interval of a family's shape holds the one at which its law is the effect `name`."""
+def _holds_shape_of(effect: Mapping[str, Any], family: Mapping[str, Any], label: str) -> bool:
+    """Whether the interval of the shape of an effect's `family` holds the one at which its law is that of a `label`."""
+    name, _, site = label.partition(":")
     low, high = family["interval_99"]
-    return low <= SHAPES.get((family["law"], name), math.nan) <= high
+    return site in ("", effect["site"]) and low <= SHAPES.get((family["law"], name), math.nan) <= high
 
 
 def _name_stated(effect: Mapping[str, Any]) -> str:
     """The label of an effect of a verdict, or the law of its family where one is named."""
-    return next((family["law"] for family in _families_named(effect)), effect_label(effect))
+    law = next((family["law"] for family in _families_named(effect)), effect["name"])
+    return effect_label({**effect, "name": law})
 
 
 def _is_fault_of(effect: Mapping, channels: Sequence[str]) -> bool:

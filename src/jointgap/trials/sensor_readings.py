@@ -150,6 +150,9 @@ def noise_free_readings(
             values = effect.parameters(size)
             if effect.name == "sensor_lag":
                 readings[effect.sensor] = _lagged(content, run, numerics, effect.sensor, values["lag_s"])
+            elif effect.name == "sensor_delay":
+                earlier = replace(run, times=run.times - values["delay_s"])
+                readings[effect.sensor] = simulate_signals(content, earlier, numerics)[effect.sensor]
             else:
                 readings[effect.sensor] = faulty_reading(effect.name, values, readings[effect.sensor], run.times)
     return readings

@@ -15,7 +15,8 @@ from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import JOINTS, PINS
 from jointgap.parts import parts
 from jointgap.section import Section
-from jointgap.trials.injected_effects import LISTED, OFF_LIST
+from jointgap.slider_crank.sensor_faults import SENSOR_DELAY
+from jointgap.trials.injected_effects import DRAWN_APART, LISTED, OFF_LIST
 from jointgap.trials.wiring import DAMAGES
 
 TARGET_GAPS = (1.5, 5.0)
@@ -46,6 +47,7 @@ EXUDYN_LOOSE_EFFECTS = (*EXUDYN_EFFECTS, *(f"{pin}_clearance" for pin in PINS))
 _NOTHING_IN_EXUDYN = 4
 """Of so many trials from Exudyn with loose joints one has nothing hidden."""
 
+_DRAWN = tuple(name for name in LISTED if name not in DRAWN_APART)
 
 _MOST_TRIALS = 10_000, "each trial takes minutes"
 Trials, Batch = counts.count(*_MOST_TRIALS, least=0), counts.count(*_MOST_TRIALS)
@@ -66,6 +68,7 @@ class TrialSet(Section):
     clearances: Trials = Field(
         0, description="a clearance injected: of a joint that the model has as ideal, or of a loose one"
     )
+    delays: Trials = Field(0, description="a pure delay of a sensor injected, counted as single")
     wiring: Trials = Field(0, description="nothing injected, but the data are wired wrongly")
     batch: Batch = Field(12, description="trials that one job runs, one after the other")
 
@@ -133,8 +136,8 @@ def plan_trials(chosen: TrialSet) -> list[TrialPlan]:
     rng = np.random.default_rng([chosen.seed, 0])
     drawn: list[tuple] = [("nothing", base, 0.0, ()) for base in _draw_bases(rng, chosen.nothing)]
     for kind, count, catalogue, effects_each in (
-        ("single", chosen.single, tuple(LISTED), 1),
-        ("pair", chosen.pairs, tuple(LISTED), 2),
+        ("single", chosen.single, _DRAWN, 1),
+        ("pair", chosen.pairs, _DRAWN, 2),
         ("off_list", chosen.off_list, tuple(OFF_LIST), 1),
         ("exudyn", chosen.exudyn, EXUDYN_EFFECTS, 1),
     ):
@@ -153,6 +156,8 @@ def plan_trials(chosen: TrialSet) -> list[TrialPlan]:
     ]
     drawn += _draw_clearances(np.random.default_rng([chosen.seed, 3]), chosen.clearances)
     drawn += _draw_loose_exudyn(np.random.default_rng([chosen.seed, 4]), chosen.exudyn_loose)
+    bases = _draw_bases(np.random.default_rng([chosen.seed, 5]), chosen.delays)
+    drawn += [("single", base, TARGET_GAPS[trial % 2], (SENSOR_DELAY,)) for trial, base in enumerate(bases)]
     order = rng.permutation(len(drawn))
     return [TrialPlan(_identifier(chosen.seed, number), number, *drawn[index]) for number, index in enumerate(order)]
 
