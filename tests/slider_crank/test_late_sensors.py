@@ -16,7 +16,7 @@ from jointgap.dynamics.simulation import simulate
 from jointgap.identification.advice import preflight
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.screening import SignatureRegression, simulate_signatures
 from jointgap.recordings import read_measurements
 from jointgap.slider_crank import SliderCrankModel, build_model
 from jointgap.slider_crank.sensors import lagged
@@ -119,6 +119,10 @@ def test_a_channel_with_one_of_the_two_is_offered_neither_beside_it(tmp_path):
         labels = {signature.candidate.label for signature in beside.entries}
         assert not labels & {"sensor_lag:crank_torque", "sensor_delay:crank_torque"}
         assert {"sensor_gain:crank_torque", "sensor_delay:slider_acceleration"} <= labels
+    for pair in SignatureRegression(signatures).pairs():
+        assert len({one.site for one in pair.hypothesis if one.name in ("sensor_lag", "sensor_delay")}) == sum(
+            one.name in ("sensor_lag", "sensor_delay") for one in pair.hypothesis
+        )
 
 
 def test_preflight_counts_the_two_of_one_channel_as_alike():

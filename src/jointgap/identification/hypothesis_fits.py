@@ -35,6 +35,7 @@ from jointgap.identification.screening import (
     Signatures,
     can_be_searched,
     only_searched,
+    shortlist,
 )
 from jointgap.identification.smoother import smoothers_of
 from jointgap.identification.thresholds import Thresholds
@@ -192,8 +193,9 @@ def _masked_pairs(
     if any(single.chi2 <= noise for single in regression.singles()):
         return []
     failed = {fit.label for fit in alone if fit.status == FAILED} - {fit.label for fit in alone if fit.status != FAILED}
-    pairs = ((pair, None) for pair in regression.pairs() if _explains(baseline, pair))
-    return [pair for pair in pairs if not failed & _labels(pair)][: baseline.problem.settings.selection.partners]
+    pairs = (pair for pair in regression.pairs() if _explains(baseline, pair))
+    sound = [pair for pair in pairs if not failed & labels_of(pair.hypothesis)]
+    return [(pair, None) for pair in shortlist(sound, baseline.problem.settings.selection.partners)]
 
 
 def _search_far(

@@ -155,6 +155,11 @@ class Candidate:
         return self.families[0].law.label if self.sensor and self.families else self.label
 
     @property
+    def claims(self) -> frozenset[str]:
+        """What no two effects of a hypothesis share: their `exclusion_group` and the nuisances that they replace."""
+        return frozenset((self.exclusion_group, *self.replaces))
+
+    @property
     def vanishing_amplitude(self) -> float:
         """Where the first amplitude [SI] leaves nothing of what it changes: at 0, but for a perturbation."""
         if not self.is_perturbation:

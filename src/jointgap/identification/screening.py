@@ -103,7 +103,7 @@ class Signatures:
 
         A nuisance that a candidate replaces goes back to nominal from where the fit has it.
         """
-        taken = {name for candidate in fit.hypothesis for name in (candidate.exclusion_group, *candidate.replaces)}
+        taken = {name for candidate in fit.hypothesis for name in candidate.claims}
         base = dict(zip((p.key for p in self.parameters), self.values.tolist(), strict=True))
 
         def origin(signature: Signature) -> np.ndarray:
@@ -113,11 +113,7 @@ class Signatures:
                     left = left + signature.columns[:, keys.index(amplitude)] * (base[name] - fit.mapping[name])
             return left
 
-        others = [
-            replace(s, origin=origin(s))
-            for s in self.entries
-            if not taken & {s.candidate.exclusion_group, *s.candidate.replaces}
-        ]
+        others = [replace(s, origin=origin(s)) for s in self.entries if not taken & s.candidate.claims]
         return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, others, self.failed)
 
     def without_nuisances(self) -> "Signatures":
@@ -191,8 +187,8 @@ def simulate_signatures(
     entries: list[Signature] = []
     failed: dict[str, str] = {}
     candidates = problem.model.candidates if candidates is None else candidates
-    taken = {name for effect in base.hypothesis for name in (effect.exclusion_group, *effect.replaces)}
-    candidates = [one for one in candidates if not taken & {one.exclusion_group, *one.replaces}]
+    taken = {name for effect in base.hypothesis for name in effect.claims}
+    candidates = [candidate for candidate in candidates if not taken & candidate.claims]
     steady_first = sorted(candidates, key=lambda candidate: bool(candidate.steady_counterpart))
     for candidate in followed(steady_first, "effects to screen"):
         steady = [signature for signature in entries if signature.candidate.label == candidate.steady_counterpart]
@@ -338,13 +334,9 @@ class SignatureRegression:
         return self._best_of_each((signature,) for signature in self._followed())
 
     def pairs(self) -> list[LinearizedFit]:
-        """Every two of these candidates that do not replace the same nuisance, best first."""
-        return self._best_of_each(
-            (first, second)
-            for first, second in combinations(self._followed(), 2)
-            if not {first.candidate.label, *first.candidate.replaces}
-            & {second.candidate.label, *second.candidate.replaces}
-        )
+        """Every two of these candidates that do not replace the same nuisance, and are no alternatives; best first."""
+        pairs = combinations(self._followed(), 2)
+        return self._best_of_each(pair for pair in pairs if not pair[0].candidate.claims & pair[1].candidate.claims)
 
     def _followed(self) -> list[Signature]:
         return [signature for signature in self.signatures.entries if not signature.only_searched]
