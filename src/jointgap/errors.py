@@ -40,6 +40,22 @@ class InputError(ValueError):
         return "\n".join(self.args)
 
 
+class UnusableRun(InputError):
+    """One of several runs cannot be used; the others can.
+
+    Parameters
+    ----------
+    kind : str
+        In a word.
+    message : str
+        As of `InputError`.
+    """
+
+    def __init__(self, kind: str, message: str):
+        super().__init__(message)
+        self.kind = kind
+
+
 class MissingPackage(InputError, ImportError):
     """A package that only a part of jointgap uses is not installed."""
 

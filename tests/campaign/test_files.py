@@ -154,7 +154,7 @@ def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path)
     plan = (ROOT / DEMONSTRATION).read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
     (tmp_path / "mine.yaml").write_text(plan.replace("speed: 280 rpm, role: identify", "speed: 280 rpm, role: split"))
     campaign = load_campaign(tmp_path / "mine.yaml")
-    recordings = preflight.recorded(campaign)
+    _, recordings = preflight.recorded(campaign)
     assert set(recordings) == {"slow", "mid"}  # of the third run there is no file yet
     turns = preflight.revolutions(campaign, recordings)
     assert turns["slow"] == pytest.approx(360 * 4.1237e-3 * 150 / 60, rel=0.01)

@@ -45,6 +45,7 @@ def conclude(state: CampaignState) -> dict[str, Any]:
         folder.read("law_families"),
         not any(series.statistic for series in state.model.series),
     )
+    content["left_out"] = [{"run": run, "because": why} for run, why in state.model.left_out.items()]
     write_text(folder.path / VERDICT, verdict.text(content))
     return content
 

@@ -69,7 +69,7 @@ def preflight_tables(
     InputError, SimulationError
         The model cannot be simulated as it stands.
     """
-    recordings = recorded(campaign)
+    campaign, recordings = recorded(campaign)
     model = _as_recorded(campaign, recordings, model_settings)
     if model is None:
         model = build_model(campaign, None, revolutions(campaign, recordings), model_settings)
@@ -89,7 +89,8 @@ def preflight_tables_with_advice(
     campaign, rate, settings, model_settings
         As there.
     """
-    recordings, more = recorded(campaign), extended(campaign)
+    campaign, recordings = recorded(campaign)
+    more = extended(campaign)
     like = recordings.get(campaign.runs[0].id)
     if like is not None:  # a further run is as long as the one that it is like
         for_fitting = replace(like, held_out=np.zeros_like(like.held_out))  # a further run is for fitting
@@ -145,8 +146,8 @@ def _as_recorded(
     return build_model(campaign, Measurements({run: recordings[run] for run in runs}), settings=model_settings)
 
 
-def recorded(campaign: Campaign) -> dict[str, Recording]:
-    """The runs whose files are there.
+def recorded(campaign: Campaign) -> tuple[Campaign, dict[str, Recording]]:
+    """The campaign without runs that cannot be used, and those of its runs whose files are there.
 
     Raises
     ------
@@ -154,7 +155,9 @@ def recorded(campaign: Campaign) -> dict[str, Recording]:
         As `jointgap.recordings.read_measurements`.
     """
     there = tuple(run for run in campaign.runs if os.path.isfile(campaign.folder / run.file))
-    return dict(read_measurements(campaign.model_copy(update={"runs": there}), compared=False).runs)
+    measured = read_measurements(campaign.model_copy(update={"runs": there}), compared=False)
+    runs = tuple(run for run in campaign.runs if run.id not in measured.left_out)
+    return campaign.model_copy(update={"runs": runs}), dict(measured.runs)
 
 
 def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict[str, float]:

@@ -26,6 +26,7 @@ from jointgap.campaign.verdict_sentences import (
     best_known_in_words,
     held_out_in_words,
     is_told_by_features,
+    left_out_in_words,
 )
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.nuisance_bounds import NUISANCES
@@ -128,7 +129,7 @@ def _figure(name: str) -> FigureBlock:
 def _answer(verdict: Mapping[str, Any]) -> list[Block]:
     rows = parameter_rows(verdict["effects"])
     table = [TableBlock(_PARAMETER_HEADS, rows)] if rows else []
-    blocks: list[Block] = [Paragraph(answer(verdict), strong=True)]
+    blocks: list[Block] = [Paragraph(text, strong=True) for text in (answer(verdict), *left_out_in_words(verdict))]
     if verdict["verdict"] not in _PLAIN and (reason := verdict.get("because")):
         blocks.append(Paragraph(_capital(without_code_names(reason)) + "."))
     if says := best_known_in_words(verdict):

@@ -44,6 +44,11 @@ def answer(verdict: Mapping[str, Any]) -> str:
     }[verdict["verdict"]]
 
 
+def left_out_in_words(verdict: Mapping[str, Any]) -> tuple[str, ...]:
+    """Which runs a verdict does not rest on, and why, a sentence each."""
+    return tuple(f"Run {left['run']} is left out: {left['because']}." for left in verdict.get("left_out", ()))
+
+
 def is_told_by_features(verdict: Mapping[str, Any], effects: Sequence[Mapping[str, Any]]) -> bool:
     """Whether features of the cycle told the `effects` of a verdict, where motion repeats: samples count nothing for
     them.

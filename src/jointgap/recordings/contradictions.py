@@ -24,6 +24,9 @@ from jointgap.recordings.recording import Recording
 OF_SAMPLES = ("clipped", "stuck", "no_data")
 """Kinds of contradictions that are told by a channel's samples alone; no gain or zero of a sensor undoes them."""
 
+OF_A_RUN = ("step", "standstill", "turns_back")
+"""Kinds for which a run is left out: its crank angle steps and stays there, or the crank does not turn on."""
+
 
 @dataclass(frozen=True)
 class Contradiction:
@@ -34,7 +37,7 @@ class Contradiction:
     run, channel : str
         ``time`` also where it may be the run's speed that is wrong.
     kind : str
-        sign, scale, phase, swapped, unrelated, one of `OF_SAMPLES`, time or speed.
+        sign, scale, phase, swapped, unrelated, one of `OF_SAMPLES` or of `OF_A_RUN`, time or speed.
     remark : str
         In a sentence, without the place.
     other : str

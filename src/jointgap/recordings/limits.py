@@ -1,6 +1,7 @@
 """The limits beyond which a measured file is refused or remarked upon, with meaning, unit and reason."""
 
 from dataclasses import dataclass, field
+from math import pi
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,13 @@ class RecordingLimits:
         [1, of the mean speed] A crank whose speed varies by less either way turns steadily enough for constant_speed.
     unsteady_standard_errors : float
         [1] By so many standard errors must the speed vary for it to be the crank's, not the encoder's.
+    standstill_window_rad, standstill_share : float
+        [rad] and [1, of the nominal speed]: a crank that is slower for as long as it takes to turn so far at the
+        nominal speed stands still; one whose speed falls to 5 % once a turn is faster on the mean.
+    turned_back_share : float
+        [1, of the nominal speed] So fast it turns again, or back; slower, noise may be all of it.
+    turning_share : float
+        [1, of the record] At least so long the crank turns at about its nominal speed: otherwise units are wrong.
     compared_orders : int
         [1] Orders of the crank that are held against the ideal motion: beyond the fourth a slider-crank has hardly any.
     steady_speed : float
@@ -138,6 +146,10 @@ class RecordingLimits:
     unit_tolerance: float = 0.05
     unsteady_share: float = 0.01
     unsteady_standard_errors: float = 5.0
+    standstill_window_rad: float = 0.25 * pi
+    standstill_share: float = 0.02
+    turned_back_share: float = 0.1
+    turning_share: float = 0.1
     compared_orders: int = 4
     steady_speed: float = 0.15
     speed_doubted: float = 1.1

@@ -111,4 +111,46 @@ def angle_outliers(time: np.ndarray, angle: np.ndarray, limits: RecordingLimits 
     away = np.abs(angle[here] - (1.0 - share) * angle[before] - share * angle[after])
     if not here.size:
         return here
-    return here[away > max(limits.angle_outlier_rad, limits.angle_outlier_medians * float(np.median(away)))]
+    return here[away > _odd(away, limits)]
+
+
+def _odd(away: np.ndarray, limits: RecordingLimits) -> float:
+    """How far [rad] a crank angle has to be off the line between its neighbours, by how far (n,) [rad] all are."""
+    return max(limits.angle_outlier_rad, limits.angle_outlier_medians * float(np.median(away)))
+
+
+def lasting_step(
+    time: np.ndarray, angle: np.ndarray, speed: float, limits: RecordingLimits = DEFAULT_LIMITS
+) -> tuple[int, float] | None:
+    """The first sample after a step of the angle that stays, and its size [rad]; None where there is none.
+
+    Parameters
+    ----------
+    time, angle : (n,) array
+        As for `angle_outliers`. Where samples lack for long, a step is not told from a change of the speed.
+    speed : float
+        Nominal [rad/s]; far from it something else is wrong.
+    limits : RecordingLimits
+    """
+    odd = angle_outliers(time, angle, limits)
+    if not odd.size:
+        return None
+    finite = np.flatnonzero(np.isfinite(angle))
+    t, a, places = time[finite], angle[finite], np.searchsorted(finite, odd)
+    usual = float(np.median(np.diff(t)))
+    speeds = np.diff(a) / np.diff(t)
+    low, high = (ratio * speed for ratio in limits.speed_ratios["motor"])
+    for group in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
+        before, after = group[0] - 1, group[-1] + 1
+        # a step has two sides; the neighbours of a wrong sample may be odd too, by half of it
+        if len(group) != 2 or before < 2 or after > t.size - 3 or t[after] - t[before] > 5 * usual:
+            continue
+        beside = np.append(speeds[max(before - 4, 0) : before], speeds[after : after + 4])
+        if not low < np.median(beside) < high:
+            continue
+        lapse = t[after] - t[before]
+        step = a[after] - a[before] - float(np.median(beside)) * lapse
+        if abs(step) > 2.0 * max(limits.angle_outlier_rad, float(np.ptp(beside)) * lapse):
+            largest = before + int(np.argmax(np.abs(speeds[before:after] - np.median(beside))))
+            return int(finite[largest + 1]), float(step)
+    return None

@@ -1,5 +1,6 @@
 """The files of a campaign, read whole, converted to SI and checked."""
 
+from collections.abc import Mapping
 from math import tau
 
 import numpy as np
@@ -7,9 +8,9 @@ import numpy as np
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS
 from jointgap.config.nuisance_bounds import MOTOR_LINE
-from jointgap.errors import InputError
+from jointgap.errors import InputError, UnusableRun
 from jointgap.quantities import split_share, unit_factor
-from jointgap.recordings.contradictions import Contradiction, contradictions, sentences
+from jointgap.recordings.contradictions import OF_A_RUN, Contradiction, contradictions, sentences
 from jointgap.recordings.copies import check_copies
 from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
 from jointgap.recordings.plausibility import angle_outliers, clipped, no_data, outliers, stuck
@@ -57,10 +58,36 @@ def read_measurements(
     files = {run.id: RunFile(campaign, run, limits) for run in campaign.runs}
     read = {run: (file, read_columns(file.path, wanted, campaign.csv, clock)) for run, file in files.items()}
     check_copies(read, limits)
-    runs = {run: _recording(file, columns, remarks, found) for run, (file, columns) in read.items()}
+    runs = {}
+    for run, (file, columns) in read.items():
+        try:
+            runs[run] = _recording(file, columns, remarks, found)
+        except UnusableRun as error:
+            remarks.insert(0, f"run {run} is left out: {error}")
+            found.append(Contradiction(run, "crank_angle", error.kind, str(error), doubtful=False))
+    check_runs_left(campaign, {one.run: one.remark for one in found if one.kind in OF_A_RUN})
     others = contradictions(campaign, runs, limits) if compared else []
     remarks += [f"{campaign.name}, {sentence}" for sentence in sentences(others)]
     return Measurements(runs, tuple(remarks), (*found, *others))
+
+
+def check_runs_left(campaign: Campaign, left_out: Mapping[str, str]) -> None:
+    """Make sure that a run for fitting is left.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    left_out : mapping of str to str
+        Reasons by run.
+
+    Raises
+    ------
+    InputError
+        None is.
+    """
+    fitted = {run.id for run in campaign.runs if run.role != "confirm"}
+    if fitted and fitted <= left_out.keys():
+        raise InputError(f"campaign {campaign.name}: no run for fitting can be used", *left_out.values())
 
 
 def _recording(file: RunFile, columns: Columns, remarks: list[str], found: list[Contradiction]) -> Recording:
@@ -85,7 +112,7 @@ def _recording(file: RunFile, columns: Columns, remarks: list[str], found: list[
             many = f"is far from all else in {places.size} of {rows.size} samples, which are {value}"
             remark = f"{many}; leave the cells empty if that stands for 'no data'"
             tell("no_data", name, remark, rows[places[0]])
-    time, angle, turned = checked_rotation(file, values, rows)
+    time, angle, turned = checked_rotation(file, values, rows, absent.get("crank_angle", np.empty(0, int)))
     channels = {name: samples for name, samples in values.items() if name not in ("time", "crank_angle")}
     for name, samples in channels.items():
         _check_varies(file, name, samples)

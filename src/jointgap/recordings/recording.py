@@ -63,7 +63,7 @@ class Measurements:
     Attributes
     ----------
     runs : dict of str to Recording
-        In the campaign's order.
+        In the campaign's order; without those that cannot be used.
     remarks : tuple of str
         What a reader of the results should know of the data, in sentences.
     contradictions : tuple of Contradiction
@@ -73,6 +73,13 @@ class Measurements:
     runs: dict[str, Recording]
     remarks: tuple[str, ...] = ()
     contradictions: "tuple[Contradiction, ...]" = ()
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Why a run of the campaign cannot be used, by run."""
+        from jointgap.recordings.contradictions import OF_A_RUN
+
+        return {found.run: found.remark for found in self.contradictions if found.kind in OF_A_RUN}
 
 
 def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:

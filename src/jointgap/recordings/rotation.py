@@ -9,8 +9,10 @@ import numpy as np
 
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.channels import channel_factor
-from jointgap.errors import InputError
+from jointgap.errors import InputError, UnusableRun
 from jointgap.recordings.limits import RecordingLimits
+from jointgap.recordings.plausibility import lasting_step, stuck
+from jointgap.recordings.steadiness import standstill
 
 UNITS = {"time": ("s", "ms", "us", "ns", "min"), "crank_angle": ("deg", "rad", "turn")}
 """Units that are proposed where the stated one does not fit."""
@@ -93,7 +95,7 @@ def _nearest(steps: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 
 def checked_rotation(
-    file: RunFile, values: dict[str, np.ndarray], rows: np.ndarray
+    file: RunFile, values: dict[str, np.ndarray], rows: np.ndarray, no_data: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times and angles of a run, each all NaN where not measured, and how far the crank has turned.
 
@@ -104,6 +106,8 @@ def checked_rotation(
         Channels in SI; those of time finite, those of crank_angle too where there is no time.
     rows : (n,) array of int
         Lines of the file, for messages.
+    no_data : (m,) array of int
+        Samples whose angle stands for 'no data'.
 
     Returns
     -------
@@ -117,6 +121,8 @@ def checked_rotation(
     ------
     InputError
         Times that do not rise, an angle that falls, less than a revolution, a speed far from nominal, too few samples.
+    UnusableRun
+        A crank that stands still or turns back, unless a motor turns it; an angle with a step that stays.
     """
     absent, speed = np.full(rows.size, np.nan), file.run.speed
     time = values.get("time", absent)
@@ -137,6 +143,9 @@ def checked_rotation(
         _check_angle_alone(file, values["crank_angle"], angle, rows)
         return absent, angle, angle - angle[0]
     continuous = continuous_angle(time, angle, speed)
+    told = continuous.copy()
+    told[no_data] = np.nan
+    _check_turns_on(file, time, told, rows)
     mean_speed = _mean_speed(time, continuous)
     _check_speed(file, time, angle, mean_speed)
     _check_enough(file, (time[-1] - time[0]) * mean_speed, time.size)
@@ -195,6 +204,38 @@ def _check_angle_alone(file: RunFile, read: np.ndarray, angle: np.ndarray, rows:
     if total < -tau * file.limits.min_revolutions / 2:
         raise _turns_back(file, angle)
     _check_enough(file, total, angle.size)
+
+
+def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray, rows: np.ndarray) -> None:
+    """Whether the crank neither stands still nor turns back, and no step of its `angle` stays."""
+    campaign, speed = file.campaign, file.run.speed
+    if campaign.drive == "constant_speed" and stuck(angle, speed * time, file.limits) is not None:
+        return  # an encoder that is stuck, of which more is said
+    # a motor may start from rest, which is simulated
+    still = None if campaign.drive == "motor" else standstill(time, angle, speed, file.limits)
+    turns_back = still is not None and still[2]
+    step = lasting_step(time, angle, speed, file.limits) if still is None or turns_back else None
+    if step is not None:
+        place, size = step
+        sign = -1.0 if file.run.direction == "clockwise" else 1.0
+        raise UnusableRun(
+            "step",
+            f"{file.place('crank_angle', rows[place])}: the angle steps by {sign * math.degrees(size):.3g} deg at "
+            f"{time[place]:.6g} s and stays there: pulses that were lost or counted twice, or a counter that "
+            "overflowed; cut the record there, or mend the angle",
+        )
+    if still is None:
+        return
+    begin, end, _ = still
+    at_first, at_last = begin == time[0], end >= time[-1]
+    when = f"until {end:.6g} s" if at_first else f"from {begin:.6g} s " + ("on" if at_last else f"to {end:.6g} s")
+    keep = "keep what comes after" if at_first else "keep what comes before" if at_last else "make two runs of it"
+    rested = ", and give the run 'start: unknown'" if at_first and file.run.start == "at_rest" else ""
+    raise UnusableRun(
+        "turns_back" if turns_back else "standstill",
+        f"{file.place('crank_angle', rows[int(np.searchsorted(time, begin))])}: the crank "
+        f"{'turns back' if turns_back else 'stands still'} {when}; cut the record there ({keep}{rested})",
+    )
 
 
 def _check_speed(file: RunFile, time: np.ndarray, angle: np.ndarray, speed: float) -> None:

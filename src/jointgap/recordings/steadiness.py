@@ -7,6 +7,7 @@ import numpy as np
 
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
+from jointgap.recordings.plausibility import angle_outliers
 
 _HARMONICS = np.arange(1, 4)
 _MOST_DRIFT_TERMS = 8
@@ -50,6 +51,41 @@ def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, 
     speeds = tau / np.diff(np.interp(passed, np.maximum.accumulate(angle), time))
     over = 0.5 * float(np.ptp(speeds) / speeds.mean()) if speeds.size > 1 else np.nan
     return 0.5 * float(np.ptp(speed)), over, sd * sqrt(2.0) / tau
+
+
+def standstill(
+    time: np.ndarray, angle: np.ndarray, speed: float, limits: RecordingLimits = DEFAULT_LIMITS
+) -> tuple[float, float, bool] | None:
+    """From when to when [s] a crank stands still, and whether it turns back; None where it turns on, or turns so little
+    at its nominal speed that something else must be wrong.
+
+    Parameters
+    ----------
+    time, angle : (n,) array
+        As for `speed_variation`, as recorded.
+    speed : float
+        Nominal [rad/s].
+    limits : RecordingLimits
+    """
+    finite = np.isfinite(angle)
+    finite[angle_outliers(time, angle, limits)] = False
+    time, angle = time[finite], angle[finite]
+    window = limits.standstill_window_rad / speed
+    begins = time[time + window <= time[-1]]
+    ahead = (np.interp(begins + window, time, angle) - angle[: begins.size]) / limits.standstill_window_rad
+    low, high = limits.speed_ratios["constant_speed"]
+    slow = ahead < limits.standstill_share
+    if not slow.any() or np.mean((ahead > low) & (ahead < high)) < limits.turning_share:
+        return None
+    # as far as noise would still let the smooth angle fall
+    turning = np.flatnonzero(ahead > limits.turned_back_share)
+    first, place = 0, int(np.argmax(slow))
+    if (before := turning[turning < place]).size:
+        first = int(before[-1]) + 1
+    after = turning[turning > place]
+    end = begins[after[0]] + window if after.size else time[-1]
+    part = ahead[first : after[0] if after.size else None]
+    return float(begins[first]), float(end), bool(part.min() < -limits.turned_back_share)
 
 
 def unsteady(

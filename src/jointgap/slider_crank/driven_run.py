@@ -12,7 +12,7 @@ from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun, Start
 from jointgap.config.nuisance_bounds import MOTOR_LINE
 from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.measured_drive import smooth_angle
+from jointgap.dynamics.model.measured_drive import smooth_angle, stands_still
 from jointgap.dynamics.model.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
 from jointgap.dynamics.model.prescribed_drive import crank_times
 from jointgap.dynamics.simulation import integrate_to_angles
@@ -163,6 +163,11 @@ def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) ->
         Step of the encoder [rad].
     back : int
         Revolutions of the lead-in.
+
+    Raises
+    ------
+    InputError
+        A crank that stands still or turns back, or too many pieces.
     """
     finite = np.isfinite(samples.read)
     begins = float(samples.elapsed[finite][0])
@@ -170,6 +175,14 @@ def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) ->
     time += begins
     smooth = smooth_angle(time - time[0], angle, resolution)
     begin = -time[0] - back * turn
+    if (still := stands_still(smooth, begin, samples.elapsed[-1] - time[0])) is not None:
+        still += time[0]
+        if still < begins:  # the lead-in repeats the first revolution
+            still = begins + (still - begins) % turn
+        raise InputError(
+            f"the smooth crank angle stands still or falls at {samples.time[0] + still:.6g} s; cut the record there, "
+            "or give crank_angle its resolution, for noise to be smoothed"
+        )
     pieces = np.unique(np.append(smooth.x[smooth.x > begin], begin))[:-1]
     if len(pieces) > MOST_KNOTS:
         raise InputError(

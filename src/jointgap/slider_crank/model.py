@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from math import tau
+from types import MappingProxyType
 
 import numpy as np
 
@@ -46,6 +47,8 @@ class SliderCrankModel:
     settings : SliderCrankSettings
     told_encoder_offset : float or None
         [rad] What the encoder reads too much by what the other channels say.
+    left_out : mapping of str to str
+        Why a run of the campaign file is no part of `campaign`, by run.
     """
 
     def __init__(
@@ -58,7 +61,9 @@ class SliderCrankModel:
         searched: frozenset[str] = frozenset(),
         settings: SliderCrankSettings = DEFAULT_SETTINGS,
         told_encoder_offset: float | None = None,
+        left_out: Mapping[str, str] = MappingProxyType({}),
     ):
+        self.left_out = left_out
         self.told_encoder_offset = told_encoder_offset
         self.campaign, self.plans, self.name, self.settings = campaign, plans, campaign.name, settings
         own = [

@@ -8,7 +8,9 @@ from math import tau
 import numpy as np
 
 from jointgap.config.campaign_file import Campaign, CampaignRun
+from jointgap.errors import InputError, SimulationError
 from jointgap.recordings import Measurements
+from jointgap.recordings.read_campaign import check_runs_left
 from jointgap.recordings.recording import noise_of
 from jointgap.slider_crank.chaotic_channels import chaotic_channels
 from jointgap.slider_crank.driven_run import measured_pieces, starts_with_record
@@ -27,6 +29,8 @@ def build_model(
 ) -> SliderCrankModel:
     """The model of a campaign.
 
+    A measured run that cannot be simulated is left out: `SliderCrankModel.left_out` says why.
+
     Parameters
     ----------
     campaign : Campaign
@@ -40,37 +44,75 @@ def build_model(
     Raises
     ------
     InputError
-        A recording that does not go with the drive; bounds of nuisances at which the mechanism cannot be simulated.
+        No run for fitting can be simulated; bounds of nuisances at which the mechanism cannot be.
     """
     check_bounds(campaign)
     plans, measured, noise, held_out, searched = {}, {}, {}, {}, set()
+    left_out = dict(measurements.left_out) if measurements else {}
     for run in campaign.runs:
-        if measurements is None:
-            samples, values = _planned(campaign, run, (revolutions or {}).get(run.id), settings)
-            held_out[run.id] = _held_out(run, samples.time.size)
-        else:
-            samples, values = _recorded(campaign, run, measurements, settings)
-            held_out[run.id] = measurements.runs[run.id].held_out
-        encoder = campaign.channels.get("crank_angle")
-        compared = samples.encoded and campaign.drive != "measured_angle"
-        channels = [name for name in campaign.channels if name not in ("time", "crank_angle")]
-        channels += ["crank_angle"] if encoder and compared else []
-        plan = RunPlan(run, samples, tuple(channels), _pieces(campaign, run, samples, settings), settings)
-        measured[run.id] = {channel: values[channel] for channel in channels}
-        noise[run.id] = noise_of(campaign, run.id)
-        if encoder is None and measurements is not None and campaign.drive == "constant_speed":
-            # what is held out of a run that is split may not tell how its beginning turned
-            hidden = held_out[run.id] & (not held_out[run.id].all())
-            fitted = {channel: np.where(hidden, np.nan, value) for channel, value in measured[run.id].items()}
-            if "speed" in campaign.nuisance:
-                plan = _with_speed(campaign, plan, fitted)
-            if run.first_angle is None:
-                searched.add(run.id)
-                plan = _with_first_angle(campaign, plan, fitted)
+        if run.id in left_out:
+            continue
+        try:
+            plan, values = _plan(campaign, run, measurements, revolutions or {}, settings)
+            if measurements is not None:
+                _check_simulated(campaign, plan)
+        except (InputError, SimulationError) as error:
+            if measurements is None:
+                raise
+            left_out[run.id] = str(error)
+            continue
         plans[run.id] = plan
+        measured[run.id] = {channel: values[channel] for channel in plan.channels}
+        noise[run.id] = noise_of(campaign, run.id)
+        held_out[run.id] = _held_out(run, plan.samples.time.size, measurements)
+        if _is_searched(campaign, run, measurements):
+            searched.add(run.id)
+    check_runs_left(campaign, left_out)
+    campaign = campaign.model_copy(update={"runs": tuple(run for run in campaign.runs if run.id in plans)})
     doubts = measurements.contradictions if measurements else ()
     told = next((doubt.phase for doubt in doubts if (doubt.channel, doubt.kind) == ("crank_angle", "phase")), None)
-    return SliderCrankModel(campaign, plans, measured, noise, held_out, frozenset(searched), settings, told)
+    return SliderCrankModel(campaign, plans, measured, noise, held_out, frozenset(searched), settings, told, left_out)
+
+
+def _is_searched(campaign: Campaign, run: CampaignRun, measurements: Measurements | None) -> bool:
+    """Whether the first angle of a run is found by a search."""
+    unread = "crank_angle" not in campaign.channels and campaign.drive == "constant_speed"
+    return measurements is not None and unread and run.first_angle is None
+
+
+def _plan(
+    campaign: Campaign,
+    run: CampaignRun,
+    measurements: Measurements | None,
+    revolutions: Mapping[str, float],
+    settings: SliderCrankSettings,
+) -> tuple[RunPlan, dict[str, np.ndarray]]:
+    """The plan of one run, and what was measured by channel [SI]."""
+    if measurements is None:
+        samples, values = _planned(campaign, run, revolutions.get(run.id), settings)
+    else:
+        samples, values = _recorded(campaign, run, measurements, settings)
+    compared = samples.encoded and campaign.drive != "measured_angle"
+    channels = [name for name in campaign.channels if name not in ("time", "crank_angle")]
+    channels += ["crank_angle"] if "crank_angle" in campaign.channels and compared else []
+    plan = RunPlan(run, samples, tuple(channels), _pieces(campaign, run, samples, settings), settings)
+    if "crank_angle" not in campaign.channels and measurements is not None and campaign.drive == "constant_speed":
+        # what is held out of a run that is split may not tell how its beginning turned
+        held_out = measurements.runs[run.id].held_out
+        hidden = held_out & (not held_out.all())
+        fitted = {channel: np.where(hidden, np.nan, values[channel]) for channel in channels}
+        if "speed" in campaign.nuisance:
+            plan = _with_speed(campaign, plan, fitted)
+        if _is_searched(campaign, run, measurements):
+            plan = _with_first_angle(campaign, plan, fitted)
+    return plan, values
+
+
+def _check_simulated(campaign: Campaign, plan: RunPlan) -> None:
+    """SimulationError where the model as it stands cannot be simulated along a run."""
+    for channel, read in channels_read(campaign, plan, _nominal(campaign, plan)).items():
+        if not np.isfinite(read).all():
+            raise SimulationError(f"{channel} as simulated is not finite")
 
 
 def _resolution(campaign: Campaign) -> float:
@@ -93,10 +135,13 @@ def _planned(
 
 def _is_chaotic(campaign: Campaign, run: CampaignRun, samples: SampleGrid, settings: SliderCrankSettings) -> bool:
     channels = tuple(name for name in campaign.channels if name != "time")
-    nuisances = (*shared_nuisances(campaign), *run_nuisances(campaign, run, samples, False))
-    nominal = {p.name: p.nominal for p in nuisances}
     plan = RunPlan(run, samples, channels, _pieces(campaign, run, samples, settings), settings)
-    return bool(chaotic_channels(campaign, plan, nominal, noise_of(campaign, run.id)))
+    return bool(chaotic_channels(campaign, plan, _nominal(campaign, plan), noise_of(campaign, run.id)))
+
+
+def _nominal(campaign: Campaign, plan: RunPlan) -> dict[str, float]:
+    nuisances = (*shared_nuisances(campaign), *run_nuisances(campaign, plan.run, plan.samples, False))
+    return {p.name: p.nominal for p in nuisances}
 
 
 def _pieces(
@@ -123,7 +168,9 @@ def _recorded(
     return samples, {**recording.channels, "crank_angle": recording.crank_angle}
 
 
-def _held_out(run: CampaignRun, count: int) -> np.ndarray:
+def _held_out(run: CampaignRun, count: int, measurements: Measurements | None) -> np.ndarray:
+    if measurements is not None:
+        return measurements.runs[run.id].held_out
     share = {"confirm": 1.0, "split": 1.0 / 3.0}.get(run.role, 0.0)
     return np.arange(count) >= count - math.ceil(share * count)
 

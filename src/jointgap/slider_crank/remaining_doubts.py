@@ -30,7 +30,8 @@ def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list
     """
     corrected, erring = {}, False
     sensors = tuple(candidate for candidate in fit.hypothesis if candidate.sensor)
-    for run, recording in measurements.runs.items():
+    for run in model.plans:
+        recording = measurements.runs[run]
         own = [p.key for p in model.nuisances if p.run == run and p.name in Faults.NUISANCES]
         own += [f"{candidate.label}.{p.key}" for candidate in sensors for p in candidate.coordinates if p.run == run]
         if any(key not in fit.mapping for key in own):

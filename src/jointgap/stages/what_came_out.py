@@ -8,7 +8,7 @@ from typing import Any
 from jointgap.campaign import verdict
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
 from jointgap.campaign.phrasing import effect_in_words, estimate_row, unit_of
-from jointgap.campaign.verdict_sentences import answer, held_out_in_words
+from jointgap.campaign.verdict_sentences import answer, held_out_in_words, left_out_in_words
 from jointgap.report.plain_words import in_words
 
 SUMMARY, SUMMARY_PAGE = "summary.json", "summary.html"
@@ -40,6 +40,7 @@ def verdict_lines(folder: Path) -> list[str]:
     told = {"samples": "compared sample by sample", "statistics": "compared by statistics over cycles"}
     return [
         f"campaign {content['campaign']}: {answer(content)}",
+        *(f"  {line}" for line in left_out_in_words(content)),
         *(f"  {line}" for line in _sizes(content["effects"])),
         f"  gap (residual in standard deviations of the noise), {told.get(content['basis'], content['basis'])}: "
         f"{_small(held_out_in_words(content))}",

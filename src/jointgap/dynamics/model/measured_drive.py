@@ -171,6 +171,13 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
     return pieces
 
 
+def stands_still(smooth: PPoly, begin: float, end: float) -> float | None:
+    """When [s] between `begin` and `end` [s] a smooth angle falls fastest, or stands still; None where it rises."""
+    fine = np.linspace(begin, end, 20 * len(smooth.x))
+    speed = smooth(fine, 1)
+    return float(fine[np.argmin(speed)]) if speed.min() <= 0 else None
+
+
 def angle_pieces(options: Simulate) -> tuple[np.ndarray, float]:
     """Pieces (k, 7) of a measured drive from where it passes the start angle, and its end [s]: see `knots_record`.
 
@@ -197,10 +204,9 @@ def angle_pieces(options: Simulate) -> tuple[np.ndarray, float]:
     residual = math.sqrt(np.mean((smooth(time) - angle) ** 2))
     slack = resolution or min(3 * residual, mean_speed * time[-1] / (time.size - 1))
     ends = smooth.x[[0, -1]] + np.array([-1, 1]) * (slack + 1e-9) / mean_speed
-    fine = np.linspace(*ends, 20 * len(smooth.x))
-    if (speed := smooth(fine, 1)).min() <= 0:
+    if (still := stands_still(smooth, *ends)) is not None:
         raise InputError(
-            f"{path}: the crank stands still or turns back at {fine[np.argmin(speed)]:.6g} s; give an angle that "
+            f"{path}: the crank stands still or turns back at {still:.6g} s; give an angle that "
             "rises, or its resolution, for noise to be smoothed"
         )
     first, last = (float(value) for value in smooth(ends))

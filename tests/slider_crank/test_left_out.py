@@ -1,0 +1,41 @@
+"""A run that cannot be simulated is left out with its reason; the others make the model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.errors import InputError
+from jointgap.identification.noise_model import noise_of_model
+from jointgap.recordings import Measurements
+from jointgap.slider_crank import build_model
+from tests.slider_crank.rigs import campaign, mechanism, recorded
+
+SEEN = ("time", "crank_angle", "slider_position")
+
+
+def measured(run):
+    """Two runs along their measured angle; the crank of `run` stands still for a while."""
+    own = campaign(mechanism(), SEEN, drive="measured_angle")
+    runs = dict(recorded(own, dropped=0, kept=4).runs)
+    still = runs[run]
+    angle = still.crank_angle
+    runs[run] = replace(still, crank_angle=np.minimum(angle, angle[150]) + np.maximum(angle - angle[200], 0.0))
+    return own, Measurements(runs)
+
+
+def test_a_held_out_run_whose_crank_stands_still_is_left_out_with_the_time():
+    own, measurements = measured("fast")
+    model = build_model(own, measurements)
+    assert list(model.plans) == ["slow"] == [run.id for run in model.campaign.runs]
+    assert {key for series in model.series for key in [series.run]} == {"slow"}
+    begin, end = measurements.runs["fast"].time[[150, 200]]
+    told = model.left_out["fast"]
+    assert "stands still or falls at" in told and "cut the record there" in told
+    assert begin - 0.02 < float(told.partition(" at ")[2].partition(" s;")[0]) < end + 0.02
+    assert noise_of_model(model)
+
+
+def test_without_any_run_for_fitting_there_is_one_error_with_its_reason():
+    with pytest.raises(InputError, match=r"(?s)no run for fitting can be used.*stands still or falls at"):
+        build_model(*measured("slow"))
