@@ -1,6 +1,7 @@
 """What cannot be simulated says so, soon, with time, crank angle and state; the compiled code needs no home."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -75,6 +76,19 @@ def test_the_bound_on_steps_is_named(monkeypatch):
     monkeypatch.setattr(sys.modules[integrate_to_angles.__module__], "STEPS_PER_REVOLUTION", 100)
     with pytest.raises(SimulationError, match=f"more than 100 steps.*{WHERE}"):
         simulate(mechanism(), options())
+
+
+def test_a_motion_of_too_many_steps_says_what_each_joint_does_and_what_to_change(monkeypatch):
+    """Friction makes the journal of a tight crank pivot whirl; it takes 50 000 steps a revolution."""
+    monkeypatch.setattr(sys.modules[integrate_to_angles.__module__], "STEPS_PER_REVOLUTION", 10_000)
+    whirling = mechanism(loose=("crank_pivot",), friction=0.3, clearance=2e-5)
+    with pytest.raises(SimulationError, match=r"more than 30000 steps.*friction that makes a journal whirl") as told:
+        simulate(whirling, options(revolutions=3, tolerance=1e-9))
+    turns = re.search(
+        r"crank pivot: \d+ contacts began, in contact, circling its clearance (\S+) times", str(told.value)
+    )
+    assert abs(float(turns[1])) > 50
+    assert "crank pin:" not in str(told.value)
 
 
 def test_a_rod_that_does_not_reach_the_slide_is_refused():

@@ -229,3 +229,10 @@ def test_as_published_the_start_decides_which_motion_it_settles_on():
     between = apart(settled(memory="published"))
     different = [i for i in range(STARTS) if (between[i, :i] > 1e-4).all()]
     assert len(different) >= 10 and between.max() > 5e-3
+
+
+@pytest.mark.parametrize(("law", "restitution"), (("lankarani_nikravesh", 0.46), ("exact_restitution", 0.3)))
+def test_a_coarse_tolerance_makes_no_more_steps_where_the_damping_is_published(law, restitution):
+    made = mechanism(memory="published", law=law, restitution=restitution)
+    coarse, finer = (simulate(made, options(tolerance=tolerance)).steps for tolerance in (1e-7, 1e-8))
+    assert coarse <= 1.2 * finer

@@ -9,6 +9,7 @@ import pandas as pd
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
+from jointgap.dynamics.model.joint_forces import FLIGHT
 from jointgap.dynamics.model.parameters import MEASURED, Parameters
 from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
 from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, sample_modes
@@ -29,8 +30,14 @@ from jointgap.errors import InputError, SimulationError
 from jointgap.joints import JOINT, JOINTS
 from jointgap.tables import EVENTS, TRAJECTORY
 
-STEPS_PER_REVOLUTION = 5_000_000
-"""Most integration steps that a revolution may take on average; a usual one takes some thousands."""
+STEPS_PER_REVOLUTION = 500_000
+"""Most integration steps that a revolution may take on average, about a second of one core. A usual one takes some
+thousands, one with a journal that friction makes whirl 10 000 to 50 000, one at 3 rpm or with stiff bristles some
+100 000."""
+
+COARSEST_PUBLISHED = 1e-8
+"""Largest tolerance [m] to which a contact of the published form is integrated. Damped by the approach speed for good,
+it is stiff where that was small, and an explicit method that may err by more makes up to twenty times as many steps."""
 
 VELOCITY_TIME = 3e-5
 """Time [s] that turns an error in a velocity into one in a position: a contact's ringing over 2 pi, near enough."""
@@ -213,7 +220,7 @@ def integrate_on(
     revolutions = max((angles[-1] - progress.here.crank_angle) / (2 * math.pi), 1.0)
     limit = math.ceil((steps_per_revolution or STEPS_PER_REVOLUTION) * revolutions)
     status, end, events, steps = integrate(
-        p, progress, times, angles, tolerance, VELOCITY_TIME, limit, room_for_stages(), samples.states,
+        p, progress, times, angles, _fine_enough(p, tolerance), VELOCITY_TIME, limit, room_for_stages(), samples.states,
         samples.auxiliary_states, samples.modes, samples.approaches, samples.begins, samples.directions,
     )  # fmt: skip
     if status != DONE:
@@ -221,6 +228,8 @@ def integrate_on(
             f"ask for a larger tolerance than {tolerance:g} m, or check what makes the motion so stiff: stiffness, "
             "restitution, friction_speed or bristle_stiffness of the contacts, a small mass, an effect or its formula"
         )
+        if status == TOO_MANY_STEPS:
+            advice = f"{_contacts_in_words(p, end.here, events)}; {advice}, or friction that makes a journal whirl"
         raise SimulationError(
             f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.here.time:.9g} s, crank "
             f"angle {math.degrees(end.here.crank_angle):.6g} deg ({_state_in_words(p, end.here)}); "
@@ -239,18 +248,43 @@ def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None
         )
 
 
-def _state_in_words(p: Parameters, end) -> str:
+def _fine_enough(p: Parameters, tolerance: float) -> float:
+    joints = [getattr(p, name) for name in JOINTS]
+    published = any(joint.loose and joint.damping > 0 and math.isinf(joint.memory_time) for joint in joints)
+    return min(tolerance, COARSEST_PUBLISHED) if published else tolerance
+
+
+def _clearance_vectors(p: Parameters, end) -> dict:
+    """Clearance vector and its rate by loose joint."""
     motion = (
         (end.clearance_state[0:2], end.clearance_state[4:6]),
         (end.clearance_state[2:4], end.clearance_state[6:8]),
         (end.auxiliary_state[0:2], end.auxiliary_state[4:6]),
     )
+    return {
+        joint: vectors for joint, vectors in zip(JOINT.values(), motion, strict=True) if getattr(p, joint.name).loose
+    }
+
+
+def _state_in_words(p: Parameters, end) -> str:
     vectors = [
         f"; r{joint.number} {place[0]:.9g}, {place[1]:.9g}, rate {rate[0]:.9g}, {rate[1]:.9g}"
-        for joint, (place, rate) in zip(JOINT.values(), motion, strict=True)
-        if getattr(p, joint.name).loose
+        for joint, (place, rate) in _clearance_vectors(p, end).items()
     ]
     return f"state in SI: crank speed {end.crank.speed:.9g}" + "".join(vectors)
+
+
+def _contacts_in_words(p: Parameters, end, events: np.ndarray) -> str:
+    """What each loose joint does, for whoever looks for the one that takes the steps."""
+    begun, told = events[events[:, EVENT.index("begins")] == 1], []
+    for joint, ((ex, ey), (vx, vy)) in _clearance_vectors(p, end).items():
+        count = int((begun[:, EVENT.index("joint")] == joint.index).sum())
+        doing = f"{joint.words}: {count} contacts began"
+        if end.modes[joint.index] != FLIGHT:
+            turns = (ex * vy - ey * vx) / (ex * ex + ey * ey) / end.crank.speed
+            doing += f", in contact, circling its clearance {turns:.3g} times per turn of the crank"
+        told.append(doing)
+    return ", ".join(told) or "no joint is loose"
 
 
 def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
