@@ -309,6 +309,10 @@ def _limits(kind: Any) -> Any:
 class Constraints(Section):
     """What lengths have to meet besides their bounds: each a value, which is met exactly, or a range [lower, upper]."""
 
+    crank_length: _limits(PositiveLength) | None = Field(
+        None,
+        description="length of the crank; where no boxes are given it keeps its own, and the rod alone is searched",
+    )
     stroke: _limits(PositiveLength) | None = Field(
         None, description="way of the slider between its dead centres, without clearance"
     )
@@ -347,12 +351,17 @@ class Optimise(Section):
         (0.0, 2 * math.pi), description="crank angles after the start that the error counts"
     )
     boxes: dict[Word, Box] = Field(
-        {}, description="bounds by name; the first box is the main one; none: one of 5 % around the mechanism's lengths"
+        {},
+        description="bounds by name; the first box is the main one; none: the crank keeps its length, and the rod is "
+        "searched within 5 % of its own",
     )
     ratio_limit: OpenFraction | None = Field(
         None, description="crank length minus ratio_limit times rod length must not be positive; null: no such limit"
     )
     constraints: Constraints = Field(Constraints(), description="what lengths have to meet besides their bounds")
+    rod_tolerance: PositiveLength | None = Field(
+        None, description="width of the tolerance of the rod's length as made; null: IT7 of ISO 286 for that length"
+    )
     local_tolerance: PositiveNumber = Field(1e-8, description="stopping tolerance of the local optimiser")
     genetic: Genetic = Genetic()
     ensemble: Ensemble = Ensemble()
@@ -377,7 +386,9 @@ class Figures(Section):
     """What the figures show."""
 
     animation_frames: Frames = Field(120, description="frames of the animation of the first revolution")
-    magnification: PositiveNumber = Field(40.0, description="how much the animation magnifies the clearances")
+    magnification: PositiveNumber | None = Field(
+        None, description="how much the animation magnifies the clearances; null: the largest to a quarter of the crank"
+    )
 
 
 _SPAN = {"from", "to", "number"}
@@ -581,8 +592,11 @@ class Scenario(Section):
                 tuple(round(length * (1 + side * _OWN_SHARE), _OWN_DIGITS) for side in (-1, 1))
                 for length in (applied.crank.length, applied.rod.length)
             )
-            boxes = {_OWN_BOX: Box(crank_length=crank, rod_length=rod)}
-            object.__setattr__(self, "optimise", self.optimise.model_copy(update={"boxes": boxes}))
+            found = {"boxes": {_OWN_BOX: Box(crank_length=crank, rod_length=rod)}}
+            if self.optimise.constraints.crank_length is None:
+                kept = {"crank_length": (applied.crank.length,) * 2}
+                found["constraints"] = self.optimise.constraints.model_copy(update=kept)
+            object.__setattr__(self, "optimise", self.optimise.model_copy(update=found))
         return self
 
     @model_validator(mode="after")

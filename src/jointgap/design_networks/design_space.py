@@ -11,7 +11,7 @@ from jointgap.config.sweep_config import Uniform
 from jointgap.config.varied_values import with_values
 from jointgap.designs.design_of_experiments import Axis, Designs, axes_of
 from jointgap.errors import InputError
-from jointgap.link_lengths.constraints import geometric
+from jointgap.link_lengths.constraints import depends_on_offset, geometric
 from jointgap.link_lengths.region import Region
 from jointgap.robust_lengths.uncertain_draws import LENGTHS, OF_THE_COMPUTATION, OFFSET, PATHS_OF_LENGTHS
 
@@ -164,10 +164,9 @@ def design_space(scenario: Scenario) -> DesignSpace:
             )
     for key in OF_THE_COMPUTATION & parameters.keys():
         raise InputError(f"{SOURCE}.{key}: is how the motion is computed, and no property of a design; leave it out")
-    if OFFSET in parameters and (of_lengths := geometric(scenario.optimise.constraints, 0.0)):
+    if OFFSET in parameters and (key := depends_on_offset(scenario.optimise.constraints)):
         raise InputError(
-            f"{SOURCE}.{OFFSET}: optimise.constraints.{of_lengths[0].key} is worked out with the nominal offset; "
-            "leave out one of them"
+            f"{SOURCE}.{OFFSET}: optimise.constraints.{key} is computed with the nominal offset; leave out one of them"
         )
     others = axes_of(base, parameters, SOURCE)
     for axis in others:

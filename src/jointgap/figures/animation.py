@@ -11,7 +11,7 @@ from matplotlib.ticker import MultipleLocator
 
 from jointgap.config import Scenario
 from jointgap.figures.contact_figures import SMALLEST_FORCE, eccentricity
-from jointgap.figures.figure_data import degrees, loose_joints, revolution
+from jointgap.figures.figure_data import degrees, loose_joints, revolution, round_number
 from jointgap.figures.sheet import CRANK_ANGLE, Panel, Quantity, Sheet
 from jointgap.figures.style import COLOURS, INK, Drawing
 from jointgap.joints import JOINT, JOINT_NUMBERS
@@ -89,11 +89,20 @@ def _film(sheet: Sheet, moving: list, frames: int) -> tuple[np.ndarray, ...]:
     return tuple(shots)
 
 
+def magnification(scenario: Scenario) -> float:
+    """How much the clearances are magnified: as asked for, or so that the largest is a quarter of the crank at most."""
+    if scenario.figures.magnification is not None:
+        return scenario.figures.magnification
+    mechanism = scenario.mechanism.applied()
+    largest = max((mechanism.joint(name).clearance for name in mechanism.loose), default=np.inf)
+    return round_number(0.25 * mechanism.crank.length / largest)
+
+
 def _pin(samples: pd.DataFrame, name: str, centre: np.ndarray, scenario: Scenario) -> Pin:
     """The joint whose partner (frame, crank or slider) has its centre at `centre` (frames, 2) [m]."""
     joint = scenario.mechanism.applied().joint(name)
     outward = joint is not None and joint.journal == JOINT[name].body
-    magnified = scenario.figures.magnification * np.nan_to_num(np.stack(eccentricity(samples, name, joint), axis=-1))
+    magnified = magnification(scenario) * np.nan_to_num(np.stack(eccentricity(samples, name, joint), axis=-1))
     end = centre + (magnified if outward else -magnified)
     journal, bearing = (end, centre) if outward else (centre, end)
     force = samples[f"{name}_normal_force"].to_numpy()
@@ -113,7 +122,7 @@ class _Mechanism:
     """Crank, rod and piston; the rings and journals of the pins, and of the crank pivot where it is loose."""
 
     def __init__(self, sheet: Sheet, samples: pd.DataFrame, scenario: Scenario):
-        mechanism, times = scenario.mechanism.applied(), scenario.figures.magnification
+        mechanism, times = scenario.mechanism.applied(), magnification(scenario)
         angle = samples["crank_angle"].to_numpy()
         crank = mechanism.crank.length * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         slide = np.full(len(samples), mechanism.slider.offset)

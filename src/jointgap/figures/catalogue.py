@@ -229,10 +229,10 @@ CATALOGUE = {
         "contact_figures:orbits",
         ("trajectory",),
         "Left: path of the journal's centre in the first revolution, true scale; the circle is the clearance. Middle: "
-        "the settled revolution, with the part beyond the circle (penetration into the wall) drawn 20 times as deep, "
-        "so that it shows where the bearing carries the load. Right: distance of the centres less the clearance over "
-        "the crank angle, linear inside the grey band and logarithmic outside; negative values are flight. A settled "
-        "curve that never goes below zero means permanent contact.",
+        "the settled revolution, with the part beyond the circle (penetration into the wall) magnified by the "
+        "factor in the panel, so that it shows where the bearing carries the load. Right: distance of the centres less "
+        "the clearance over the crank angle, linear inside the grey band and logarithmic outside; negative values are "
+        "flight. A settled curve that never goes below zero means permanent contact.",
     ),
     "contact_forces": FigureSpec(
         "Contact forces and modes",

@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Joint, Scenario
-from jointgap.figures.figure_data import degrees, loose_joints, revolution, settled_revolution
+from jointgap.figures.figure_data import degrees, loose_joints, revolution, round_number, settled_revolution
 from jointgap.figures.sheet import CRANK_ANGLE, Quantity, Sheet
 from jointgap.figures.style import COLOURS, Drawing
 from jointgap.joints import JOINT, JOINT_NUMBERS
 from jointgap.report.plain_words import in_words
 
-DEPTH_MAGNIFIED = 20.0  # times that penetrations of the settled orbit are drawn
-INNERMOST = 10.0  # [um] the gap to the wall is shown linearly up to here, logarithmically beyond
+DEPTH_DRAWN = 0.3  # [1] of the clearance: about as deep the settled orbit's largest penetration is drawn
+INNERMOST = 10.0  # [um] the gap to the wall is shown linearly up to here at most, logarithmically beyond
 SECTOR = 60.0  # [deg] the figure of impacts ends with a multiple of it
 CONSTANT = 1e-4  # [1] a speed that varies by a smaller share is a constant one
 SMALLEST_FORCE = 1.0  # [N] where the axis of forces begins
@@ -42,13 +42,8 @@ def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
     mechanism = scenario.mechanism.applied()
     drawn = loose_joints(scenario)
     shown = (
-        ("first revolution", "first", revolution(trajectory, scenario, 1), 1.0),
-        (
-            f"settled revolution ({number_settled})",
-            "settled",
-            settled_revolution(trajectory, scenario),
-            DEPTH_MAGNIFIED,
-        ),
+        ("first revolution", "first", revolution(trajectory, scenario, 1)),
+        (f"settled revolution ({number_settled})", "settled", settled_revolution(trajectory, scenario)),
     )
     sheet = Sheet(2.9 * len(drawn), len(drawn), 3, width_ratios=[1.0, 1.0, 1.25])
     circle = np.linspace(0.0, 2.0 * np.pi, 181)
@@ -56,12 +51,14 @@ def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
         joint: Joint = mechanism.joint(name)
         words, radius = in_words(name), 1e3 * joint.clearance
         depth = sheet.panel((row, 2), f"{words}: depth", CRANK_ANGLE, Quantity("beyond clearance", "µm", "$r - r_c$"))
-        for column, (series, colour, samples, magnified) in enumerate(shown):
+        for column, (series, colour, samples) in enumerate(shown):
             panel = sheet.panel(
                 (row, column), f"{words}, {colour}", Quantity("journal, x", "mm"), Quantity("journal, y", "mm")
             )
             distance = samples[f"r{number}"].to_numpy()
             beyond = np.clip(distance - joint.clearance, 0.0, None)
+            deepest = max(beyond.max(), 1e-9 * joint.clearance)
+            magnified = round_number(DEPTH_DRAWN * joint.clearance / deepest) if colour == "settled" else 1.0
             stretch = 1.0 + (magnified - 1.0) * beyond / np.maximum(distance, joint.clearance)
             x, y = eccentricity(samples, name, joint)
             panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
@@ -72,7 +69,8 @@ def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
             angle = degrees(samples["crank_angle"])
             depth.line(series, angle, 1e6 * (distance - joint.clearance), colour, linewidth=0.8)
             depth.over_crank_angle(angle[0], angle[-1])
-        depth.linear_then_logarithmic(INNERMOST)
+        usual = 1e6 * np.quantile(np.abs(distance - joint.clearance), 0.9)  # of the settled revolution
+        depth.linear_then_logarithmic(min(round_number(2.0 * usual), INNERMOST))
     sheet.legend()
     return sheet.drawing()
 

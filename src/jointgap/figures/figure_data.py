@@ -13,6 +13,14 @@ NETWORKS = "networks"
 """Name of the surrogate that the paper's networks make."""
 
 
+def round_number(value: float) -> float:
+    """The largest of 1, 2, 5, 10, 20 ... up to `value`, at least 1: a factor to draw by."""
+    if not 1.0 < value < np.inf:
+        return 1.0
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= value))
+
+
 def revolution(trajectory: pd.DataFrame, scenario: Scenario, number: int) -> pd.DataFrame:
     """The samples of one revolution, both ends included.
 

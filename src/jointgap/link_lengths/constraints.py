@@ -66,14 +66,12 @@ class Constraint:
         return np.maximum(np.maximum(self.low - value, value - self.high), 0.0) / self.scale
 
     def active(self, lengths: ArrayLike) -> str:
-        """The end of the range that `lengths` (2,) lie at, in words; empty where they lie inside, and of a range that
-        nobody asked for.
+        """The end of the range that `lengths` (2,) lie at, in words; empty where they lie inside, of a fixed value, and
+        of a range that nobody asked for.
         """
-        if self.is_relaxed:
+        if self.is_relaxed or self.is_fixed:
             return ""
         value = float(self.value(lengths))
-        if self.is_fixed:
-            return f"{self.words} at the {self.show(self.low)} asked for"
         for end, words in ((self.low, "lower"), (self.high, "upper")):
             if abs(value - end) <= 10 * MET * self.scale:
                 return f"{self.words} at its {words} limit {self.show(end)}"
@@ -105,9 +103,15 @@ def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
     return tuple(_geometric(options, offset))
 
 
+def depends_on_offset(options: Constraints) -> str:
+    """Key of the first constraint of `options` that depends on the slide's offset; empty where none does."""
+    return next((each.key for each in _geometric(options, 0.0) if each.key != "crank_length"), "")
+
+
 def _geometric(options: Constraints, offset: float) -> Iterator[Constraint]:
     outer, inner = _dead_centre(offset, 1.0), _dead_centre(offset, -1.0)
     properties = {
+        "crank_length": ("crank length", _crank, lambda at: np.zeros(np.shape(at)) + np.array([1.0, 0.0])),
         "stroke": ("stroke", lambda at: outer[0](at) - inner[0](at), lambda at: outer[1](at) - inner[1](at)),
         "outer_dead_centre": ("outer dead centre", *outer),
         "inner_dead_centre": ("inner dead centre", *inner),

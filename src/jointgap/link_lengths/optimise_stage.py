@@ -116,7 +116,7 @@ def optimise(
     valley, floor = searching.valleys(searches)
     resimulations = again.of([*fixed, *(point for search in searches for point in search.points)])
     return Optimisation(
-        optima=searching.optima(by_source, searches, printed),
+        optima=searching.optima(by_source, searches, printed, options.rod_tolerance),
         population=searching.populations(searches),
         paths=searching.paths(searches),
         tolerance=searching.tolerances(searches),

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Optimise, Simulate
-from jointgap.link_lengths import local, valley
+from jointgap.link_lengths import local, rod_tolerance, valley
 from jointgap.link_lengths.genetic import GeneticResult, evaluations_until, evolve
 from jointgap.link_lengths.local import LocalResult
 from jointgap.link_lengths.objective import MEASURES, Objective
@@ -108,7 +108,9 @@ def search_all(objectives: dict[str, Objective], regions: dict[str, Region], opt
     return searches
 
 
-def optima(objectives: dict[str, Objective], searches: list[Search], printed: list[Point]) -> pd.DataFrame:
+def optima(
+    objectives: dict[str, Objective], searches: list[Search], printed: list[Point], tolerance: float | None
+) -> pd.DataFrame:
     """Frame of the table optimise_optima; with the points `printed` beside those found.
 
     Parameters
@@ -117,16 +119,18 @@ def optima(objectives: dict[str, Objective], searches: list[Search], printed: li
         By source.
     searches : list of Search
     printed : list of Point
+    tolerance : float or None
+        Width of the rod's tolerance [m]; IT7 where absent.
     """
     rows = []
     for source, objective in objectives.items():
         fixed = [Point("original", "original", objective.original), *printed]
-        rows += [_optimum(source, objective, point) for point in fixed]
+        rows += [_optimum(source, objective, point, tolerance) for point in fixed]
         for search in (search for search in searches if search.source == source):
             lowest = min(search.genetic.value, search.best_local.value)
             for point, result in zip(search.points, (search.genetic, search.best_local), strict=True):
                 rows.append(
-                    _optimum(source, objective, point)
+                    _optimum(source, objective, point, tolerance)
                     | {
                         "active_bounds": search.region.active(result.lengths),
                         "evaluations": result.evaluations,
@@ -139,7 +143,7 @@ def optima(objectives: dict[str, Objective], searches: list[Search], printed: li
     return pd.DataFrame(rows).astype(dict.fromkeys(counts, "Int64"))
 
 
-def _optimum(source: str, objective: Objective, point: Point) -> dict[str, object]:
+def _optimum(source: str, objective: Objective, point: Point, tolerance: float | None) -> dict[str, object]:
     measures, reductions = objective.measures(point.lengths), objective.reductions(point.lengths)
     crank, rod = point.lengths
     return {
@@ -153,6 +157,7 @@ def _optimum(source: str, objective: Objective, point: Point) -> dict[str, objec
         "active_bounds": None,
         **{name: float(getattr(measures, name)) for name in MEASURES},
         **{f"{name}_reduction": float(getattr(reductions, name)) for name in MEASURES},
+        **rod_tolerance.effect(objective, point.lengths, tolerance),
         "invariant": float(valley.invariant(reductions.rms, rod, "rms")),
         "evaluations": None,
         "evaluations_within_1_percent": None,

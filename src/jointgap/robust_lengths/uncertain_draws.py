@@ -11,7 +11,7 @@ from jointgap.config import DrivenMechanism, Mechanism, Scenario, Simulate
 from jointgap.config.varied_values import with_values
 from jointgap.designs.design_of_experiments import Axis, axes_of
 from jointgap.errors import InputError
-from jointgap.link_lengths.constraints import geometric
+from jointgap.link_lengths.constraints import depends_on_offset
 
 SOURCE = "optimise_robust.uncertain"
 """What errors call the place where something uncertain stands."""
@@ -131,10 +131,9 @@ def uncertain_of(scenario: Scenario) -> Uncertain:
             )
     for key in OF_THE_COMPUTATION & options.uncertain.keys():
         raise InputError(f"{SOURCE}.{key}: is how the motion is computed, and not uncertain; leave it out")
-    if OFFSET in options.uncertain and (of_lengths := geometric(scenario.optimise.constraints, 0.0)):
+    if OFFSET in options.uncertain and (key := depends_on_offset(scenario.optimise.constraints)):
         raise InputError(
-            f"{SOURCE}.{OFFSET}: optimise.constraints.{of_lengths[0].key} is worked out with the nominal offset; "
-            "leave out one of them"
+            f"{SOURCE}.{OFFSET}: optimise.constraints.{key} is computed with the nominal offset; leave out one of them"
         )
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     axes = axes_of(base, options.uncertain, SOURCE)

@@ -10,10 +10,13 @@ import pandas as pd
 from jointgap.config import Scenario
 from jointgap.joints import PINS
 
-NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "optimise_worth", "optimise_loads")
+NEEDED = ("fit_errors", "optimise_optima", "optimise_floor", "optimise_resimulated", "optimise_worth", "optimise_loads")
 """Names of the tables that an outcome is made of."""
 
 ORIGINAL = "original"
+
+AS_GOOD = 1.01
+"""Factor on the smallest error, simulated again, up to which lengths that differ less from one's own are taken."""
 
 FORCE_MET = 1.005
 """Factor up to which the largest force, a median of an ensemble, counts as the one asked for."""
@@ -65,6 +68,29 @@ class Gain:
 
 
 @dataclass(frozen=True)
+class RodTolerance:
+    """What the rod's tolerance does to the error at the lengths found, the motion in the joints frozen.
+
+    Attributes
+    ----------
+    width : float
+        Of the tolerance [m].
+    is_stated : bool
+        Whether the scenario states it; else it is IT7.
+    error, error_off : float
+        RMS error with the nominal rod, and with one half the tolerance off [rad].
+    allowed : float
+        How far off [m] the rod may be until nothing is gained.
+    """
+
+    width: float
+    is_stated: bool
+    error: float
+    error_off: float
+    allowed: float
+
+
+@dataclass(frozen=True)
 class Outcome:
     """What a scenario found.
 
@@ -77,6 +103,7 @@ class Outcome:
         Of the motion that they were found on, a key of `MOTIONS`.
     found : mapping of str to str
         By source the better of the points that both optimisers found on it.
+    rod : RodTolerance
     original, lengths : tuple of float
         Crank and rod length before and after [m].
     bounds : tuple of str
@@ -87,6 +114,8 @@ class Outcome:
         By stretch and measure (rms, mean_absolute, peak).
     worth, loads : DataFrame
         Rows of the tables optimise_worth and optimise_loads.
+    floor : DataFrame
+        The best crank for each rod on the motion of `source` in the main box: rows of the table optimise_floor.
     optima, resimulated, errors : DataFrame
         The tables optimise_optima, optimise_resimulated and fit_errors.
     """
@@ -95,6 +124,7 @@ class Outcome:
     point: str
     source: str
     found: Mapping[str, str]
+    rod: "RodTolerance"
     original: tuple[float, float]
     lengths: tuple[float, float]
     bounds: tuple[str, ...]
@@ -102,9 +132,15 @@ class Outcome:
     gains: Mapping[tuple[str, str], Gain]
     worth: pd.DataFrame
     loads: pd.DataFrame
+    floor: pd.DataFrame
     optima: pd.DataFrame
     resimulated: pd.DataFrame
     errors: pd.DataFrame
+
+    @property
+    def keeps_crank(self) -> bool:
+        """Whether the crank keeps its length, to the micrometre."""
+        return abs(self.lengths[0] - self.original[0]) < 1e-6
 
     @property
     def gain(self) -> Gain:
@@ -162,8 +198,9 @@ class Outcome:
 def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     """What was found in the main box, judged by simulating again.
 
-    Of the lengths that were found on the several descriptions of the motion, those with the smallest error simulated
-    again are taken: over a whole settled revolution, or over the window where the scenario asks for one.
+    Of all lengths that were found on the several descriptions of the motion, those with the smallest error simulated
+    again are taken: over a whole settled revolution, or over the window where the scenario asks for one. Where others
+    come within 1 % of that error, those are taken that differ least from one's own.
 
     Parameters
     ----------
@@ -179,15 +216,21 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     loads = frames["optimise_loads"]
     force = loads[loads["joint"].isin(PINS)].groupby("point")["peak_force"].max()
     most = FORCE_MET * (scenario.optimise.constraints.largest_pin_force or math.inf)
-    found = {}
-    for source in MOTIONS:
-        names = [f"{source}_{main}_{method}" for method in ("local", "genetic")]
-        if names := [name for name in names if name in rms.index]:
-            # what keeps the force comes first, then the smaller error; of equal ones the first
-            found[source] = min(names, key=lambda name: (max(force[name], most), rms[name]))
-    source = min(found, key=lambda name: (max(force[found[name]], most), rms[found[name]]))
-    point = found[source]
-    row = optima[(optima["source"] == source) & (optima["point"] == point)].iloc[0]
+    applied = scenario.mechanism.applied()
+    original = (applied.crank.length, applied.rod.length)
+    own_name = optima["source"] + f"_{main}_" + optima["method"]
+    candidates = optima[(optima["point"] == own_name) & optima["point"].isin(rms.index)]
+    candidates = candidates.assign(
+        force=candidates["point"].map(force).clip(lower=most),  # what keeps the force comes first
+        error=candidates["point"].map(rms),
+        change=np.hypot(candidates["crank_length"] / original[0] - 1, candidates["rod_length"] / original[1] - 1),
+    ).sort_values(["force", "error"], kind="stable")
+    best = candidates.iloc[0]
+    as_good = candidates[(candidates["force"] == best["force"]) & (candidates["error"] <= AS_GOOD * best["error"])]
+    row = as_good.loc[as_good["change"].idxmin()]
+    source, point = row["source"], row["point"]
+    firsts = dict(zip(candidates["source"][::-1], candidates["point"][::-1], strict=True)) | {source: point}
+    found = {name: firsts[name] for name in MOTIONS if name in firsts}
     gains = {
         (each["stretch"], each["measure"]): Gain(
             each["original_error"],
@@ -200,20 +243,28 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
         )
         for each in again[again["point"] == point].to_dict("records")
     }
-    applied = scenario.mechanism.applied()
-    bounds = row["active_bounds"]
+    bounds, options, floor = row["active_bounds"], scenario.optimise, frames["optimise_floor"]
+    valley = floor[(floor["source"] == source) & (floor["box"] == main) & (floor["measure"] == "rms")]
     return Outcome(
         scenario=scenario,
         point=point,
         source=source,
         found=found,
-        original=(applied.crank.length, applied.rod.length),
+        rod=RodTolerance(
+            float(row["rod_tolerance"]),
+            options.rod_tolerance is not None,
+            float(row["rms"]),
+            float(row["rms_rod_off"]),
+            float(row["rod_deviation_allowed"]),
+        ),
+        original=original,
         lengths=(float(row["crank_length"]), float(row["rod_length"])),
         bounds=() if bounds == "none" else tuple(bounds.split("; ")),
         stretch=stretch,
         gains=gains,
         worth=frames["optimise_worth"],
         loads=frames["optimise_loads"],
+        floor=valley,
         optima=optima,
         resimulated=again,
         errors=frames["fit_errors"],

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from jointgap.joints import FROM_FRAME
@@ -16,6 +17,9 @@ from jointgap.summary.scenario_outcome import MOTIONS, Gain, Outcome, ideal_swin
 
 MM = 1e3
 _MOST_DECIMALS = 5
+
+_AS_WELL = 0.02
+"""Spread of the reduction along the valley up to which any pair of lengths on it does as well."""
 
 _MEASURES = {"rms": "root mean square (RMS)", "mean_absolute": "mean size", "peak": "largest"}
 
@@ -47,8 +51,8 @@ _FIGURES = {
     "orbits": (
         "Paths of the journals in their bearings, your own lengths",
         "Left the first revolution, middle a settled one, in which the part beyond the circle (how deep the journal "
-        "presses into the wall) is drawn 20 times as deep: it shows where the bearing carries the load. Right the "
-        "distance to the wall over the crank angle; negative values are flight.",
+        "presses into the wall) is magnified by the factor in the panel: it shows where the bearing carries the load. "
+        "Right the distance to the wall over the crank angle; negative values are flight.",
     ),
 }
 """Those of a scenario that help to decide, in words for who does; the others stand in the report."""
@@ -57,10 +61,12 @@ _FIGURES = {
 def headline(outcome: Outcome) -> str:
     """The answer in one line, with its numbers."""
     (crank, rod), (new_crank, new_rod), gain = outcome.original, outcome.lengths, outcome.gain
-    links = (
-        f"Crank {_fixed(MM * crank, 2)} → {_fixed(MM * new_crank, 2)} mm, "
-        f"rod {_fixed(MM * rod, 2)} → {_fixed(MM * new_rod, 2)} mm"
-    )
+    links = f"rod {_fixed(MM * rod, 2)} → {_fixed(MM * new_rod, 2)} mm"
+    if outcome.keeps_crank:
+        links = f"Crank {_fixed(MM * crank, 2)} mm as it is, {links}"
+    else:
+        links = f"Crank {_fixed(MM * crank, 2)} → {_fixed(MM * new_crank, 2)} mm, {links}"
+    links += f" (crank over rod {crank / rod:.4f} → {new_crank / new_rod:.4f})"
     before, after = _alike(math.degrees(gain.before), math.degrees(gain.after))
     sizes = f"RMS error of the transmission angle {before} → {after} deg"
     low, high = (f"{end:+.1f}" for end in sorted((-100 * gain.low, -100 * gain.high)))
@@ -189,7 +195,16 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
     heads = ("", "before", "after", "change", "change [%]", f"searched (box {main})")
     yield TableBlock(heads, tuple(rows), "lrrrrr")
     if not outcome.bounds and outcome.keeps_force:
-        yield Paragraph("The lengths lie inside their bounds: no bound and no limit decides the result.")
+        kept = " The crank keeps its length; `optimise.boxes` lets both vary." if outcome.keeps_crank else ""
+        yield Paragraph(f"No bound and no limit is active.{kept}")
+    ratios, reductions = (outcome.floor[key] for key in ("ratio", "reduction"))
+    low, high = bounds.rod_length
+    yield Paragraph(
+        "What counts is the ratio. With the motion in the joints frozen, the best crank for each rod from "
+        f"{MM * low:g} to {MM * high:g} mm is {ratios.min():.5f} to {ratios.max():.5f} times as long, and the RMS "
+        f"error falls by {100 * reductions.min():.1f} to {100 * reductions.max():.1f} %"
+        + (": any of these pairs does as well." if np.ptp(reductions) <= _AS_WELL else ".")
+    )
 
 
 def _gains(outcome: Outcome) -> Iterator[Block]:
@@ -291,6 +306,7 @@ def _limits(outcome: Outcome) -> Iterator[Block]:
         (each.words, each.asked(), *(each.show(float(each.value(at))) for at in (outcome.original, outcome.lengths)))
         + (_met(each.missed(outcome.lengths) <= MET),)
         for each in geometric(options, offset)
+        if not (each.key == "crank_length" and outcome.keeps_crank)
     ]
     if (most := options.largest_pin_force) is not None:
         forces = [max(forces.values()) for forces in outcome.peak_pin_forces]

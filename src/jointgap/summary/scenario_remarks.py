@@ -1,5 +1,6 @@
 """What whoever designs the mechanism has to know before taking over the lengths; a sentence for each."""
 
+import math
 from collections.abc import Iterator
 
 from jointgap.dynamics.model import mechanism_warnings
@@ -13,6 +14,9 @@ NOTICED = 0.002
 NOTICED_FORCE = 0.05
 """The same of the largest force in a pin."""
 
+NOTICED_PEAK = 0.01
+"""The same of the peak error."""
+
 WORSE_BETWEEN_POINTS = 10.0
 """Factor on a network's error from which on it does not know the motion between the points it was trained at."""
 
@@ -21,6 +25,7 @@ def remarks(outcome: Outcome) -> tuple[str, ...]:
     """Remarks on an `outcome`, the most important first; empty where all is as one would think."""
     return (
         *_gain(outcome),
+        *_rod_tolerance(outcome),
         *_unmet(outcome),
         *_bounds(outcome),
         *_price(outcome),
@@ -43,6 +48,20 @@ def _gain(outcome: Outcome) -> Iterator[str]:
             f"The gain cannot be told from chance: simulated again from slightly different starts, the error over "
             f"{outcome.stretch_in_words} changes by {spread}."
         )
+
+
+def _rod_tolerance(outcome: Outcome) -> Iterator[str]:
+    gain, rod = outcome.gain, outcome.rod
+    if not gain.is_certain:
+        return
+    name = "its stated tolerance" if rod.is_stated else "a tolerance of IT7"
+    half, allowed = (f"±{1e6 * value:.3g} um" for value in (rod.width / 2, rod.allowed))
+    gained, lost = (f"{math.degrees(value):.2g} deg" for value in (gain.before - gain.after, rod.error_off - rod.error))
+    does = f"takes up to {lost} of that" if rod.allowed >= rod.width / 2 else "undoes it"
+    yield (
+        f"The gain is {gained}. It is worth it only if the rod is made to {allowed}; {name}, {half}, {does} (estimated "
+        "with the motion in the joints frozen)."
+    )
 
 
 def _own_lengths_meet_all(outcome: Outcome) -> bool:
@@ -73,13 +92,11 @@ def _bounds(outcome: Outcome) -> Iterator[str]:
 def what_to_do(bound: str, box: str) -> str:
     """Advice on a `bound` that lengths lie at, in words, of the `box` called so."""
     if "times the rod length" in bound:
-        return "this limit decides the result: raise `optimise.ratio_limit` if the drive allows it"
+        return "the search went no further: raise `optimise.ratio_limit` if the drive allows it"
     key = next((key for key in ("crank_length", "rod_length") if bound.startswith(in_words(key))), None)
     if key is None:
-        return "this limit decides the result: without it the error would fall further"
-    return (
-        f"this decides the result, and beyond it the error falls further: move `optimise.boxes.{box}.{key}` if you can"
-    )
+        return "the search went no further"
+    return f"the search went no further: move `optimise.boxes.{box}.{key}` if you can"
 
 
 def _price(outcome: Outcome) -> Iterator[str]:
@@ -90,6 +107,13 @@ def _price(outcome: Outcome) -> Iterator[str]:
         yield (
             f"The stroke changes by {1e3 * (after['stroke'] - before['stroke']):+.3g} mm ({100 * change:+.1f} %): if "
             "it may not, fix it with `optimise.constraints.stroke`."
+        )
+    peak = outcome.gains[outcome.stretch, "peak"]
+    if peak.after / peak.before - 1 > NOTICED_PEAK:
+        yield (
+            f"The peak error grows from {math.degrees(peak.before):.3g} to {math.degrees(peak.after):.3g} deg "
+            f"({100 * (peak.after / peak.before - 1):+.0f} %) over {outcome.stretch_in_words}, though the RMS error is "
+            "what was minimised."
         )
     old, new = (max(force.values()) for force in outcome.peak_pin_forces)
     if constraints.largest_pin_force is None and new / old - 1 > NOTICED_FORCE:

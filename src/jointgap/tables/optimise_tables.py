@@ -43,6 +43,13 @@ OPTIMA = Table(
         Column("active_bounds", "", "bounds and inequality that the point lies at, in words", "text", nullable=True),
         *_MEASURES,
         *_REDUCTIONS,
+        Column("rod_tolerance", "m", "width of the tolerance of the rod's length: the one stated, else IT7"),
+        Column("rms_rod_off", "rad", "rms with the rod half that tolerance too long or too short, the larger one"),
+        Column(
+            "rod_deviation_allowed",
+            "m",
+            "how far off the rod may be until rms is that of the original lengths; at most 1 %",
+        ),
         Column("invariant", "m", "(1 - rms_reduction) L3, constant along the valley's floor"),
         Column("evaluations", "1", "calls of the objective (of the best start)", "int", nullable=True),
         Column(
