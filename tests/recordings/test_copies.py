@@ -12,7 +12,7 @@ from jointgap.errors import InputError
 from jointgap.recordings import read_measurements
 from jointgap.recordings.copies import check_copies
 from jointgap.recordings.limits import DEFAULT_LIMITS
-from jointgap.recordings.sample_file import Columns
+from jointgap.tables.sample_file import Columns
 from tests.recordings.rig import CAMPAIGN, table, write_rig
 
 SAME_SPEED = [run | {"speed": "200 rpm"} for run in CAMPAIGN["runs"]]

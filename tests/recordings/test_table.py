@@ -6,7 +6,7 @@ import pytest
 
 from jointgap.config.campaign_file import Csv
 from jointgap.errors import InputError
-from jointgap.recordings.sample_file import read_columns
+from jointgap.tables.sample_file import read_columns
 
 WANTED = ("t", "x")
 T, X = [0.0, 0.5, 1.0], [1.25, np.nan, -3e-3]

@@ -344,6 +344,7 @@ SIDELESS = set(EFFECTS) - {
     "crank_periodic_torque",
     "crank_angle_friction",
     "slider_offset",
+    "slider_force_table",
     "discovered_slider_force",
     "discovered_crank_torque",
 }

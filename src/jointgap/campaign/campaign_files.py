@@ -84,14 +84,15 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
                     "`folder`"
                 )
         data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
-        for read in (*plan(file), *data):
+        planned = (*plan(file), *campaign.mechanism.files)
+        for read in (*planned, *data):
             if re.search(r"\{.*\}", read):
                 raise InputError(
                     f"{file}: the path {read} holds braces, which Snakemake takes for a wildcard; rename the folder or "
                     "file, or run `jointgap analyse`, which takes any path"
                 )
         shared = parts or (2 if campaign.mechanism.applied().loose else 1)
-        campaigns[campaign.name] = CampaignFiles(str(file), plan(file), data, shared)
+        campaigns[campaign.name] = CampaignFiles(str(file), planned, data, shared)
     return campaigns
 
 

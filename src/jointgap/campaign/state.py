@@ -78,7 +78,11 @@ class CampaignState:
         self.settings, self._model_settings = settings, model_settings
         self.file, self.campaign = campaign, load_campaign(campaign)
         self.folder = ResultsFolder(folder or Path("results/campaigns") / self.campaign.name)
-        inputs = (*plan(campaign), *(self.campaign.folder / run.file for run in self.campaign.runs))
+        inputs = (
+            *plan(campaign),
+            *self.campaign.mechanism.files,
+            *(self.campaign.folder / run.file for run in self.campaign.runs),
+        )
         results = (table.path for table in TABLES.values() if "{" not in table.path)
         self.folder.check_apart(inputs, (*filter(None, results), MECHANISM, VERDICT, *SUMMARIES))
 

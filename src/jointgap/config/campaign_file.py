@@ -25,6 +25,7 @@ from jointgap.errors import did_you_mean
 from jointgap.joints import PINS
 from jointgap.quantities import Angle, PositiveAngle, PositiveAngularSpeed, PositiveTime, split_share
 from jointgap.section import Section
+from jointgap.tables.sample_file import Csv
 
 _STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 
@@ -90,24 +91,6 @@ class CampaignRun(Section):
         if name in RESERVED_IDS:
             raise ValueError("would be taken for another result of that name; choose another id")
         return name
-
-
-class Csv(Section):
-    """How text files of samples are written."""
-
-    separator: Annotated[str, Field(min_length=1, max_length=1)] | None = Field(
-        None, description="character between columns; null: detected"
-    )
-    decimal: Literal[".", ","] | None = Field(None, description="decimal mark; null: detected")
-    skip_rows: Annotated[int, Field(ge=0)] | None = Field(
-        None, description="lines of the file above the headings; null: the headings are found by their names"
-    )
-
-    @model_validator(mode="after")
-    def _marks_differ(self):
-        if self.separator is not None and (self.separator == self.decimal or self.separator in '"#\n\r.0123456789'):
-            raise ValueError(f"separator {self.separator!r} cannot part columns; write one such as ';' or '\\t'")
-        return self
 
 
 class Campaign(Section):

@@ -104,12 +104,29 @@ def mechanism_layers(
             mechanism, source, folders, key = read(file), str(file), (file.parent, *folders), f"{file}: {BASE}"
         elif isinstance(mechanism, Mapping) and BASE in mechanism:
             own = {name: value for name, value in mechanism.items() if name != BASE}
+            own = _with_files(own, folders, key)
             found.append(Layer(source, {"mechanism": own}))
             mechanism, key = mechanism[BASE], key if key.endswith(BASE) else f"{key}.{BASE}"
             if not isinstance(mechanism, str):
                 raise InputError(f"{key} = {mechanism!r}: must be the path of a mechanism file")
         else:
+            mechanism = _with_files(mechanism, folders, key)
             return [Layer(source, {"mechanism": mechanism}), *reversed(found)]
+
+
+def _with_files(mechanism: Any, folders: Sequence[Path], key: str) -> Any:
+    """The content of a `mechanism` with the files of its effects looked for in `folders`."""
+    effects = mechanism.get("effects") if isinstance(mechanism, Mapping) else None
+    if not isinstance(effects, list | tuple):
+        return mechanism
+    looked = []
+    for effect in effects:
+        given = effect.get("parameters") if isinstance(effect, Mapping) else None
+        if isinstance(given, Mapping) and isinstance(given.get("file"), str):
+            file = existing_file(given["file"], folders, f"{key}: effects.{effect.get('name')}.parameters.file")
+            effect = {**effect, "parameters": {**given, "file": str(file)}}
+        looked.append(effect)
+    return {**mechanism, "effects": looked}
 
 
 def shipped_mechanisms() -> dict[str, Path]:

@@ -101,6 +101,11 @@ class Mechanism(Section):
             effect.check(self)
         return self
 
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files that its effects read."""
+        return tuple(effect.parameters.file for effect in self.effects if hasattr(effect.parameters, "file"))
+
     def joint(self, name: str) -> Joint | None:
         """The data of the joint `name`; None where it is the bare word ideal."""
         joint = getattr(self.joints, name)

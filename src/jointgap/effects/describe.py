@@ -30,7 +30,10 @@ def parameters_of(effect: type[Effect]) -> list[ParameterDescription]:
         numeric = number.get("type") in ("number", "integer")
         unit = schema.get("unit", "1") if numeric else ""
         stated = numeric and field.default is not None
-        default = "" if field.default is PydanticUndefined else f"{field.default:g}" if stated else "none"
+        text = (
+            "none" if field.default is None or not isinstance(field.default, str | bool) else str(field.default).lower()
+        )
+        default = "" if field.default is PydanticUndefined else f"{field.default:g}" if stated else text
         rows.append(ParameterDescription(name, unit, _bounds(number), default, schema["description"]))
     return rows
 
@@ -47,4 +50,8 @@ def example(effect: type[Effect]) -> dict:
     if "site" in effect.model_fields:
         entry["site"] = get_args(effect.model_fields["site"].annotation)[0]
     section = effect.model_fields["parameters"].annotation
-    return entry | {"parameters": {name: field.examples[0] for name, field in section.model_fields.items()}}
+    return entry | {
+        "parameters": {
+            name: field.examples[0] for name, field in section.model_fields.items() if field.examples[0] is not None
+        }
+    }

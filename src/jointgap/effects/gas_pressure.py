@@ -6,7 +6,9 @@ from jointgap.identification.protocol import Parameter
 
 @page(order=80)
 class GasPressure(Effect):
-    """A closed cylinder of gas beyond the slider: compressed and expanded without loss."""
+    """A closed gas spring beyond the slider: compressed and expanded without loss. What a cylinder with valves or
+    combustion does is a `slider_force_table`.
+    """
 
     GROUP = "slider"
     SITE = "slider"

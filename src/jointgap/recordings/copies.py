@@ -9,7 +9,7 @@ import pandas as pd
 from jointgap.errors import InputError
 from jointgap.recordings.limits import RecordingLimits
 from jointgap.recordings.rotation import RunFile
-from jointgap.recordings.sample_file import Columns
+from jointgap.tables.sample_file import Columns
 
 
 def check_copies(files: Mapping[str, tuple[RunFile, Columns]], limits: RecordingLimits) -> None:

@@ -16,8 +16,8 @@ from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
 from jointgap.recordings.plausibility import angle_outliers, clipped, no_data, outliers, stuck
 from jointgap.recordings.recording import Measurements, Recording, noise_of
 from jointgap.recordings.rotation import RunFile, checked_rotation
-from jointgap.recordings.sample_file import Columns, read_columns
 from jointgap.recordings.steadiness import unsteady
+from jointgap.tables.sample_file import Columns, read_columns
 
 _IDLE = {
     "speed": "follows from time and crank_angle",

@@ -180,7 +180,11 @@ def _may_repeat(p: Parameters) -> bool:
     """Whether nothing but the state tells one revolution from the next."""
     fluctuating = p.drive.kind == FLUCTUATING and p.drive.order == round(p.drive.order)
     steady = p.drive.kind == CONSTANT or fluctuating
-    return bool(steady and not p.effects.harmonic and not p.slider_formula.length and not p.crank_formula.length)
+    e = p.effects
+    over_turns = e.table_over == 2 or (e.table_over == 1 and e.table_period > 1.5 * tau)
+    return bool(
+        steady and not e.harmonic and not over_turns and not p.slider_formula.length and not p.crank_formula.length
+    )
 
 
 def _is_kinematic(p: Parameters) -> bool:

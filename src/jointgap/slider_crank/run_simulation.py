@@ -12,6 +12,7 @@ from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.dynamics.model.parameters import Parameters
 from jointgap.effects.joint_clearance import START
+from jointgap.errors import InputError
 from jointgap.identification.protocol import FAST, Effects
 from jointgap.joints import JOINTS
 from jointgap.recordings.recording import noise_of
@@ -161,6 +162,18 @@ def _threlfall(p: Parameters) -> None:
 
 
 def _driven_run(
+    campaign, plan, mechanism: Mechanism, values, faults: Faults, tolerance, earlier: float
+) -> drives.DrivenRun:
+    driven = _driven(campaign, plan, mechanism, values, faults, tolerance, earlier)
+    effects = driven.numbers.effects
+    if effects.table_over == 2:  # a load over time: that of the record, which begins later than the simulation
+        if not plan.samples.timed:
+            raise InputError("slider_force_table: a load over time needs the channel time; add it, or give its angle")
+        effects.table_begin += driven.begin - plan.samples.time[0]
+    return driven
+
+
+def _driven(
     campaign, plan, mechanism: Mechanism, values, faults: Faults, tolerance, earlier: float
 ) -> drives.DrivenRun:
     settings = plan.settings.simulation

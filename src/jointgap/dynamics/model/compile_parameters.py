@@ -12,6 +12,7 @@ from jointgap.dynamics.model.normal_contact import FADING_DURATIONS, LAWS, MEMOR
 from jointgap.dynamics.model.parameters import (
     DRIVE_KINDS,
     NO_KNOTS,
+    NO_TABLE,
     BodyParameters,
     DriveParameters,
     EffectParameters,
@@ -21,6 +22,7 @@ from jointgap.dynamics.model.parameters import (
     knots_record,
     program_record,
     record,
+    table_record,
 )
 from jointgap.effects import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED
 from jointgap.formula import NOTHING
@@ -140,6 +142,7 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
     }
     fields = {name: group._asdict() for name, group in groups.items()}
     fields["formulas"] = {"slider_formula": NOTHING, "crank_formula": NOTHING}
+    fields["tables"] = {}
     fields["drive"]["kind"] = options.drive.kind
     for effect in made.effects:
         effect.compile_into(fields)
@@ -157,5 +160,6 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
         **{name: record(group._replace(**fields[name])) for name, group in groups.items()},
         switches=record(switches),
         **programs,
+        slider_table=table_record(fields["tables"]["slider_table"]) if fields["tables"] else NO_TABLE,
         knots=NO_KNOTS if pieces is None else knots_record(pieces, end),
     )

@@ -24,6 +24,29 @@ def formula_value(program, v, x, crank_speed, crank_angle, time):
 
 
 @compiled
+def table_value(e, table, crank_angle, time):
+    """Force [N] of a periodic table.
+
+    Parameters
+    ----------
+    e : EffectParameters
+    table : record
+        See `jointgap.dynamics.model.parameters.table_record`.
+    crank_angle, time : float
+        [rad], [s].
+    """
+    place = (e.table_sign * crank_angle if e.table_over == 1 else time) - e.table_begin
+    place -= math.floor(place / e.table_period) * e.table_period
+    row = min(int(place / e.table_period * table.count), table.count - 1)
+    while row > 0 and table.pieces[row, 0] > place:
+        row -= 1
+    while row + 1 < table.count and table.pieces[row + 1, 0] <= place:
+        row += 1
+    since, c = place - table.pieces[row, 0], table.pieces[row]
+    return ((c[1] * since + c[2]) * since + c[3]) * since + c[4]
+
+
+@compiled
 def varying(share, phase):
     """What is 1 at the `phase` 0 [rad] and less by up to the `share` [1] elsewhere."""
     return 1.0 - share * (0.5 - 0.5 * math.cos(phase))
@@ -62,6 +85,8 @@ def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
         force -= e.gas_force * (e.gas_length / (e.gas_length + e.gas_outermost - x)) ** e.gas_exponent
     if e.harmonic != 0.0:
         force += e.harmonic * math.cos(e.harmonic_angular_frequency * time + e.harmonic_phase)
+    if e.table_over != 0:
+        force += table_value(e, p.slider_table, crank_angle, time)
     if p.slider_formula.length > 0:
         force += formula_value(p.slider_formula, v, x, crank_speed, crank_angle, time)
     return force

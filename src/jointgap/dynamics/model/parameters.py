@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jointgap.effects.slider_force_table import MOST_ROWS
 from jointgap.formula import Program
 
 DRIVE_KINDS = ("constant", "fluctuating", "measured", "motor")
@@ -147,7 +148,10 @@ class DriveParameters(NamedTuple):
 
 
 class EffectParameters(NamedTuple):
-    """Forces on the slider and torques on the crank beyond joints and weight; see `jointgap.effects`."""
+    """Forces on the slider and torques on the crank beyond joints and weight; see `jointgap.effects`.
+
+    `table_over` is 1 of a load over the crank angle, 2 of one over time, 0 without one.
+    """
 
     on_slider: bool = False
     coulomb: float = 0.0
@@ -178,6 +182,10 @@ class EffectParameters(NamedTuple):
     harmonic: float = 0.0
     harmonic_angular_frequency: float = 0.0
     harmonic_phase: float = 0.0
+    table_over: int = 0
+    table_sign: float = 1.0
+    table_begin: float = 0.0
+    table_period: float = 1.0
     slider_sign_speed: float = 1.0
     crank_coulomb: float = 0.0
     crank_viscous: float = 0.0
@@ -254,6 +262,8 @@ class Parameters(NamedTuple):
         Programs for a force on the slider and for a torque on the crank: see `program_record`.
     knots : record
         A measured crank angle: see `knots_record`.
+    slider_table : record
+        A measured load on the slider: see `table_record`.
     """
 
     bodies: Record
@@ -266,6 +276,7 @@ class Parameters(NamedTuple):
     slider_formula: Record
     crank_formula: Record
     knots: Record
+    slider_table: Record
 
 
 def record(numbers: NamedTuple) -> Record:
@@ -291,6 +302,9 @@ _PROGRAM = np.dtype(
 _KNOTS = np.dtype((Record, [("count", "i8"), ("end", "f8"), ("pieces", "f8", (MOST_KNOTS, 7))]))
 
 
+_TABLE = np.dtype((Record, [("count", "i8"), ("pieces", "f8", (MOST_ROWS, 5))]))
+
+
 def program_record(program: Program) -> Record:
     """The program of a formula: its length, its codes and its numbers."""
     if not len(program.codes):
@@ -313,4 +327,14 @@ def knots_record(pieces: np.ndarray, end: float = math.inf) -> Record:
     return found
 
 
-NO_PROGRAM, NO_KNOTS = (_with_data(np.zeros(1, kind)) for kind in (_PROGRAM, _KNOTS))
+def table_record(pieces: np.ndarray) -> Record:
+    """A measured load as pieces (k, 5) of one period: begin [rad or s] and cubic polynomial of what is since, highest
+    power first.
+    """
+    found = _with_data(np.zeros(1, _TABLE))
+    found.count = len(pieces)
+    found.pieces[: len(pieces)] = pieces
+    return found
+
+
+NO_PROGRAM, NO_KNOTS, NO_TABLE = (_with_data(np.zeros(1, kind)) for kind in (_PROGRAM, _KNOTS, _TABLE))

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
+from pydantic import Field, model_validator
 
-from jointgap.config.campaign_file import Csv
 from jointgap.errors import InputError, did_you_mean
+from jointgap.section import Section
 from jointgap.tables.digest import is_as_written
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
@@ -27,6 +29,24 @@ _DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
 _MOST_ABOVE = 1000  # lines among which the headings are looked for
 _MAX_UNIT_LENGTH = 15  # characters
 _MAX_TEXT_LENGTH = 60  # characters of a text that are shown
+
+
+class Csv(Section):
+    """How text files of samples are written."""
+
+    separator: Annotated[str, Field(min_length=1, max_length=1)] | None = Field(
+        None, description="character between columns; null: detected"
+    )
+    decimal: Literal[".", ","] | None = Field(None, description="decimal mark; null: detected")
+    skip_rows: Annotated[int, Field(ge=0)] | None = Field(
+        None, description="lines of the file above the headings; null: the headings are found by their names"
+    )
+
+    @model_validator(mode="after")
+    def _marks_differ(self):
+        if self.separator is not None and (self.separator == self.decimal or self.separator in '"#\n\r.0123456789'):
+            raise ValueError(f"separator {self.separator!r} cannot part columns; write one such as ';' or '\\t'")
+        return self
 
 
 @dataclass(frozen=True)

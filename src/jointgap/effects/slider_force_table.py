@@ -1,0 +1,187 @@
+"""A load on the slider that was measured: force or pressure over the crank angle or over time."""
+
+import math
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from jointgap.effects.base import Effect, Records, page
+from jointgap.errors import InputError
+from jointgap.quantities import Angle, PositiveLength, quantity, unit_factor
+from jointgap.section import Section
+from jointgap.tables.sample_file import Csv, read_columns
+
+MOST_ROWS = 4096
+"""Of a table: 0.2 deg apart over 720 deg are 3600."""
+
+_LEAST_ROWS = 8
+_CLOSED = 0.02  # [1, of the range] by which the end of a table may miss its begin
+_GAP = 3.0  # [1, of the usual step] that may lie between the last row and the first of the next period
+_SI = {"angle": "rad", "time": "s", "force": "N", "pressure": "Pa"}
+
+
+class TableColumn(Section):
+    """A column of a table of loads."""
+
+    column: str = Field(min_length=1, description="heading of the column")
+    unit: str = Field(description="its unit, such as deg, s, N, kN, bar or MPa")
+
+
+class ForceTableParameters(Section):
+    """Parameters of ``slider_force_table``."""
+
+    file: str = Field(
+        min_length=1,
+        description="CSV or Parquet file of one period, from the folder of the file that lists the effect",
+        examples=["examples/compressor_indicator.csv"],
+    )
+    angle: TableColumn | None = Field(
+        None,
+        description="crank angle, 0 with the slider farthest out; 360 or 720 deg of it are the period",
+        examples=[{"column": "angle", "unit": "deg"}],
+    )
+    time: TableColumn | None = Field(
+        None, description="time, instead of the angle: that of a simulation or of the runs' records", examples=[None]
+    )
+    force: TableColumn | None = Field(
+        None, description="force on the slider along +x, towards the farthest-out position", examples=[None]
+    )
+    pressure: TableColumn | None = Field(
+        None,
+        description="absolute pressure of the gas beyond the slider, instead of the force",
+        examples=[{"column": "pressure", "unit": "bar"}],
+    )
+    bore: PositiveLength | None = Field(None, description="diameter on which the pressure acts", examples=["70 mm"])
+    ambient_pressure: quantity("Pa", ge=0) = Field(
+        101325.0, description="pressure on the slider's other side; 0 for gauge pressures", examples=["1 bar"]
+    )
+    zero: Angle = Field(0.0, description="crank angle at which the table's angle is 0", examples=["0 deg"])
+    reversed: bool = Field(
+        False,
+        description="whether the table's angles grow clockwise: degrees after dead centre of a clockwise crank",
+        examples=[False],
+    )
+    period: quantity("s", gt=0) | None = Field(
+        None, description="of a table over time whose last row does not repeat the first", examples=[None]
+    )
+
+    @field_validator(*_SI)
+    @classmethod
+    def _has_its_unit(cls, given: TableColumn | None, info: Any) -> TableColumn | None:
+        if given is not None:
+            try:
+                unit_factor(given.unit, _SI[info.field_name])
+            except ValueError as error:
+                raise ValueError(f"unit = '{given.unit}' {error}") from error
+        return given
+
+    @model_validator(mode="after")
+    def _says_one_load(self):
+        for one, other in (("angle", "time"), ("force", "pressure")):
+            if (getattr(self, one) is None) == (getattr(self, other) is None):
+                raise ValueError(f"needs {one} or {other}, one of them, such as {one}: {{column: a, unit: {_SI[one]}}}")
+        if (self.pressure is None) != (self.bore is None):
+            raise ValueError("pressure and bore go together; give both, or the force")
+        if self.period is not None and self.time is None:
+            raise ValueError("period is of a table over time; over the angle it is 360 or 720 deg; remove it")
+        return self
+
+
+@page(order=85)
+class SliderForceTable(Effect):
+    """A known load, such as an engine's or a compressor's indicator diagram; smooth between the rows, and periodic."""
+
+    GROUP = "slider"
+    SITE = "slider"
+    LAW = "F = table(theta) or table(t), periodic cubic spline; of a pressure F = -(p - p_ambient) pi bore^2 / 4"
+    REFERENCE = "definition"
+    WORDS = "a measured load on the slider"
+    PARAMETERS = ForceTableParameters
+
+    def check(self, mechanism: Any) -> None:
+        if Path(self.parameters.file).is_file():  # where it is not, a simulation says so
+            _table(self.parameters)
+
+    def compile_into(self, records: Records) -> None:
+        super().compile_into(records)
+        given, (pieces, begin, period) = self.parameters, _table(self.parameters)
+        sign = -1.0 if given.reversed else 1.0
+        records["effects"] |= {
+            "table_over": 1 if given.time is None else 2,
+            "table_sign": sign,
+            "table_begin": begin + (sign * given.zero if given.time is None else 0.0),
+            "table_period": period,
+        }
+        records["tables"]["slider_table"] = pieces
+
+    def mirrored(self) -> Effect:
+        return self.with_parameters(reversed=not self.parameters.reversed, zero=-self.parameters.zero)
+
+
+def _table(given: ForceTableParameters) -> tuple[np.ndarray, float, float]:
+    """Pieces (k, 5) of the force [N] over one period: begin and cubic polynomial of what is since, highest power first;
+    where the first begins, and the period [rad or s].
+    """
+    try:
+        changed = Path(given.file).stat().st_mtime_ns
+    except OSError as error:
+        raise InputError(f"slider_force_table: file {given.file} cannot be read ({error.strerror})") from error
+    return _read_table(given, changed)
+
+
+@lru_cache(16)
+def _read_table(given: ForceTableParameters, _changed: int) -> tuple[np.ndarray, float, float]:
+    from scipy.interpolate import CubicSpline
+
+    over, load = ("angle" if given.time is None else "time"), ("force" if given.pressure is None else "pressure")
+    path, stated = Path(given.file), {key: getattr(given, key) for key in (over, load)}
+    columns = read_columns(path, [stated[over].column, stated[load].column], Csv())
+    place, value = (
+        columns.values[stated[key].column] * unit_factor(stated[key].unit, _SI[key]) for key in (over, load)
+    )
+    kept = np.isfinite(place) & np.isfinite(value)
+    place, value, rows = place[kept], value[kept], columns.rows[kept]
+    where = f"{path}, column {stated[over].column}"
+    if not _LEAST_ROWS <= place.size <= MOST_ROWS:
+        raise InputError(f"{where}: {place.size} rows; give {_LEAST_ROWS} to {MOST_ROWS}, of one period")
+    if (falls := np.flatnonzero(np.diff(place) <= 0.0)).size:
+        raise InputError(f"{where}, row {rows[falls[0] + 1]}: does not rise; give one period, rows in rising order")
+    if load == "pressure":
+        value = (given.ambient_pressure - value) * 0.25 * math.pi * given.bore**2
+    period = _period(given, place, where)
+    if place[-1] - place[0] > (1.0 - 1e-6) * period:  # the last row is the first one of the next period
+        _check_closed(path, stated[load], value, abs(value[-1] - value[0]), _CLOSED * np.ptp(value))
+        place, value = place[:-1], value[:-1]
+    else:
+        most = max(_CLOSED * np.ptp(value), _GAP * np.abs(np.diff(value)).max())
+        _check_closed(path, stated[load], value, abs(value[-1] - value[0]), most)
+    spline = CubicSpline(np.append(place - place[0], period), np.append(value, value[0]), bc_type="periodic")
+    return np.column_stack([spline.x[:-1], spline.c.T]), float(place[0]), float(period)
+
+
+def _period(given: ForceTableParameters, place: np.ndarray, where: str) -> float:
+    """The period [rad or s] of a table whose rows are at `place` (n,)."""
+    span, step = place[-1] - place[0], float(np.median(np.diff(place)))
+    if given.time is not None:
+        period = given.period or span
+        if not period * (1.0 - 1e-6) - _GAP * step <= span <= period * (1.0 + 1e-6):
+            raise InputError(f"{where}: the rows span {span:.6g} s, not the period of {period:.6g} s; correct either")
+        return period
+    for period in (math.tau, 2.0 * math.tau):
+        if period - _GAP * step <= span <= period * (1.0 + 1e-6):
+            return period
+    raise InputError(
+        f"{where}: the rows span {math.degrees(span):.6g} deg in steps of {math.degrees(step):.3g}, neither 360 nor "
+        "720 deg; give one whole period, or correct the unit of the angle"
+    )
+
+
+def _check_closed(path: Path, load: TableColumn, value: np.ndarray, apart: float, most: float) -> None:
+    if apart > most:
+        raise InputError(
+            f"{path}, column {load.column}: the period does not close: begin and end are {apart:.4g} N apart on the "
+            f"slider, the range is {np.ptp(value):.4g} N; give one whole period, averaged over cycles"
+        )
