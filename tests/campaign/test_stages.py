@@ -179,11 +179,15 @@ def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
 
 
 def test_noise_comes_back_from_files(chain, tmp_path):
-    folder = ResultsFolder(tmp_path)
-    folder.write_all(noise_to_frames(chain.noise), "noise")
+    folder, first = ResultsFolder(tmp_path), next(iter(chain.noise))
+    drive = np.random.default_rng(0).standard_normal((chain.noise[first].sd.size, 12))
+    noise = chain.noise | {first: replace(chain.noise[first], drive=drive)}
+    folder.write_all(noise_to_frames(noise), "noise")
     again = noise_from_frames(folder.read_all(NOISE_TABLES, "noise"))
-    assert again.keys() == chain.noise.keys()
+    assert again.keys() == noise.keys()
+    np.testing.assert_array_equal(again[first].drive, drive)
     for key, one in again.items():
+        assert key == first or one.drive is None
         np.testing.assert_array_equal(one.spread, chain.noise[key].spread)
         assert one.autocorrelation == chain.noise[key].autocorrelation
         assert one.remarks == chain.noise[key].remarks

@@ -12,7 +12,7 @@ from jointgap.dynamics.solver.integrate import beginning
 from jointgap.errors import SimulationError
 from jointgap.slider_crank import build_model
 from jointgap.slider_crank import channel_kinematics as motion
-from jointgap.slider_crank.driven_run import constant_speed_run, measured_pieces
+from jointgap.slider_crank.driven_run import constant_speed_run, measured_drive
 from jointgap.slider_crank.modified_mechanism import with_effects
 from jointgap.slider_crank.sample_grid import planned_grid
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SampleGridSettings
@@ -232,7 +232,7 @@ def test_an_even_record_is_led_in_and_out_at_every_speed():
     short = SampleGridSettings(planned_samples_per_revolution=24, planned_revolutions=2)
     speeds = np.pi / 30 * np.concatenate([np.arange(30.0, 601.0, 10.0), np.geomspace(10.0, 6000.0, 20), [106.9, 500.0]])
     for speed in speeds:
-        pieces, end = measured_pieces(planned_grid(speed, 0.3, True, settings=short), None, 1)
-        assert np.diff(pieces[:, 0]).min() > 0.9 * TURN / speed / 24
-        np.testing.assert_allclose(pieces[:, 5], speed, rtol=1e-6)
-        assert end == pytest.approx(TURN / speed)
+        drive = measured_drive(planned_grid(speed, 0.3, True, settings=short), 0.0, None, 1)
+        assert np.diff(drive.table[:, 0]).min() > 0.9 * TURN / speed / 24
+        np.testing.assert_allclose(drive.table[:, 5], speed, rtol=1e-6)
+        assert drive.begin == pytest.approx(TURN / speed)

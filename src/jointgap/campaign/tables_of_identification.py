@@ -32,13 +32,17 @@ _BETWEEN_TEXTS = "; "
 
 
 def noise_to_frames(noise: Mapping[tuple[str, str], NoiseEstimate]) -> Frames:
-    """Tables `jointgap.tables.NOISE` and `jointgap.tables.NOISE_MEMORY`, by name."""
-    samples, memory = [], []
+    """Tables `jointgap.tables.NOISE_TABLES`, by name."""
+    samples, memory, drive = [], [], []
     for (run, channel), series in noise.items():
         count = series.sd.size
         numerics = np.broadcast_to(series.numerics, count)
         columns = {"run": run, "channel": channel, "sample": np.arange(count), "sd": series.sd, "numerics": numerics}
         samples.append(pd.DataFrame(columns))
+        if series.drive is not None:
+            place = {"run": run, "channel": channel, "sample": np.repeat(np.arange(count), series.drive.shape[1])}
+            errors = np.tile(np.arange(series.drive.shape[1]), count)
+            drive.append(pd.DataFrame(place | {"error": errors, "change": series.drive.ravel()}))
         shared = {
             "run": run,
             "channel": channel,
@@ -50,7 +54,11 @@ def noise_to_frames(noise: Mapping[tuple[str, str], NoiseEstimate]) -> Frames:
         memory += [
             shared | {"lag": lag, "autocorrelation": rho} for lag, rho in enumerate((1.0, *series.autocorrelation))
         ]
-    return {"noise": pd.concat(samples, ignore_index=True), "noise_memory": pd.DataFrame(memory)}
+    return {
+        "noise": pd.concat(samples, ignore_index=True),
+        "noise_memory": pd.DataFrame(memory),
+        "noise_drive": _frame(tables.NOISE_DRIVE, drive),
+    }
 
 
 def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
@@ -58,6 +66,7 @@ def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
     lags = {
         key: rows.sort_values("lag") for key, rows in frames["noise_memory"].groupby(["run", "channel"], sort=False)
     }
+    drive = dict(list(frames["noise_drive"].groupby(["run", "channel"], sort=False)))
     noise = {}
     for key, rows in frames["noise"].groupby(["run", "channel"], sort=False):
         shared = lags[key].iloc[0]
@@ -66,6 +75,7 @@ def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
             tuple(lags[key]["autocorrelation"].iloc[1:]),
             rows["numerics"].to_numpy(),
             shared["source"],
+            drive[key].pivot(index="sample", columns="error", values="change").to_numpy() if key in drive else None,
             shared["found"],
             shared["effective_samples"],
             tuple(shared["remarks"].split(_BETWEEN_TEXTS)) if shared["remarks"] else (),

@@ -20,7 +20,7 @@ from jointgap.identification.cycle_noise import (
 )
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Model, Series, runs_of
+from jointgap.identification.protocol import Driven, Model, Series, runs_of
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings, NoiseSettings
 from jointgap.identification.whitening import Noise
 
@@ -292,7 +292,7 @@ def numerics_noise(
     noise: Mapping[Key, Noise],
     settings: NoiseSettings = DEFAULT_SETTINGS.noise,
 ) -> dict[Key, Noise]:
-    """The noise together with what equally good numerics predict differently.
+    """The noise together with what equally good numerics predict differently, and with the errors of what drives runs.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def numerics_noise(
     dict of (run, channel) to Noise
         ``numerics`` is the root mean square, over the other numerics and neighbouring samples, of their difference from
         the usual ones; 0 where it is negligible. Statistics of chaotic motion scatter by about their noise with any
-        change: of theirs, what is beyond it.
+        change: of theirs, what is beyond it. ``drive`` is as of `Driven.drive_errors`.
 
     Raises
     ------
@@ -331,6 +331,13 @@ def numerics_noise(
                 own = changed[run, channel]
                 spread = _spread(np.mean(each, axis=0), own.sd, (run, channel) in statistics, settings)
                 changed[run, channel] = replace(own, numerics=spread)
+        if isinstance(model, Driven):
+            errors = {c: each for c, each in model.drive_errors(run, nuisances).items() if (run, c) in changed}
+            squares = [np.sum((each / changed[run, c].sd[:, None]) ** 2, axis=0) for c, each in errors.items()]
+            counted = np.sqrt(np.sum(squares, axis=0)) > settings.negligible_numerics
+            for channel, each in errors.items():
+                if counted.any():
+                    changed[run, channel] = replace(changed[run, channel], drive=each[:, counted])
     return changed
 
 

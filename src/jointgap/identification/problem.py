@@ -9,7 +9,7 @@ import numpy as np
 from jointgap.errors import SimulationError
 from jointgap.identification.protocol import Candidate, Model, Parameter, Series, runs_of
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.identification.whitening import Noise, whiten
+from jointgap.identification.whitening import Noise, SharedErrors, whiten
 from jointgap.progress import tell
 
 Hypothesis = tuple[Candidate, ...]
@@ -97,6 +97,7 @@ class Problem:
                 self.parts.append(Part(series, noise[series.key], used, slice(begin, begin + count)))
                 begin += count
         self.size = begin
+        self._shared = {run: shared for run in self.runs if (shared := self._shared_errors(run)) is not None}
         self._planned: dict[tuple[str, str], np.ndarray] = {}
         if planned:
             at_nominal = {p.key: p.nominal for p in self.nuisances}
@@ -188,7 +189,21 @@ class Problem:
             for part in self.parts:
                 if part.series.run == run:
                     residual[part.place] = self._whitened(part, predicted[part.series.channel])
+            if run in self._shared:
+                place, errors = self._shared[run]
+                residual[place] = errors.whiten(residual[place])
         return residual
+
+    def _shared_errors(self, run: str) -> tuple[np.ndarray, SharedErrors] | None:
+        """Places of the residuals of a run that share errors, and these; None where what drives it is exact."""
+        parts = [part for part in self.parts if part.series.run == run and part.noise.drive is not None]
+        if not parts:
+            return None
+        changes = [
+            whiten(np.where(part.used[:, None], part.noise.drive, np.nan), part.noise)[part.used] for part in parts
+        ]
+        places = np.concatenate([np.arange(part.place.start, part.place.stop) for part in parts])
+        return places, SharedErrors(np.vstack(changes))
 
     def _whitened(self, part: Part, predicted: np.ndarray) -> np.ndarray:
         if not np.isfinite(predicted[part.used]).all():

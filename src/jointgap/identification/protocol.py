@@ -7,7 +7,7 @@ Nothing here or in the modules beside it knows a mechanism. A model is any objec
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -306,6 +306,27 @@ class Model(Protocol):
         ------
         InputError, SimulationError
             These values cannot be simulated; the message says why.
+        """
+
+
+@runtime_checkable
+class Driven(Protocol):
+    """A model whose motion follows something that was measured, and so not exactly known."""
+
+    def drive_errors(self, run: str, values: Mapping[str, float]) -> Mapping[str, np.ndarray]:
+        """What the errors of what drives a run change in its readings.
+
+        Parameters
+        ----------
+        run : str
+        values : mapping of str to float
+            As of `Model.simulate`.
+
+        Returns
+        -------
+        mapping of str to (n, k) array
+            By channel [unit of the channel]: by one standard deviation of each of k independent errors. Channels that
+            are absent do not answer to them.
         """
 
 

@@ -21,12 +21,16 @@ class Noise:
         Standard deviation of what equally good numerics predict otherwise [unit].
     source : str
         Where `sd` is from, in words.
+    drive : (n, k) array or None
+        What each of the errors that all channels of the run share, those of what drives it, changes by one standard
+        deviation [unit].
     """
 
     sd: np.ndarray
     autocorrelation: tuple[float, ...] = ()
     numerics: np.ndarray | float = 0.0
     source: str = "stated"
+    drive: np.ndarray | None = None
 
     @property
     def spread(self) -> np.ndarray:
@@ -56,6 +60,27 @@ def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
     if noise.autocorrelation:
         scaled = _innovations(scaled, autoregression(noise.autocorrelation))
     return scaled[:, 0] if flat else scaled
+
+
+class SharedErrors:
+    """Errors that several series share, beside their noise: after it, they are whitened together.
+
+    Parameters
+    ----------
+    changes : (n, k) array
+        What one standard deviation of each error changes in the residuals that were whitened for noise [1].
+    """
+
+    def __init__(self, changes: np.ndarray):
+        self._directions, sizes, _ = np.linalg.svd(changes, full_matrices=False)
+        self._excess = 1.0 - 1.0 / np.hypot(1.0, sizes)
+
+    def whiten(self, residual: np.ndarray) -> np.ndarray:
+        """Residuals (n,) with covariance I + changes changes' as independent numbers of variance 1.
+
+        By the symmetric root, so that each stays with its sample.
+        """
+        return residual - self._directions @ (self._excess * (self._directions.T @ residual))
 
 
 def autoregression(autocorrelation: Sequence[float]) -> list[tuple[np.ndarray, float]]:

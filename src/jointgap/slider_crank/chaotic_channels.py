@@ -111,13 +111,13 @@ def chaotic_run(
     recorded = max(int(plan.samples.turned / tau) - settings.settling_cycles, 1)
     # a measured angle ends with the record; a crank that turns by itself goes on
     cycles = settings.cycles_per_simulation
-    cycles = cycles if plan.pieces is None else min(cycles, recorded)
+    cycles = cycles if plan.measured is None else min(cycles, recorded)
     coarser = replace(plan.settings, simulation=replace(plan.settings.simulation, tolerance_m=settings.tolerance_m))
     finer = math.ceil(settings.samples_per_revolution * plan.samples.turned / tau / plan.samples.angle.size)
 
     def of_length(cycles: int) -> RunPlan:
         turned = (cycles + settings.settling_cycles) * tau
-        samples = plan.samples.extended(turned) if plan.pieces is None else plan.samples
+        samples = plan.samples.extended(turned) if plan.measured is None else plan.samples
         return replace(plan, channels=channels, samples=samples.first(turned).refined(finer), settings=coarser)
 
     remembered = max(min(recorded, settings.remembered_cycles), cycles)

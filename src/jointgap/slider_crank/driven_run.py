@@ -2,15 +2,18 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from math import tau
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.sparse import coo_array, csr_array, eye_array, sparray, vstack
 
 from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun, Start
 from jointgap.config.nuisance_bounds import MOTOR_LINE
+from jointgap.dynamics.model.angle_errors import AngleErrors
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.measured_drive import smooth_angle, stands_still
 from jointgap.dynamics.model.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
@@ -18,9 +21,11 @@ from jointgap.dynamics.model.prescribed_drive import crank_times
 from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError
+from jointgap.identification.cycle_noise import scatter_between_samples
+from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
 from jointgap.slider_crank.channel_kinematics import options_of, prescribed_angles
 from jointgap.slider_crank.sample_grid import SampleGrid
-from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SimulationSettings
+from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SampleGridSettings, SimulationSettings
 
 
 @dataclass(frozen=True)
@@ -131,9 +136,9 @@ def constant_speed_run(
     return DrivenRun(p, at(samples.elapsed), begin, at)
 
 
-def _led_in_and_out(time: np.ndarray, angle: np.ndarray, back: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """A record of times [s] from 0 on and angles [rad] with what leads in and out, and the time of its first revolution
-    [s].
+def _led_in_and_out(time: np.ndarray, angle: np.ndarray, back: int) -> tuple[np.ndarray, np.ndarray, sparray, float]:
+    """A record of times [s] from 0 on and angles [rad] with what leads in and out, how their errors come of those of
+    the record, and the time of its first revolution [s].
 
     `back` and a half revolutions like the first one go before, half a revolution like the last one, for an encoder that
     lags tells the last angles after it.
@@ -145,13 +150,63 @@ def _led_in_and_out(time: np.ndarray, angle: np.ndarray, back: int) -> tuple[np.
     lead = [(time[first] - k * turn, angle[first] - k * tau) for k in range(back + 1, 0, -1)]
     out = (time > last + apart) & (time < 0.5 * (last + time[-1]))
     after = time[out] + time[-1] - last, angle[out] + tau
+    own = eye_array(time.size, format="csr")
+    # a copied revolution is also shifted by what the readings between which it lies are off
+    led_in, led_out = own[[0]] - _between(time, turn), own[[time.size - 1]] - _between(time, last)
+    copied = [own[first] + csr_array(np.full((first.sum(), 1), k)) @ led_in for k in range(back + 1, 0, -1)]
+    copied += [own, own[out] + csr_array(np.ones((out.sum(), 1))) @ led_out]
     time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), after, strict=True))
     kept = time > -(back + 0.5) * turn  # the smooth angle is weak at its ends: half a revolution more than is simulated
-    return time[kept], angle[kept], turn
+    return time[kept], angle[kept], vstack(copied, format="csr")[kept], turn
 
 
-def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) -> tuple[np.ndarray, float]:
-    """A measured angle made smooth, as pieces (see `jointgap.dynamics.model.parameters.knots_record`), and its end [s].
+def _between(time: np.ndarray, moment: float) -> sparray:
+    """The samples next to a moment [s], weighted as for a straight line between them: a sparse (1, n) array."""
+    after = min(max(int(np.searchsorted(time, moment)), 1), time.size - 1)
+    weight = (moment - time[after - 1]) / (time[after] - time[after - 1])
+    return coo_array(([1.0 - weight, weight], ([0, 0], [after - 1, after])), shape=(1, time.size)).tocsr()
+
+
+@dataclass(frozen=True)
+class MeasuredDrive:
+    """A measured angle made smooth.
+
+    Attributes
+    ----------
+    table : (k, 7) array
+        Its pieces: see `jointgap.dynamics.model.parameters.knots_record`.
+    begin : float
+        Time [s] of the record's first sample in it.
+    made_errors : function
+        Makes the independent errors of the angle by the noise of the encoder, and tells the time [s] in them of the
+        first piece.
+    """
+
+    table: np.ndarray
+    begin: float
+    made_errors: Callable[[], tuple[AngleErrors, float]]
+
+    @cached_property
+    def moved(self) -> list["MeasuredDrive"]:
+        """The drive with each of the errors that its angle may have, independently, by one standard deviation."""
+        errors, start = self.made_errors()
+        at, moved = self.table[:, 0] + start, []
+        changes = np.stack([errors(at, power) / math.factorial(power) for power in range(6)])
+        for number in range(errors.count):
+            table = self.table.copy()
+            table[:, 6:0:-1] += changes[:, :, number].T
+            moved.append(replace(self, table=table))
+        return moved
+
+
+def measured_drive(
+    samples: SampleGrid,
+    resolution: float,
+    noise: float | None,
+    back: int,
+    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
+) -> MeasuredDrive:
+    """A measured angle made smooth, and how far that may be off.
 
     The record is led in by revolutions like its first one, and led out by half a revolution like its last one; time 0
     is where they begin.
@@ -159,10 +214,13 @@ def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) ->
     Parameters
     ----------
     samples : SampleGrid
-    resolution : float or None
-        Step of the encoder [rad].
+    resolution : float
+        Step of the encoder [rad]; 0 where it is not known.
+    noise : float or None
+        Standard deviation of its readings [rad], as stated.
     back : int
         Revolutions of the lead-in.
+    settings : SampleGridSettings
 
     Raises
     ------
@@ -170,10 +228,14 @@ def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) ->
         A crank that stands still or turns back, or too many pieces.
     """
     finite = np.isfinite(samples.read)
-    begins = float(samples.elapsed[finite][0])
-    time, angle, turn = _led_in_and_out(samples.elapsed[finite] - begins, samples.read[finite], back)
+    begins, readings = float(samples.elapsed[finite][0]), samples.read[finite]
+    time, angle, copies, turn = _led_in_and_out(samples.elapsed[finite] - begins, readings, back)
     time += begins
-    smooth = smooth_angle(time - time[0], angle, resolution)
+    rounding = resolution / math.sqrt(12.0)
+    scatter = _scatter(readings, rounding, noise)
+    # else a spline that keeps to the step would follow noise
+    stepped = 0.0 < scatter < settings.hardly_noisy * rounding
+    smooth = smooth_angle(time - time[0], angle, math.sqrt(12.0) * scatter if stepped else None)
     begin = -time[0] - back * turn
     if (still := stands_still(smooth, begin, samples.elapsed[-1] - time[0])) is not None:
         still += time[0]
@@ -193,13 +255,47 @@ def measured_pieces(samples: SampleGrid, resolution: float | None, back: int) ->
     table[:, 0] = pieces - begin
     for power in range(6):
         table[:, 6 - power] = smooth(pieces, power) / math.factorial(power)
-    return table, float(back * turn)
+
+    def errors() -> tuple[AngleErrors, float]:
+        own, common = noise, None
+        if resolution:
+            white = math.sqrt(max(scatter**2 - rounding**2, 0.0))
+            common, share = _rounding(smooth(samples.elapsed[finite] - time[0]), resolution, white)
+            own = math.hypot(white, math.sqrt(share) * rounding)
+        return AngleErrors(time - time[0], angle, smooth, stepped, copies, own, common), begin
+
+    return MeasuredDrive(table, float(back * turn), errors)
+
+
+def _scatter(readings: np.ndarray, rounding: float, noise: float | None) -> float:
+    """Standard deviation [rad] of readings of an angle that are noisy and rounded by so much.
+
+    Where the noise is not stated, fourth differences of readings that are one, two or three samples apart tell it: the
+    least of them, for a motion that is rough adds to them, and roundings that alternate add to one alone.
+    """
+    if noise is not None:
+        return math.hypot(noise, rounding)
+    found = [scatter_between_samples(readings[::apart], IDENTIFICATION.noise) for apart in (1, 2, 3)]
+    return max(rounding, min((each.sd for each in found if each), default=0.0))
+
+
+def _rounding(angle: np.ndarray, step: float, noise: float) -> tuple[np.ndarray, float]:
+    """What roundings of angles (n,) [rad] have in common, as errors (n, m) [rad], and the share of them that is left.
+
+    Roundings of two angles are alike as far as the angles are whole steps apart, for which zero of the steps is true
+    nobody knows. The sawtooth's Fourier series says how far, and `noise` [rad] before the rounding flattens it.
+    """
+    orders = np.arange(1, 6)
+    shares = 6.0 / (math.pi * orders) ** 2 * np.exp(-((tau * orders * noise / step) ** 2))
+    phases = tau / step * orders * angle[:, None]
+    sizes = step / math.sqrt(12.0) * np.sqrt(shares)
+    return np.hstack([sizes * np.cos(phases), sizes * np.sin(phases)]), max(1.0 - float(shares.sum()), 0.0)
 
 
 def measured_angle_run(
     mechanism: Mechanism,
     samples: SampleGrid,
-    pieces: tuple[np.ndarray, float],
+    measured: MeasuredDrive,
     offset: float,
     lag: float,
     tolerance: float,
@@ -210,14 +306,13 @@ def measured_angle_run(
     ----------
     mechanism : Mechanism
     samples : SampleGrid
-    pieces : (k, 7) array and float
-        As `measured_pieces` returns them.
+    measured : MeasuredDrive
     offset, tolerance : float
         As for `constant_speed_run` [rad], [m].
     lag : float
         By how much later than the other sensors the encoder reads an angle [s].
     """
-    table, begin = pieces[0].copy(), max(pieces[1] + lag, 0.0)  # nothing is known from before the motion
+    table, begin = measured.table.copy(), max(measured.begin + lag, 0.0)  # nothing is known from before the motion
     table[:, 6] -= offset
     p = parameters(mechanism, options_of(samples.speed, float(table[0, 6]), tolerance))
     drive = DriveParameters(kind=MEASURED, speed=samples.speed, start_angle=float(table[0, 6]))

@@ -149,6 +149,19 @@ class SliderCrankModel:
             for name in parts[0]
         ]
 
+    def drive_errors(self, run: str, values: Mapping[str, float]) -> dict[str, np.ndarray]:
+        """Parameters as of `jointgap.identification.protocol.Driven.drive_errors`."""
+        plan = self.plans[run]
+        plan = replace(plan, channels=tuple(channel for channel in plan.channels if channel not in self.chaotic(run)))
+        if plan.measured is None or not plan.channels:
+            return {}
+        usual = channels_read(self.campaign, plan, values)
+        moved = [channels_read(self.campaign, replace(plan, measured=each), values) for each in plan.measured.moved]
+        return {
+            channel: np.array([each[channel] - usual[channel] for each in moved]).reshape(-1, usual[channel].size).T
+            for channel in usual
+        }
+
     @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
         """Every effect and every fault of a sensor that could be missing."""

@@ -13,7 +13,7 @@ from jointgap.recordings import Measurements
 from jointgap.recordings.read_campaign import check_runs_left
 from jointgap.recordings.recording import noise_of
 from jointgap.slider_crank.chaotic_channels import chaotic_channels
-from jointgap.slider_crank.driven_run import measured_pieces, starts_with_record
+from jointgap.slider_crank.driven_run import MeasuredDrive, measured_drive, starts_with_record
 from jointgap.slider_crank.model import SliderCrankModel
 from jointgap.slider_crank.nuisances import check_bounds, run_nuisances, shared_nuisances
 from jointgap.slider_crank.run_simulation import RunPlan, channels_read
@@ -95,7 +95,7 @@ def _plan(
     compared = samples.encoded and campaign.drive != "measured_angle"
     channels = [name for name in campaign.channels if name not in ("time", "crank_angle")]
     channels += ["crank_angle"] if "crank_angle" in campaign.channels and compared else []
-    plan = RunPlan(run, samples, tuple(channels), _pieces(campaign, run, samples, settings), settings)
+    plan = RunPlan(run, samples, tuple(channels), _measured(campaign, run, samples, settings), settings)
     if "crank_angle" not in campaign.channels and measurements is not None and campaign.drive == "constant_speed":
         # what is held out of a run that is split may not tell how its beginning turned
         held_out = measurements.runs[run.id].held_out
@@ -135,7 +135,7 @@ def _planned(
 
 def _is_chaotic(campaign: Campaign, run: CampaignRun, samples: SampleGrid, settings: SliderCrankSettings) -> bool:
     channels = tuple(name for name in campaign.channels if name != "time")
-    plan = RunPlan(run, samples, channels, _pieces(campaign, run, samples, settings), settings)
+    plan = RunPlan(run, samples, channels, _measured(campaign, run, samples, settings), settings)
     return bool(chaotic_channels(campaign, plan, _nominal(campaign, plan), noise_of(campaign, run.id)))
 
 
@@ -144,14 +144,15 @@ def _nominal(campaign: Campaign, plan: RunPlan) -> dict[str, float]:
     return {p.name: p.nominal for p in nuisances}
 
 
-def _pieces(
+def _measured(
     campaign: Campaign, run: CampaignRun, samples: SampleGrid, settings: SliderCrankSettings
-) -> tuple[np.ndarray, float] | None:
-    """Of a measured angle that drives the crank."""
+) -> MeasuredDrive | None:
+    """A measured angle that drives the crank."""
     if campaign.drive != "measured_angle":
         return None
     back = 0 if starts_with_record(run) else settings.simulation.settling_revolutions
-    return measured_pieces(samples, _resolution(campaign) or None, back)
+    noise = noise_of(campaign, run.id).get("crank_angle")
+    return measured_drive(samples, _resolution(campaign), noise, back, settings.sample_grid)
 
 
 def _first_angle(run: CampaignRun) -> float | None:

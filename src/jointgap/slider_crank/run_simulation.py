@@ -65,15 +65,15 @@ class RunPlan:
     samples : SampleGrid
     channels : tuple of str
         That are compared.
-    pieces : tuple or None
-        Of a measured angle that drives the crank, as `jointgap.slider_crank.driven_run.measured_pieces` returns them.
+    measured : MeasuredDrive or None
+        A measured angle that drives the crank.
     settings : SliderCrankSettings
     """
 
     run: CampaignRun
     samples: SampleGrid
     channels: tuple[str, ...]
-    pieces: tuple[np.ndarray, float] | None = None
+    measured: drives.MeasuredDrive | None = None
     settings: SliderCrankSettings = DEFAULT_SETTINGS
 
 
@@ -177,8 +177,8 @@ def _driven(
     campaign, plan, mechanism: Mechanism, values, faults: Faults, tolerance, earlier: float
 ) -> drives.DrivenRun:
     settings = plan.settings.simulation
-    if plan.pieces is not None:
-        return drives.measured_angle_run(mechanism, plan.samples, plan.pieces, faults.offset, faults.lag, tolerance)
+    if plan.measured is not None:
+        return drives.measured_angle_run(mechanism, plan.samples, plan.measured, faults.offset, faults.lag, tolerance)
     offset = faults.offset - faults.lag * values.get("speed", plan.samples.speed)  # an encoder that lags reads less
     if campaign.drive == "motor":
         return drives.motor_run(
@@ -190,7 +190,7 @@ def _driven(
 def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -> dict[str, np.ndarray]:
     """What the sensors make of the motion at the samples."""
     channels = {name: campaign.channels[name] for name in plan.channels}
-    late = driven.at(plan.samples.elapsed - faults.lag) if faults.lag and plan.pieces is None else driven.angles
+    late = driven.at(plan.samples.elapsed - faults.lag) if faults.lag and plan.measured is None else driven.angles
     if channels.keys() == {"crank_angle"}:
         return {"crank_angle": late + faults.offset}
     corners = [channel.bandwidth for channel in channels.values() if channel.bandwidth]
@@ -256,6 +256,6 @@ def _change_over_noise(
 def _filter_times(plan: RunPlan, driven: drives.DrivenRun, corners: list[float]) -> np.ndarray:
     settings, revolution = plan.settings.sensors, tau / plan.samples.speed
     padding = settings.padding_revolutions * revolution
-    after = 0.0 if plan.pieces is not None else padding  # a measured angle ends with the record
+    after = 0.0 if plan.measured is not None else padding  # a measured angle ends with the record
     first, last = -min(padding, driven.begin), plan.samples.elapsed[-1] + after
     return sensors.filter_times(first, last, revolution, corners, settings)

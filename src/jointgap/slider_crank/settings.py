@@ -149,6 +149,9 @@ class SampleGridSettings:
         [revolutions over the whole record] Between the speeds tried: an eighth of the period of the sixth harmonic.
     first_angles_tried : int
         Crank angles per revolution at which an unknown first angle is tried: half a degree; the fit goes on from there.
+    hardly_noisy : float
+        [1, of the scatter by rounding alone] Up to this scatter of its readings an encoder's step tells how smooth a
+        driving angle is; beyond, a spline that keeps to the step would follow noise.
     """
 
     planned_revolutions: int = 4
@@ -162,6 +165,7 @@ class SampleGridSettings:
     speed_harmonics: int = 6
     speed_step_revolutions: float = 0.02
     first_angles_tried: int = 720
+    hardly_noisy: float = 1.15
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,20 @@ NOISE_MEMORY = Table(
     path="{stage}/noise_memory.parquet",
 )
 
-NOISE_TABLES = (NOISE, NOISE_MEMORY)
+NOISE_DRIVE = Table(
+    "noise_drive",
+    "What the errors of a measured angle that drives the crank change in the channels",
+    (
+        _RUN,
+        _CHANNEL,
+        _SAMPLE,
+        Column("error", "1", "which of the independent errors, which all channels of the run share", "int"),
+        Column("change", "SI", "by one standard deviation of it"),
+    ),
+    path="{stage}/noise_drive.parquet",
+)
+
+NOISE_TABLES = (NOISE, NOISE_MEMORY, NOISE_DRIVE)
 """Tables that together hold the noise."""
 
 _STATISTICS = (

@@ -96,11 +96,11 @@ def running_on(angle: np.ndarray) -> np.ndarray:
     return angle + _TURN * np.append(0.0, np.cumsum(back))
 
 
-def repeated_part(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """By how much [rad] a crank is ahead, in its first orders, of a rotation that drifts slowly: (n,) array.
+def repeated_basis(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A slowly drifting rotation and its first orders, as columns (n, d) and (n, m) whose sum an angle is fitted by.
 
     They are orders of that rotation, a polynomial of time, not of the crank angle: so nothing has to be solved for,
-    however unsteadily the crank turns. Zero where turns or samples are too few to tell them from a drift.
+    however unsteadily the crank turns. No orders where turns or samples are too few to tell them from a drift.
 
     Parameters
     ----------
@@ -109,16 +109,28 @@ def repeated_part(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """
     turns = (angle[-1] - angle[0]) / _TURN
     terms = int(min(turns, _DRIFT_TERMS)) + 1
-    if turns < _LEAST_TURNS or angle.size < 4 * (terms + 2 * _ORDERS.size):
-        return np.zeros(angle.size)
     drift = np.polynomial.legendre.legvander(2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0, terms)
+    if turns < _LEAST_TURNS or angle.size < 4 * (terms + 2 * _ORDERS.size):
+        return drift, np.empty((angle.size, 0))
     rotation = drift @ np.linalg.lstsq(drift, angle, rcond=None)[0]
     for _ in range(2):  # beside the orders of a first rotation one that they have not bent
         phases = _ORDERS * rotation[:, None]
         orders = np.column_stack([np.cos(phases), np.sin(phases)])
         weights = np.linalg.lstsq(np.column_stack([drift, orders]), angle, rcond=None)[0]
         rotation = drift @ weights[: terms + 1]
-    return orders @ weights[terms + 1 :]
+    return drift, orders
+
+
+def repeated_part(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """By how much [rad] a crank is ahead, in its first orders, of a rotation that drifts slowly: (n,) array.
+
+    Parameters
+    ----------
+    time, angle : (n,) arrays
+        [s, rad].
+    """
+    drift, orders = repeated_basis(time, angle)
+    return orders @ np.linalg.lstsq(np.hstack([drift, orders]), angle, rcond=None)[0][drift.shape[1] :]
 
 
 def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) -> PPoly:
