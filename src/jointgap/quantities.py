@@ -217,8 +217,14 @@ def split_share(unit: str) -> tuple[str, float]:
 
 
 def quantity(unit: str, **limits: float) -> Any:
-    """Type of a quantity in `unit` (a pint name, '' for pure numbers) within `limits` (gt, ge, lt, le)."""
-    names = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
+    """Type of a quantity in `unit` (a pint name, '' for pure numbers) within `limits` (gt, ge, lt, le, multiple_of)."""
+    names = {
+        "gt": "exclusiveMinimum",
+        "ge": "minimum",
+        "lt": "exclusiveMaximum",
+        "le": "maximum",
+        "multiple_of": "multipleOf",
+    }
     number = {"type": "number", **{names[key]: limit for key, limit in limits.items()}}
     schema = {
         "anyOf": [number, {"type": "string", "description": f"number with a unit that converts to {unit or '1'}"}]

@@ -89,7 +89,7 @@ def test_errors_stand_in_the_unit_of_each_channel_before_and_after_with_the_shar
         | {"before": [0.776, 0.1005], "after": [0.42, 0.0995]}
     )
     gaps = pd.DataFrame({"run": "fast", "role": "confirm", "channel": ["crank_torque", "crank_angle"]})
-    gaps = gaps.assign(before=[1.9, 1.005], after=1.0, closed=[0.963, 1.9])
+    gaps = gaps.assign(before=[1.9, 1.005], after=1.0, before_high=2.0, after_high=1.1, closed=[0.963, 1.9])
     text = to_markdown(page(NAMED, {"channel_errors": errors, "gaps": gaps.assign(role="identify")}))
     assert "| fast | 400 | held out | crank torque | N m | 0.4 | 0.776 | 0.42 | – |" in text
     text = to_markdown(Page("", tuple(_measured(NAMED, errors, gaps))))
@@ -199,6 +199,23 @@ def test_the_share_of_the_excess_that_is_gone_follows_from_the_gaps():
     assert "it falls from 1.01 to 0.99.\n" in markdown(slight, {})
     half = NAMED | {"gap": {"identify": {"before": 3.0, "after": 2.2}, "confirm": {"before": 3.0, "after": 5.0**0.5}}}
     assert "50.0 % of what exceeds the noise is gone. More than noise is left there" in markdown(half, {})
+
+
+def test_a_gap_far_below_1_is_commented_with_its_channel():
+    def gaps(after: float) -> pd.DataFrame:
+        keys = {"run": ["slow", "slow", "all"], "role": "confirm", "channel": ["guide_force", "crank_torque", "all"]}
+        table = pd.DataFrame(keys | {"before": [3.0, 2.0, 2.5], "after": [after, 1.01, 0.9], "closed": 1.0})
+        for when in ("before", "after"):
+            table[f"{when}_low"], table[f"{when}_high"] = 0.97 * table[when], 1.03 * table[when]
+        return table
+
+    assert "Far below 1 is the gap of guide force (slow 0.79)" in markdown(NAMED, {"gaps": gaps(0.79)})
+    assert "Far below 1" not in markdown(NAMED, {"gaps": gaps(0.97)})
+
+
+def test_one_order_of_the_crank_may_be_a_joint_that_rings():
+    line = {"run": "slow", "channel": "crank_torque", "unit": "N*m", "order": 7, "amplitude": 0.2, "share": 0.7}
+    assert "or a loose joint that rings" in markdown(NAMED | {"orders": [line]}, {"map_windows": None})
 
 
 def test_a_gap_that_does_not_fall_is_not_called_a_fall():

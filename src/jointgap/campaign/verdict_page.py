@@ -60,6 +60,8 @@ _LINKS = {"crank": "crank_length", "rod": "rod_length"}
 
 _ONE_SIDED = 0.7  # share of the root mean square that is the mean: above, measurement and model differ to one side
 
+_BELOW_NOISE = 0.85  # a gap whose whole interval is below is less than noise
+
 _PLAIN = (*ENOUGH, "named")
 """Verdicts whose sentence holds the reason."""
 
@@ -230,7 +232,28 @@ def _gap(verdict: Mapping[str, Any], gaps: pd.DataFrame | None) -> list[Block]:
         rows = tuple((row["run"], *(_interval(row, each) for each in when)) for row in own.to_dict("records"))
         heads = [f"gap {each}{with_what} (90 % interval)" for each, with_what in zip(when, ("", tried), strict=False)]
         blocks.append(TableBlock(("held-out run", *(heads if shown else ["gap (90 % interval)"])), rows))
+        blocks += _below_noise(gaps)
     return [*blocks, _figure("gaps"), *([_figure("residuals")] if shown else [])]
+
+
+def _below_noise(gaps: pd.DataFrame) -> list[Block]:
+    """Says which channels are met far better than their noise lets them."""
+    gap, high = (gaps[f"after{end}"].fillna(gaps[f"before{end}"]) for end in ("", "_high"))
+    low = gaps.assign(gap=gap)[(high < _BELOW_NOISE) & (gaps["channel"] != "all") & (gaps["run"] != "all")]
+    if low.empty:
+        return []
+    channels = [
+        f"{in_words(channel)} ({joined(f'{row.run} {rounded_gap(row.gap)}' for row in rows.itertuples())})"
+        for channel, rows in low.groupby("channel", sort=False)
+    ]
+    return [
+        Paragraph(
+            f"Far below 1 is the gap of {joined(channels)}: less is left there than the noise, and what numerics leave "
+            "open, would make, so that small disagreements are not seen. Where the noise is stated, correct `noise`; "
+            "where it was found, something that differs from cycle to cycle was taken for noise, such as impacts that "
+            "ring: state it."
+        )
+    ]
 
 
 def _parts_of_runs(verdict: Mapping[str, Any]) -> list[Block]:
@@ -285,7 +308,10 @@ def _orders(verdict: Mapping[str, Any]) -> list[Block]:
         for line in verdict["orders"]
     )
     return [
-        Paragraph("Most of the difference is one order of the crank, as a drive, teeth or poles make it:"),
+        Paragraph(
+            "Most of the difference is one order of the crank, as a drive, teeth or poles make it, or a loose joint "
+            "that rings after its impacts:"
+        ),
         Bullets(lines),
     ]
 

@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 from pydantic import Field, create_model
 
-from jointgap.counts import whole_number
 from jointgap.errors import InputError
 from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.joints import PINS
@@ -150,9 +149,7 @@ class TrialSize(NamedTuple):
         return cls(lambda amplitude: {key: sign * amplitude, **drawn}, first, bound)
 
 
-def parameter(
-    unit: str, meaning: str, example: float, default: Any = ..., kind: type = float, **limits: float
-) -> tuple[Any, Any]:
+def parameter(unit: str, meaning: str, example: float, default: Any = ..., **limits: float) -> tuple[Any, Any]:
     """A parameter of an effect's page.
 
     Parameters
@@ -163,13 +160,10 @@ def parameter(
         Its symbol in the law, and what it is.
     example, default : float
         A typical value; what it is where an entry leaves it out, if it may.
-    kind : type
-        int for whole numbers.
     **limits : float
-        ``gt``, ``ge``, ``lt``, ``le``.
+        ``gt``, ``ge``, ``lt``, ``le``, ``multiple_of``.
     """
-    number = quantity(unit, **limits) if kind is float else whole_number(**limits)
-    return number, Field(default, description=meaning, examples=[example])
+    return quantity(unit, **limits), Field(default, description=meaning, examples=[example])
 
 
 def random_sign(rng: Any) -> float:
@@ -180,6 +174,29 @@ def random_sign(rng: Any) -> float:
 def amplitude(name: str, step: float, unit: str, low: float = -math.inf, high: float = math.inf) -> Parameter:
     """A coordinate `name` of a fit that is 0 where its effect is absent; `step`, `low` and `high` in `unit`."""
     return Parameter(name, 0.0, low, high, step, unit)
+
+
+def order_of_crank(whole: Iterable[int], runs: Sequence[str]) -> Parameter:
+    """The order of an effect in step with the crank [cycles per revolution]: of the `whole` ones, and the halves beside
+    them where there is one run alone, as in which of two turns a run began nobody knows.
+
+    Parameters
+    ----------
+    whole : iterable of int
+        Rising.
+    runs : sequence of str
+        Of the campaign.
+    """
+    orders = [float(order) for order in whole]
+    if len(runs) == 1:
+        orders = sorted({*orders, *(k + 0.5 for k in range(int(orders[-1])))})
+    return Parameter("order", orders[0], orders[0], orders[-1], 1e-3, whole=True, tried=tuple(orders))
+
+
+def stated_order(value: float) -> float:
+    """The whole or half order next to a fitted `value`."""
+    doubled = round(2.0 * value)
+    return doubled // 2 if doubled % 2 == 0 else doubled / 2.0
 
 
 def from_cosine_and_sine(amplitude: str, angle: str, values: Values) -> dict[str, float]:

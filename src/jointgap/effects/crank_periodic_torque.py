@@ -9,14 +9,15 @@ from jointgap.effects.base import (
     Records,
     amplitude,
     from_cosine_and_sine,
+    order_of_crank,
     page,
     parameter,
+    stated_order,
 )
 from jointgap.effects.crank_coulomb_friction import CrankCoulombFriction
-from jointgap.identification.protocol import Parameter
 
 LOWEST_FITTED_ORDER, HIGHEST_FITTED_ORDER = 3, 24
-"""Orders [cycles per revolution] that a fit tries. Masses, weight and steady forces on the slider make torques of
+"""Whole orders [cycles per revolution] that a fit tries. Masses, weight and steady forces on the slider make torques of
 orders one and two: there the usual causes are offered, not a torque by itself. Poles, slots and teeth of drives lie
 below the highest one, and few encoders resolve more."""
 
@@ -39,7 +40,7 @@ class CrankPeriodicTorque(Effect):
     COMPILED = {"crank_periodic": "torque_N_m", "crank_periodic_phase": "phase_rad"}
     PARAMETERS = {
         "torque_N_m": parameter("N*m", "a, amplitude", 0.2, ge=0),
-        "order": parameter("", "k, cycles per revolution", 12, kind=int, ge=1, le=100),
+        "order": parameter("", "k, cycles per revolution", 12, ge=0.5, le=100, multiple_of=0.5),
         "phase_rad": parameter("rad", "angle k theta of the largest torque", 0.5, default=0.0),
     }
 
@@ -57,18 +58,11 @@ class CrankPeriodicTorque(Effect):
         yield cls.candidate(
             amplitude("cosine", step, "N*m"),
             amplitude("sine", step, "N*m"),
-            Parameter(
-                "order",
-                float(_USUAL_ORDERS[0]),
-                float(LOWEST_FITTED_ORDER),
-                float(HIGHEST_FITTED_ORDER),
-                1e-3,
-                whole=True,
-            ),
+            order_of_crank(range(LOWEST_FITTED_ORDER, HIGHEST_FITTED_ORDER + 1), context.runs),
             amplitudes=("cosine", "sine"),
             initial_guesses=tuple({"order": float(order)} for order in _USUAL_ORDERS),
             parameters=lambda values: (
-                from_cosine_and_sine("torque_N_m", "phase_rad", values) | {"order": round(values["order"])}
+                from_cosine_and_sine("torque_N_m", "phase_rad", values) | {"order": stated_order(values["order"])}
             ),
             steady_counterpart=CrankCoulombFriction.NAME,
         )

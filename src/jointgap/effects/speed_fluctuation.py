@@ -11,10 +11,11 @@ from jointgap.effects.base import (
     TrialSize,
     amplitude,
     from_cosine_and_sine,
+    order_of_crank,
     page,
     parameter,
+    stated_order,
 )
-from jointgap.identification.protocol import Parameter
 
 
 @page(order=150)
@@ -29,7 +30,7 @@ class SpeedFluctuation(Effect):
     DRIVE = "constant"
     PARAMETERS = {
         "ratio": parameter("", "a, amplitude over the mean", 0.02, ge=0, le=0.3),
-        "order": parameter("", "k, cycles per revolution", 2, kind=int, ge=1, le=12),
+        "order": parameter("", "k, cycles per revolution", 2, ge=0.5, le=12, multiple_of=0.5),
         "phase_rad": parameter("rad", "angle k theta of the largest speed", 0.5, default=0.0),
     }
 
@@ -43,14 +44,15 @@ class SpeedFluctuation(Effect):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         if context.constant_speed:
+            order = order_of_crank(range(1, 13), context.runs)
             yield cls.candidate(
                 amplitude("cosine", 1e-3, "1", -0.3, 0.3),
                 amplitude("sine", 1e-3, "1", -0.3, 0.3),
-                Parameter("order", 1.0, 1.0, 12.0, 1e-3, whole=True),
+                order,
                 amplitudes=("cosine", "sine"),
-                initial_guesses=tuple({"order": float(order)} for order in range(1, 9)),
+                initial_guesses=tuple({"order": tried} for tried in order.tried if tried < 9),
                 parameters=lambda values: (
-                    from_cosine_and_sine("ratio", "phase_rad", values) | {"order": round(values["order"])}
+                    from_cosine_and_sine("ratio", "phase_rad", values) | {"order": stated_order(values["order"])}
                 ),
             )
 

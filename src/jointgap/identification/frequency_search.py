@@ -70,8 +70,8 @@ def likely_orders(
 ) -> list[float]:
     """The most likely orders [cycles per revolution] of an effect that is `carrier` times a cosine of the crank angle.
 
-    As `likely_frequencies`, over whole numbers; an effect in step with the crank has one phase in all runs. Orders that
-    the samples of a series do not resolve are not looked for.
+    As `likely_frequencies`, over those that the parameter says; an effect in step with the crank has one phase in all
+    runs. Orders that the samples of a series do not resolve are not looked for.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def likely_orders(
     carrier : (n,) array
         [1/unit] Derivative with respect to the steady effect's amplitude.
     order : Parameter
-        Its bounds [cycles per revolution] are the range that is searched.
+        With those to try [cycles per revolution].
     settings : ScreeningSettings
     """
     angle = np.full(residual.size, np.nan)
@@ -97,7 +97,7 @@ def likely_orders(
     known = np.isfinite(angle)
     if not known.any() or not residual.any():  # a preflight has nothing to search
         return []
-    tried = np.arange(np.ceil(order.low), np.floor(min(order.high, np.pi / max(finest, 1e-9))) + 1.0)
+    tried = np.array([value for value in order.tried if value <= np.pi / max(finest, 1e-9)])
     basis, left = _beyond_nuisances(residual, jacobian)
     carriers, angle = [np.where(known, carrier, 0.0)], np.where(known, angle, 0.0)
     power = [_power(k * angle, carriers, basis, left) for k in tried]

@@ -38,6 +38,8 @@ class Parameter:
     whole : bool
         Counts by the whole number next to it: chi2 is flat but for its steps, so that draws about a fit hold it. Of a
         run's own, within finite bounds, a fit tries all.
+    tried : tuple of float
+        The values that a search tries, where it is not free to choose.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Parameter:
     unit: str = "1"
     run: str | None = None
     whole: bool = False
+    tried: tuple[float, ...] = ()
 
     @property
     def key(self) -> str:

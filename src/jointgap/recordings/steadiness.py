@@ -9,12 +9,15 @@ from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
 from jointgap.recordings.plausibility import angle_outliers
 
-_HARMONICS = np.arange(1, 4)
+_ORDERS, _HALF_ORDERS = np.arange(1, 4), np.arange(1, 7) / 2
+_TURNS_FOR_HALF_ORDERS = 4.0
 _MOST_DRIFT_TERMS = 8
 
 
-def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, float]:
+def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, float, float]:
     """How far the crank's speed varies, as shares of its mean [1].
+
+    A four-stroke engine repeats after two turns: in records of four turns or more half orders are looked for too.
 
     Parameters
     ----------
@@ -26,31 +29,36 @@ def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, 
     Returns
     -------
     within_turn : float
-        Half of the range of the speed over a turn, from the first three orders of the crank angle; NaN where samples
-        are too few.
+        Half of the range of the speed over a turn, or over two of half orders, from the orders of the crank angle up to
+        the third; NaN where samples are too few.
     over_record : float
-        Half of the range of the mean speeds of whole turns; NaN of less than two.
+        Half of the range of the mean speeds of whole turns, of two turns each where half orders are looked for; NaN of
+        less than two.
     error : float
         Standard error of both, from what is left of the angle.
+    order : float
+        At which the speed varies most [cycles per turn].
     """
     finite = np.isfinite(angle)
     time, angle = time[finite] - time[finite][0], angle[finite]
     turns = (angle[-1] - angle[0]) / tau
-    terms = int(min(max(turns, 1), _MOST_DRIFT_TERMS)) + 1
-    if time.size < 2 * (terms + 2 * _HARMONICS.size):
-        return np.nan, np.nan, np.nan
+    period, orders = (2, _HALF_ORDERS) if turns >= _TURNS_FOR_HALF_ORDERS else (1, _ORDERS)
+    terms = int(min(max(turns / period, 1), _MOST_DRIFT_TERMS)) + 1
+    if time.size < 2 * (terms + 2 * orders.size):
+        return np.nan, np.nan, np.nan, np.nan
     drift = np.polynomial.legendre.legvander(2.0 * time / time[-1] - 1.0, terms)
-    phase = _HARMONICS * angle[:, None]
+    phase = orders * angle[:, None]
     basis = np.column_stack([drift, np.cos(phase), np.sin(phase)])
     weights = np.linalg.lstsq(basis, angle, rcond=None)[0]
     sd = float(np.sqrt(np.mean((angle - basis @ weights) ** 2)))
     cosine, sine = weights[terms + 1 :].reshape(2, -1)
-    places = np.linspace(0.0, tau, 120)[:, None] * _HARMONICS
-    speed = (_HARMONICS * (sine * np.cos(places) - cosine * np.sin(places))).sum(axis=1)
-    passed = np.arange(angle[0], angle[-1], tau)
-    speeds = tau / np.diff(np.interp(passed, np.maximum.accumulate(angle), time))
+    places = np.linspace(0.0, period * tau, 120 * period)[:, None] * orders
+    speed = (orders * (sine * np.cos(places) - cosine * np.sin(places))).sum(axis=1)
+    passed = np.interp(np.arange(angle[0], angle[-1], tau), np.maximum.accumulate(angle), time)
+    speeds = period * tau / (passed[period:] - passed[:-period])
     over = 0.5 * float(np.ptp(speeds) / speeds.mean()) if speeds.size > 1 else np.nan
-    return 0.5 * float(np.ptp(speed)), over, sd * sqrt(2.0) / tau
+    strongest = float(orders[np.argmax(orders * np.hypot(cosine, sine))])
+    return 0.5 * float(np.ptp(speed)), over, sd * sqrt(2.0) / tau, strongest
 
 
 def standstill(
@@ -109,11 +117,12 @@ def unsteady(
     fluctuates = any(effect.name == "speed_fluctuation" for effect in campaign.mechanism.effects)
     if fluctuates or campaign.drive != "constant_speed" or not (np.isfinite(time).all() and np.isfinite(angle).any()):
         return None
-    within, over, error = speed_variation(time, angle)
+    within, over, error, order = speed_variation(time, angle)
+    half = f"within two turns (most at order {order:g}, as a four-stroke engine's does)"
     least = max(limits.unsteady_share, limits.unsteady_standard_errors * error)
     told = [
         f"by {100.0 * share:.2g} % either way {where}"
-        for share, where in ((within, "within a turn"), (over, "from turn to turn"))
+        for share, where in ((within, "within a turn" if order % 1 == 0 else half), (over, "from turn to turn"))
         if share > least
     ]
     if not told:

@@ -182,6 +182,7 @@ def _may_repeat(p: Parameters) -> bool:
     steady = p.drive.kind == CONSTANT or fluctuating
     e = p.effects
     over_turns = e.table_over == 2 or (e.table_over == 1 and e.table_period > 1.5 * tau)
+    over_turns = over_turns or bool(e.crank_periodic and e.crank_periodic_order % 1)  # a half order
     return bool(
         steady and not e.harmonic and not over_turns and not p.slider_formula.length and not p.crank_formula.length
     )

@@ -1,0 +1,47 @@
+"""How far a crank's speed varies, and at which order of the crank: half orders are those of four-stroke engines."""
+
+import math
+
+import numpy as np
+import pytest
+
+from jointgap.recordings.steadiness import speed_variation, unsteady
+from tests.slider_crank.rigs import campaign, mechanism
+
+SPEED = 310.0  # rad/s
+
+
+def crank(turns: float, half: float = 0.0, first: float = 0.0, noise: float = 0.0, phase: float = 0.0):
+    """Times [s] and angles [rad] of a crank whose speed varies at order 0.5 and at the first."""
+    angle = phase + np.arange(0.0, turns * math.tau, math.radians(6.0))
+    slowness = 1.0 - half * np.cos(angle / 2 + 0.4) - first * np.cos(angle)
+    time = np.concatenate([[0.0], np.cumsum(0.5 * (slowness[1:] + slowness[:-1]) * np.diff(angle))]) / SPEED
+    return time, angle + noise * np.random.default_rng(3).standard_normal(angle.size)
+
+
+def remark(time, angle):
+    own = campaign(mechanism(), ("time", "crank_angle"), speeds=(SPEED, SPEED))
+    return unsteady(own, own.runs[0], time, angle)
+
+
+@pytest.mark.parametrize("turns", [6.0, 24.3])
+@pytest.mark.parametrize("phase", [0.0, 2.0])
+def test_a_speed_that_repeats_after_two_turns_is_told_with_its_size_and_order(turns, phase):
+    time, angle = crank(turns, half=0.025, first=0.005, noise=1e-3, phase=phase)
+    within, over, error, order = speed_variation(time, angle)
+    assert within == pytest.approx(0.0275, abs=0.003)
+    assert over < 0.005
+    assert error < 1e-3
+    assert order == 0.5
+    assert "within two turns (most at order 0.5" in remark(time, angle)
+
+
+def test_a_speed_that_repeats_in_each_turn_is_told_as_before():
+    told = remark(*crank(12.0, first=0.03, noise=1e-3))
+    assert "by 3 % either way within a turn" in told
+    assert "order" not in told
+
+
+def test_a_steady_crank_has_no_half_orders_however_short_its_record():
+    for turns in (1.5, 4.0, 5.0, 40.0):
+        assert remark(*crank(turns, noise=math.radians(0.2))) is None
