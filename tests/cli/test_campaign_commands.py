@@ -1,5 +1,6 @@
 """Stages of a campaign from the command line: what cannot be meant is refused before anything is computed."""
 
+import json
 import re
 from dataclasses import replace
 
@@ -13,9 +14,11 @@ from jointgap.cli import cli
 from jointgap.config.campaign_file import RESERVED_IDS
 from jointgap.effects import EFFECTS
 from jointgap.errors import InputError
+from jointgap.figures import campaign_figures
 from jointgap.slider_crank import candidates
 from jointgap.stages.campaign_stages import CAMPAIGN_STAGES, measure
 from jointgap.tables import TABLES
+from jointgap.tables.results_folder import ResultsFolder
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 
@@ -99,6 +102,38 @@ def test_a_whole_analysis_ends_with_its_verdict_in_words_and_on_a_page(tmp_path,
     assert ran.exit_code == 0 and "Coulomb friction of the slider" in ran.output
     for page in ("summary.md", "summary.html"):
         assert "Coulomb friction of the slider" in (tmp_path / page).read_text()
+
+
+def test_what_fails_beside_the_verdict_does_not_cost_it_and_is_told(tmp_path, monkeypatch):
+    def fails(*given, **options):
+        raise ValueError("x should be ascending")
+
+    few = ("slider_coulomb_friction", "slider_viscous_friction")
+    monkeypatch.setattr(candidates, "EFFECTS", {name: EFFECTS[name] for name in few})
+    for stage in ("preflight", "locate", "augment"):
+        stand_in(monkeypatch, stage, fails)
+    monkeypatch.setattr(campaign_figures, "gaps", fails)
+    ran = CliRunner().invoke(cli, ["analyse", str(DEMONSTRATION), "--folder", str(tmp_path)], catch_exceptions=False)
+    assert ran.exit_code == 3 and "Coulomb friction of the slider" in ran.output
+    told = json.loads((tmp_path / "verdict.json").read_text())
+    assert told["verdict"] == "named" and told["effects"][0]["name"] == "slider_coulomb_friction"
+    assert told["failed"].keys() == {"preflight", "locate", "augment", "gaps"}
+    for what in told["failed"]:
+        assert f"failed: {what}: ValueError: x should be ascending" in ran.output
+    assert "could not be made: ValueError: x should be ascending" in (tmp_path / "summary.md").read_text()
+    with pytest.raises(ValueError, match="ascending"):
+        asked("locate", DEMONSTRATION, "--folder", tmp_path)
+    asked("locate", DEMONSTRATION, "--folder", tmp_path, "--go-on")
+    assert ResultsFolder(tmp_path).read("map_bins").empty
+
+
+def test_a_stage_that_a_verdict_is_made_from_fails_though_it_is_asked_to_go_on(tmp_path, monkeypatch):
+    def fails(state, **given):
+        raise ValueError("in vain")
+
+    stand_in(monkeypatch, "decide", fails)
+    with pytest.raises(ValueError, match="in vain"):
+        asked("decide", DEMONSTRATION, "--folder", tmp_path, "--go-on")
 
 
 @pytest.fixture

@@ -61,6 +61,7 @@ use rule campaign_stage as campaign_preflight with:
         stage="preflight",
     params:
         **of_campaign_stages("preflight"),
+        more=["--go-on"],
     message:
         "campaign {wildcards.campaign}: what can be detected and told apart"
 
@@ -149,7 +150,7 @@ use rule campaign_stage as campaign_decide with:
         runtime=90,
     params:
         **of_campaign_stages("decide", "locate", "regress", "confirm", "augment"),
-        more=lambda wildcards: ["--parts", fit_parts(wildcards)],
+        more=lambda wildcards: ["--go-on", "--parts", fit_parts(wildcards)],
     message:
         "campaign {wildcards.campaign}: weigh the fits, map the disagreement, predict the held-out runs, write the augmented mechanism"
 
@@ -168,6 +169,7 @@ use rule campaign_stage as campaign_reoptimise with:
         runtime=60,
     params:
         **of_campaign_stages("reoptimise"),
+        more=["--go-on"],
     message:
         "campaign {wildcards.campaign}: optimise again, before and after"
 
@@ -193,6 +195,7 @@ use rule campaign_stage as campaign_conclude with:
         runtime=20,
     params:
         **of_campaign_stages("conclude"),
+        more=["--go-on"],
         folder=subpath(output.verdict, parent=True),
     message:
         "campaign {wildcards.campaign}: verdict, summary and figures"

@@ -7,26 +7,32 @@ import pandas as pd
 
 from jointgap.campaign import verdict
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
+from jointgap.campaign.failures import failures, noted
 from jointgap.campaign.preflight import preflight_tables_with_advice, separated_by
 from jointgap.campaign.state import CampaignState
 from jointgap.campaign.tables_of_identification import confusable_groups, gap_of, held_out, undetectable
 from jointgap.campaign.verdict_page import page
+from jointgap.campaign.verdict_sentences import answer
 from jointgap.identification.fit import Fit
-from jointgap.report.page import to_html, to_markdown
+from jointgap.report.page import Page, Paragraph, to_html, to_markdown
 from jointgap.tables import write_text
 from jointgap.tables.results_folder import ResultsFolder
 
 
-def conclude(state: CampaignState) -> dict[str, Any]:
+def conclude(state: CampaignState, advise: bool = True) -> dict[str, Any]:
     """Write ``verdict.json``; its content.
 
     Parameters
     ----------
     state : CampaignState
         All stages up to confirm have run.
+    advise : bool
+        Whether an experiment is sought that would separate equivalent explanations.
     """
-    folder, outcome = state.folder, state.outcome("verdict")
-    separated = _separated_by(state, outcome.equivalent)
+    folder, outcome, separated = state.folder, state.outcome("verdict"), ""
+    if advise and "preflight" not in failures(folder):
+        with noted(folder, "advice"):
+            separated = _separated_by(state, outcome.equivalent)
     detectable, confusability, gaps = (folder.read(name) for name in ("detectable", "confusability", "gaps"))
     added = outcome.named is not None
     content = verdict.document(
@@ -46,6 +52,7 @@ def conclude(state: CampaignState) -> dict[str, Any]:
         not any(series.statistic for series in state.model.series),
     )
     content["left_out"] = [{"run": run, "because": why} for run, why in state.model.left_out.items()]
+    content["failed"] = failures(folder)
     write_text(folder.path / VERDICT, verdict.text(content))
     return content
 
@@ -54,17 +61,27 @@ def show(state: CampaignState) -> None:
     """Draw the figures and write the one-page summary of a verdict that is there."""
     from jointgap.figures import style
     from jointgap.figures.campaign_catalogue import CATALOGUE, TABLES, draw
+    from jointgap.figures.campaign_figures import message_sheet
 
     folder = state.folder
     content = verdict.read(folder.path / VERDICT)
     frames = figure_tables(folder, TABLES)
-    for name in CATALOGUE:
-        style.save(draw(name, frames, content), folder.path / "figures" / name)
-    remarks = (*folder.read("remarks")["remark"], *_noise_remarks(state))
-    summary = page(content, frames | {"look": folder.read("look")}, remarks, state.campaign)
+    for name, spec in CATALOGUE.items():
+        with noted(folder, name):
+            style.save(draw(name, frames, content), folder.path / "figures" / name)
+        if why := failures(folder).get(name):
+            with style.matplotlib_style():
+                style.save(message_sheet(spec.title, f"could not be drawn: {why}"), folder.path / "figures" / name)
+    content["failed"] = failures(folder)
+    summary = Page(f"Campaign {content['campaign']}: {answer(content)}", (Paragraph(f"All else: {VERDICT}"),))
+    with noted(folder, "page"):
+        remarks = (*folder.read("remarks")["remark"], *_noise_remarks(state))
+        summary = page(content, frames | {"look": folder.read("look")}, remarks, state.campaign)
     markdown, html = (folder.path / name for name in SUMMARIES)
     write_text(markdown, to_markdown(summary))
     write_text(html, to_html(summary, folder.path / "figures"))
+    if (failed := failures(folder)) != verdict.read(folder.path / VERDICT).get("failed", {}):
+        write_text(folder.path / VERDICT, verdict.text(content | {"failed": failed}))
 
 
 def figure_tables(folder: ResultsFolder, names: Iterable[str]) -> dict[str, pd.DataFrame]:

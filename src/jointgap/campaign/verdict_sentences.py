@@ -6,7 +6,7 @@ from typing import Any
 from jointgap.campaign.phrasing import effect_in_words, explanation_in_words, explanation_label_in_words, is_fault
 from jointgap.identification.confirmation import RISES, STAYS, HeldOutTest, share_closed
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.report.plain_words import joined, percent, rounded_gap
+from jointgap.report.plain_words import in_words, joined, percent, rounded_gap
 
 ENOUGH = ("no_disagreement", "parameters_only")
 """Verdicts by which the model meets the measurement with nothing added."""
@@ -45,8 +45,10 @@ def answer(verdict: Mapping[str, Any]) -> str:
 
 
 def left_out_in_words(verdict: Mapping[str, Any]) -> tuple[str, ...]:
-    """Which runs a verdict does not rest on, and why, a sentence each."""
-    return tuple(f"Run {left['run']} is left out: {left['because']}." for left in verdict.get("left_out", ()))
+    """Which runs a verdict does not rest on, and what could not be made beside it, and why, a sentence each."""
+    left = [f"Run {one['run']} is left out: {one['because']}." for one in verdict.get("left_out", ())]
+    failed = verdict.get("failed", {})
+    return (*left, *(f"{in_words(what)} could not be made: {why}." for what, why in failed.items()))
 
 
 def is_told_by_features(verdict: Mapping[str, Any], effects: Sequence[Mapping[str, Any]]) -> bool:

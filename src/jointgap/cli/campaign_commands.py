@@ -37,6 +37,9 @@ _OPTIONS = {
         need("--published", "JSON file to write: what was published where."),
     ),
 }
+_go_on = click.option(
+    "--go-on", is_flag=True, help="A stage that only adds to the verdict does not fail: the verdict says what it lacks."
+)
 _then = click.option(
     "--then",
     "further",
@@ -53,6 +56,17 @@ def _state(campaign: Path, folder: Path | None) -> "CampaignState":
     return CampaignState(campaign, folder)
 
 
+def _end_if_something_failed(state: "CampaignState") -> None:
+    """Exit code 3 and a line for each thing that could not be made beside the verdict."""
+    from jointgap.campaign.failures import failures
+
+    failed = failures(state.folder)
+    for what, why in failed.items():
+        click.echo(f"jointgap: failed: {what}: {why} (more: {state.folder.path / 'failed' / what}.txt)", err=True)
+    if failed:
+        raise SystemExit(3)
+
+
 def _check_part(part: int, parts: int) -> None:
     """InputError on a part that nobody would read."""
     from jointgap.errors import InputError
@@ -65,17 +79,27 @@ def _check_part(part: int, parts: int) -> None:
 
 
 def _stage_command(stage: Stage) -> None:
-    def command(campaign: Path, folder: Path | None, further: tuple[str, ...], **given: Any) -> str:
+    def command(campaign: Path, folder: Path | None, further: tuple[str, ...], go_on: bool, **given: Any) -> str:
         if "part" in given:
             _check_part(given["part"], given["parts"])
         state = _state(campaign, folder)
         stages = [CAMPAIGN_STAGES[stage.name], *(CAMPAIGN_STAGES[name] for name in further)]
         state.folder.check_writable(*(path for each in stages for path in each.outputs(given.get("part", 0))))
-        shown = [stages[0].function(state, **given), *(each.function(state) for each in stages[1:])]
+        adding = set(CAMPAIGN_STAGES) - {*CAMPAIGN_STAGES.needed_for("confirm"), "conclude"} if go_on else ()
+        shown = []
+        for each, options in zip(stages, [given, *({} for _ in further)], strict=True):
+            if each.name in adding:
+                from jointgap.stages.campaign_pipeline import run_if_possible
+
+                shown.append(run_if_possible(each, state, **options))
+            else:
+                shown.append(each.function(state, **options))
+        if stage.name == "conclude" and not go_on:
+            _end_if_something_failed(state)
         return "\n".join(filter(None, shown))
 
     add_command(
-        stage.name, stage.help, command, [_campaign, _folder, _then, *_OPTIONS.get(stage.name, ())], OF_CAMPAIGN
+        stage.name, stage.help, command, [_campaign, _folder, _then, _go_on, *_OPTIONS.get(stage.name, ())], OF_CAMPAIGN
     )
 
 
@@ -119,6 +143,7 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     analyse_campaign(campaign, state.folder.path, pictures=True, anyway=anyway)
     show(state)
     click.echo("\n".join(verdict_lines(state.folder.path)))
+    _end_if_something_failed(state)
 
 
 @cli.command()

@@ -1,18 +1,24 @@
-"""All stages of a campaign in one process."""
+"""All stages of a campaign in one process: first those from which the verdict is made, then those that add to it."""
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
+from jointgap import tables
 from jointgap.campaign import verdict
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
 from jointgap.campaign.conclude import conclude
+from jointgap.campaign.failures import noted
 from jointgap.campaign.state import CampaignState
 from jointgap.figures.campaign_catalogue import CATALOGUE
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.progress import followed
 from jointgap.slider_crank.settings import SliderCrankSettings
 from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
+from jointgap.stages.record import Stage
 from jointgap.tables import ADVICE, DECISION, LOOK_ALIKES, OPTIMUM, write_text
 from jointgap.tables.results_folder import ResultsFolder
 
@@ -61,28 +67,66 @@ def analyse(
         The model as it stands cannot be simulated.
     """
     state, seconds = CampaignState(Path(campaign), Path(folder), settings, model_settings), {}
-    stages = [stage for name, stage in CAMPAIGN_STAGES.items() if name not in _LEFT_OUT]
+    made_from = [CAMPAIGN_STAGES[name] for name in CAMPAIGN_STAGES.needed_for("confirm")]
+    adding = [stage for name, stage in CAMPAIGN_STAGES.items() if stage not in made_from and name not in _LEFT_OUT]
+    stages = [*made_from, *adding]
     written = (path for stage in (*stages, CAMPAIGN_STAGES["conclude"]) for path in stage.outputs())
     state.folder.check_writable(*written)
     _remove_conclusions(state.folder)
     # advice is sought where the verdict needs it
     options = {"measure": {"pictures": pictures}, "preflight": {"advice": False}, "noise": {"anyway": anyway}}
     for stage in followed(stages, "stages of the analysis"):
+        if stage is adding[0]:
+            _conclude_early(state, adding)
         begin = time.monotonic()
-        stage.function(state, **options.get(stage.name, {}))
+        own = options.get(stage.name, {})
+        _ = run_if_possible(stage, state, **own) if stage in adding else stage.function(state, **own)
         seconds[stage.name] = round(time.monotonic() - begin, 3)
     document = conclude(state) | {"seconds": seconds}
     write_text(state.folder.path / VERDICT, verdict.text(document))
     return document
 
 
+def _conclude_early(state: CampaignState, adding: Sequence[Stage]) -> None:
+    """Write the verdict as it stands before the stages that add to it, whatever becomes of these."""
+    for stage in adding:
+        _write_empty(stage, state)
+    conclude(state, advise=False)
+    for path in (path for stage in adding for path in stage.outputs()):
+        (state.folder.path / path).unlink()
+
+
+def run_if_possible(stage: Stage, state: CampaignState, **options: Any) -> str | None:
+    """Run a stage that only adds to the verdict: if it fails that is noted, and its tables are empty.
+
+    Parameters
+    ----------
+    stage : Stage
+    state : CampaignState
+    **options
+        Of the stage.
+    """
+    with noted(state.folder, stage.name):
+        return stage.function(state, **options)
+    _write_empty(stage, state)
+    return None
+
+
+def _write_empty(stage: Stage, state: CampaignState) -> None:
+    for table in stage.writes:
+        tables.write(table, pd.DataFrame(columns=table.names), state.folder.path / table.path)
+    for file in stage.files:
+        write_text(state.folder.path / file, f"# the stage {stage.name} could not write this\n")
+
+
 def _remove_conclusions(folder: ResultsFolder) -> None:
     """Remove what an earlier analysis came to: beside the tables of one that fails half-way it would pass for its
     result.
     """
-    tables = [folder.place(table) for table in (ADVICE, LOOK_ALIKES, OPTIMUM)]
-    tables += [folder.place(DECISION, stage) for stage in ("decide", "regress", "verdict")]
-    pages = [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]
+    places = [folder.place(table) for table in (ADVICE, LOOK_ALIKES, OPTIMUM)]
+    places += [folder.place(DECISION, stage) for stage in ("decide", "regress", "verdict")]
+    pages = [*(folder.path / "failed").glob("*.txt")]
+    pages += [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]
     figures = [folder.path / "figures" / f"{name}{ending}" for name in CATALOGUE for ending in _ENDINGS]
-    for path in (*tables, *pages, *figures):
+    for path in (*places, *pages, *figures):
         path.unlink(missing_ok=True)

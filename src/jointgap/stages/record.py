@@ -90,6 +90,16 @@ class Stages(dict[str, Stage]):
 
         return record
 
+    def needed_for(self, name: str) -> list[str]:
+        """The stage `name` and all whose tables it is made from, in their order; the others only add to it."""
+        wanted: set[str] = set()
+        needed: list[str] = []
+        for stage in reversed(self.values()):
+            if stage.name == name or not wanted.isdisjoint(table.path for table in stage.writes):
+                wanted |= {table.path for table in stage.reads}
+                needed.append(stage.name)
+        return needed[::-1]
+
     def written_by(self, *names: str) -> tuple[Table, ...]:
         """Tables that the stages `names` write."""
         return tuple(table for name in names for table in self[name].writes)
