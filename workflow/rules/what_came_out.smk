@@ -18,7 +18,9 @@ onsuccess:
         if ("campaign_conclude", name) in asked:
             folder = Path("results/campaigns", name)
             lines += ["", *verdict_lines(folder)]
-            failed += [f"campaign {name}: {what}: {why}" for what, why in failures(ResultsFolder(folder)).items()]
+            failed += [
+                f"campaign {name}: {what}: {why}" for what, why in failures(ResultsFolder(folder)).items()
+            ]
     if lines:
         logger.info("\n".join(["", *lines, ""]))
     if failed:

@@ -13,7 +13,7 @@ _FOLDER = "failed"
 
 @contextmanager
 def noted(folder: ResultsFolder, what: str) -> Iterator[None]:
-    """Around what only adds to a verdict: an error is noted under the name `what`, and the rest goes on."""
+    """Around what only adds to a verdict: an error is noted in the results `folder` as `what`, and the rest goes on."""
     place = folder.path / _FOLDER / f"{what}.txt"
     place.unlink(missing_ok=True)
     try:
