@@ -285,6 +285,33 @@ def test_a_campaign_can_be_read_and_tells_nothing_of_the_truth(tmp_path):
     assert set(measured.runs["run1"].channels) == set(truth["channels"])
 
 
+def test_a_share_of_the_cranks_follow_the_angle_that_was_read_and_all_else_of_a_set_stays():
+    plain, more = (plan_trials(chosen) for chosen in (MORE, MORE.model_copy(update={"measured_angle": 0.33})))
+    assert [replace(plan, measured_angle=False) for plan in more] == plain
+    assert not any(plan.measured_angle for plan in plain)
+    able = [plan for plan in more if plan.kind != "wiring" and "speed_fluctuation" not in plan.effects]
+    assert sum(plan.measured_angle for plan in more) == round(0.33 * len(able))
+    assert all(plan in able for plan in more if plan.measured_angle)
+
+
+def test_a_crank_that_follows_the_angle_read_has_an_encoder_with_its_noise_or_its_steps(tmp_path):
+    stated = set()
+    for number in range(4):
+        plan = TrialPlan("0123456789ab", number, "nothing", "ideal", 0.0, (), measured_angle=True)
+        truth = make_trial(plan, 5, tmp_path / str(number))
+        assert truth["drive"] == "measured_angle"
+        own = load_campaign(tmp_path / str(number) / "campaign.yaml")
+        encoder = own.channels["crank_angle"]
+        assert own.drive == "measured_angle"
+        assert "speed" not in own.nuisance
+        stated |= {key for key in ("noise", "resolution") if getattr(encoder, key)}
+        angle = read_measurements(own).runs["run1"].crank_angle
+        if encoder.resolution:
+            steps = angle / (encoder.resolution * own.factor("crank_angle"))
+            np.testing.assert_allclose(np.diff(steps), np.round(np.diff(steps)), atol=1e-3)
+    assert stated == {"noise", "resolution"}
+
+
 def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(tmp_path):
     plan = TrialPlan("0123456789ab", 2, "single", "ideal", 5.0, ("added_slider_mass",))
     truth = make_trial(plan, 11, tmp_path)

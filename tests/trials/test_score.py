@@ -414,7 +414,18 @@ def rows_of(*rows) -> pd.DataFrame:
     hidden = np.where(frame["kind"] == "clearance", "piston_pin_clearance", "gravity")
     hidden[frame["size"] == 0.0] = "nothing"
     baselines = dict.fromkeys(BASELINES, "not asked") | {"greedy": "wrong"}
-    return frame.assign(hidden=hidden, told=False, idle=False, named="gravity", **baselines, **numbers)
+    words = {"named": "gravity", "drive": "constant_speed"}
+    return frame.assign(hidden=hidden, told=False, idle=False, **words, **baselines, **numbers)
+
+
+def test_names_are_counted_by_drive_where_some_cranks_follow_the_angle_read():
+    named = ("single", "ideal", 5.0, 5.0, True, False, "named")
+    frame = rows_of((*named, "right"), (*named, "right"), (*named, "wrong"))
+    assert "drive measured_angle" not in set(rates(frame)["group"])
+    frame["drive"] = ["constant_speed", "measured_angle", "measured_angle"]
+    found = rates(frame).set_index(["what", "group"])["value"]
+    assert found["right name", "drive constant_speed"] == 1.0
+    assert found["right name", "drive measured_angle"] == 0.5
 
 
 def test_every_rate_counts_the_trials_that_it_says():

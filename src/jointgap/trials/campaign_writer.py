@@ -79,7 +79,8 @@ def write_campaign(rng: np.random.Generator, rig: VirtualRig, readings: Readings
     for channel, column in columns.items():
         entry = {"column": column, "unit": units[channel]}
         if channel == "crank_angle":
-            entry["noise"] = _rounded(rig.angle_noise * scale[channel])
+            stated = ("resolution", rig.angle_step) if rig.angle_step else ("noise", rig.angle_noise)
+            entry[stated[0]] = _rounded(stated[1] * scale[channel])
         elif rig.noise_is_stated:
             entry["noise"] = {
                 run: _rounded(reading[f"{channel} sd"] * scale[channel]) for run, reading in readings.items()
@@ -88,7 +89,7 @@ def write_campaign(rng: np.random.Generator, rig: VirtualRig, readings: Readings
     campaign = {
         "name": name,
         "mechanism": "mechanism.yaml",
-        "drive": "constant_speed",
+        "drive": rig.drive,
         "runs": runs,
         "channels": channel_entries,
         "nuisance": {key: _bounds_entry(rig, key) for key in rig.nuisance_bounds},

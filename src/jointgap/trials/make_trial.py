@@ -33,7 +33,14 @@ from jointgap.trials.size_calibration import (
     calibrate_size,
 )
 from jointgap.trials.trial_plan import CLEARANCES, TrialPlan
-from jointgap.trials.virtual_rig import VirtualRig, draw_rig, with_drawn_contact, with_drawn_damping, with_drawn_starts
+from jointgap.trials.virtual_rig import (
+    VirtualRig,
+    draw_rig,
+    with_drawn_contact,
+    with_drawn_damping,
+    with_drawn_starts,
+    with_measured_angle,
+)
 from jointgap.trials.wiring import NEED_ENCODER, damage_campaign
 
 _MOST_RIGS = 4
@@ -86,7 +93,7 @@ def make_trial(plan: TrialPlan, seed: int, folder: Path) -> dict:
         Of the kind ``exudyn``, and Exudyn is not installed.
     """
     rng = np.random.default_rng([seed, 1, plan.number])
-    draw = draw_trial(plan, rng, *(np.random.default_rng([seed, stream, plan.number]) for stream in (2, 4)))
+    draw = draw_trial(plan, rng, *(np.random.default_rng([seed, stream, plan.number]) for stream in (2, 4, 5)))
     read = _exudyn_readings if plan.kind == "exudyn" else _own_readings
     truth = {"id": plan.id, **_write_trial(plan, draw, rng, folder, *read(draw))}
     if plan.damage:
@@ -95,23 +102,30 @@ def make_trial(plan: TrialPlan, seed: int, folder: Path) -> dict:
 
 
 def draw_trial(
-    plan: TrialPlan, rng: np.random.Generator, unmeasured: np.random.Generator, contacts: np.random.Generator
+    plan: TrialPlan,
+    rng: np.random.Generator,
+    unmeasured: np.random.Generator,
+    contacts: np.random.Generator,
+    encoders: np.random.Generator | None = None,
 ) -> TrialDraw:
     """Draw rigs until one shows the effects of a plan as large as asked for.
 
     Parameters
     ----------
     plan : TrialPlan
-    rng, unmeasured, contacts : numpy.random.Generator
+    rng, unmeasured, contacts, encoders : numpy.random.Generator
         The second one draws how the runs begin and how contacts that last are damped, the third one the contacts of
-        joints that the model has as ideal, the first one all else.
+        joints that the model has as ideal, the fourth one encoders whose angle the crank follows, the first one all
+        else.
     """
     catalogue = OFF_LIST if plan.kind == "off_list" else LISTED
     film = [name.partition(":")[2] for name in plan.effects if name.startswith("lubricated_joint")]
-    encoder = "encoder_offset" in plan.effects or plan.damage in NEED_ENCODER
+    encoder = "encoder_offset" in plan.effects or plan.damage in NEED_ENCODER or plan.measured_angle
     for number in range(_MOST_RIGS):
         rig = with_drawn_starts(draw_rig(rng, plan.base, film[0] if film else plan.loose, encoder), unmeasured)
         rig = with_drawn_damping(rig, unmeasured)
+        if plan.measured_angle:
+            rig = with_measured_angle(rig, encoders)
         calibrator = (StatisticsSizeCalibrator if plan.base == "chaotic" else SizeCalibrator)(rig, rig.identify_runs)
         scales = rig.scales(calibrator.spread())
         effects = [_with_contact(rig, calibrator, catalogue[name](scales, rng), contacts) for name in plan.effects]
@@ -200,6 +214,7 @@ def _write_trial(
     idle = idle_effects(folder / "campaign.yaml", records)
     return {
         **_truth_record(plan, draw),
+        **({"drive": rig.drive} if plan.measured_angle else {}),
         "numerics": numerics,
         "numerics_gap": round(calibrator.numerics_gap(effects, clean), 3) if comparable else None,
         "difference": _base_difference(draw.rig, calibrator, effects) if repeats else None,
@@ -265,7 +280,8 @@ def _noisy_readings(
                     values[begin : begin + length] = np.nan
             readings |= {channel: values, f"{channel} sd": sd}
         if rig.angle_noise:
-            readings["crank_angle"] = clean[run]["crank_angle"] + rng.normal(0.0, rig.angle_noise, crank.times.size)
+            angle = clean[run]["crank_angle"] + rng.normal(0.0, rig.angle_noise, crank.times.size)
+            readings["crank_angle"] = np.round(angle / rig.angle_step) * rig.angle_step if rig.angle_step else angle
         noisy[run] = readings
     return noisy
 

@@ -61,6 +61,7 @@ _TEXT = {
     "kind": "nothing, single, pair, off_list, exudyn (nothing or single, by independent code), clearance (single), or "
     "wiring (the data damaged)",
     "base": "ideal joints, loose joints with friction, or a chaotic motion",
+    "drive": "of the campaign: constant_speed, or measured_angle",
     "hidden": "effects hidden; of the kind wiring: what was damaged, of which channel",
     "verdict": "verdict, or failed",
     "named": "effects named, or the verdict",
@@ -185,6 +186,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
         "id": truth["id"],
         "kind": truth["kind"],
         "base": truth["base"],
+        "drive": truth.get("drive", "constant_speed"),
         "size": truth["size"],
         "hidden": " + ".join(sorted(hidden)) or "nothing",
         "gap_caused": min(truth["gaps"]) if truth["gaps"] else math.nan,

@@ -1,7 +1,7 @@
 """Which trials a set holds: what is injected in each, decided by the set's seed before anything is simulated."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
 
@@ -11,9 +11,11 @@ from pydantic import Field
 from jointgap import counts
 from jointgap.config import read_yaml, validate
 from jointgap.config.names import Word
+from jointgap.effects import EFFECTS
 from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import JOINTS, PINS
 from jointgap.parts import parts
+from jointgap.quantities import Fraction
 from jointgap.section import Section
 from jointgap.slider_crank.sensor_faults import SENSOR_DELAY
 from jointgap.trials.injected_effects import DRAWN_APART, LISTED, OFF_LIST
@@ -24,6 +26,7 @@ TARGET_GAPS = (1.5, 5.0)
 
 _BASE_SHARES = {"ideal": 0.44, "loose": 0.44, "chaotic": 0.12}
 _NEED_LOOSE = ("lubricated_joint",)
+_NEED_CONSTANT_SPEED = {name for name, effect in EFFECTS.items() if effect.DRIVE == "constant"}
 
 EXUDYN_EFFECTS = (
     "gravity",
@@ -70,6 +73,9 @@ class TrialSet(Section):
     )
     delays: Trials = Field(0, description="a pure delay of a sensor injected, counted as single")
     wiring: Trials = Field(0, description="nothing injected, but the data are wired wrongly")
+    measured_angle: Fraction = Field(
+        0.0, description="share of these, those wired wrongly left out, whose crank follows the angle that was read"
+    )
     batch: Batch = Field(12, description="trials that one job runs, one after the other")
 
 
@@ -101,6 +107,8 @@ class TrialPlan:
         Of the kind wiring: how the data are damaged, one of `jointgap.trials.wiring.DAMAGES`; else empty.
     loose : str
         A joint that has to be loose in the analyst's model; empty where it may be any.
+    measured_angle : bool
+        Whether the analyst's crank follows the angle that was read, instead of a constant speed.
     """
 
     id: str
@@ -111,6 +119,7 @@ class TrialPlan:
     effects: tuple[str, ...]
     damage: str = ""
     loose: str = ""
+    measured_angle: bool = False
 
 
 def read_sets(path: Path | str) -> dict[str, TrialSet]:
@@ -159,7 +168,11 @@ def plan_trials(chosen: TrialSet) -> list[TrialPlan]:
     bases = _draw_bases(np.random.default_rng([chosen.seed, 5]), chosen.delays)
     drawn += [("single", base, TARGET_GAPS[trial % 2], (SENSOR_DELAY,)) for trial, base in enumerate(bases)]
     order = rng.permutation(len(drawn))
-    return [TrialPlan(_identifier(chosen.seed, number), number, *drawn[index]) for number, index in enumerate(order)]
+    plans = [TrialPlan(_identifier(chosen.seed, number), number, *drawn[index]) for number, index in enumerate(order)]
+    able = [p.number for p in plans if p.kind != "wiring" and not set(p.effects) & _NEED_CONSTANT_SPEED]
+    of_drives = np.random.default_rng([chosen.seed, 6])
+    measured = set(of_drives.permutation(able)[: round(chosen.measured_angle * len(able))])
+    return [replace(p, measured_angle=p.number in measured) for p in plans]
 
 
 def plan_batch(chosen: TrialSet, batch: int) -> list[TrialPlan]:

@@ -142,9 +142,13 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def _by_group(what: str, trials: pd.DataFrame, outcome: str) -> list[dict]:
-    """The share of an outcome in all trials, by base, by gap, and in those from Exudyn."""
+    """The share of an outcome in all trials, by base, by drive, by gap, and in those from Exudyn."""
     groups = {"all": trials}
     groups |= {f"base {base}": trials[trials["base"] == base] for base in BASES}
+    measured = trials["drive"] == "measured_angle"
+    groups |= (
+        {"drive constant_speed": trials[~measured], "drive measured_angle": trials[measured]} if any(measured) else {}
+    )
     larger = trials["gap_caused"] > (1 + 2 * GAP_TOLERANCE) * trials["size"]
     sizes = sorted(set(trials["size"]) - {0.0})
     groups |= {f"gap {size:g}": trials[(trials["size"] == size) & ~larger] for size in sizes}

@@ -83,6 +83,10 @@ class VirtualRig:
         Whether the campaign file says how noisy the channels are.
     numerics : Numerics
         By which the data are simulated.
+    angle_step : float
+        Of the encoder, where the campaign file states that in place of its noise; else 0.
+    drive : str
+        Of the campaign file.
     """
 
     base: str
@@ -97,6 +101,8 @@ class VirtualRig:
     angle_noise: float
     noise_is_stated: bool
     numerics: Numerics
+    angle_step: float = 0.0
+    drive: str = "constant_speed"
 
     @property
     def loose(self) -> tuple[str, ...]:
@@ -340,6 +346,27 @@ def with_drawn_damping(rig: VirtualRig, rng: np.random.Generator) -> VirtualRig:
     reach = math.log(_DAMPING_FACTOR)
     values = {f"lasting_damping_{joint}": float(rng.uniform(-reach, reach)) for joint in rig.loose}
     return replace(rig, true=with_nuisances(rig.true, values), nuisance_values=rig.nuisance_values | values)
+
+
+def with_measured_angle(rig: VirtualRig, rng: np.random.Generator) -> VirtualRig:
+    """The rig, whose analyst lets the crank follow what the encoder reads: noisy, or in half of the rigs in steps.
+
+    A crank that turns as it was read needs an encoder that is good for that: 0.01 to 0.06 degrees, or 1000 to 10 000
+    steps a turn with little noise between them. Its speed is no nuisance.
+
+    Parameters
+    ----------
+    rig : VirtualRig
+    rng : numpy.random.Generator
+        Of its own, so that what else is drawn of a trial does not depend on it.
+    """
+    noise, step = math.radians(rng.uniform(0.01, 0.06)), 0.0
+    if rng.random() < 0.5:
+        step = 2 * math.pi / int(rng.choice([1000, 2000, 3600, 10_000]))
+        noise = step * rng.uniform(0.02, 0.1)
+    bounds = {key: own for key, own in rig.nuisance_bounds.items() if key != "speed"}
+    changed = {"nuisance_bounds": bounds, "angle_noise": noise, "angle_step": step, "drive": "measured_angle"}
+    return replace(rig, **changed)
 
 
 def with_drawn_contact(rig: VirtualRig, effect: InjectedEffect, rng: np.random.Generator) -> InjectedEffect:
