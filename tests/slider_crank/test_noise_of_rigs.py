@@ -88,6 +88,18 @@ def test_each_channel_of_loggers_that_were_joined_has_its_own_rate_noise_and_mem
     assert problem.gap(problem.residual({p.key: p.nominal for p in problem.nuisances})) == pytest.approx(1.0, abs=0.06)
 
 
+def test_errors_of_a_driving_angle_are_told_at_the_own_rows_of_each_channel():
+    own = campaign(mechanism(), ("time", "crank_angle", "crank_torque"), drive="measured_angle")
+    rng, runs = np.random.default_rng(5), recorded(own, kept=5, per_turn=90).runs
+    for one in runs.values():
+        one.channels["crank_torque"][np.arange(one.time.size) % 3 > 0] = np.nan
+        one.crank_angle[:] += np.deg2rad(0.05) * rng.standard_normal(one.time.size)
+    model = build_model(own, Measurements(runs))
+    series = next(s for s in model.series if s.run == "slow")
+    assert series.value.size == np.isfinite(series.value).sum() == 151
+    assert model.drive_errors("slow", model.nominal("slow"))["crank_torque"].shape[0] == 151
+
+
 def test_gaps_of_a_channel_at_its_own_rate_stay_gaps():
     own = campaign(mechanism(), ("time", "crank_angle", "crank_torque"))
     runs = recorded(own, kept=4, per_turn=90).runs

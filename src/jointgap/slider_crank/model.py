@@ -155,8 +155,8 @@ class SliderCrankModel:
         plan = replace(plan, channels=tuple(channel for channel in plan.channels if channel not in self.chaotic(run)))
         if plan.measured is None or not plan.channels:
             return {}
-        usual = channels_read(self.campaign, plan, values)
-        moved = [channels_read(self.campaign, replace(plan, measured=each), values) for each in plan.measured.moved]
+        usual = self._read(plan, values)
+        moved = [self._read(replace(plan, measured=each), values) for each in plan.measured.moved]
         return {
             channel: np.array([each[channel] - usual[channel] for each in moved]).reshape(-1, usual[channel].size).T
             for channel in usual
@@ -207,11 +207,17 @@ class SliderCrankModel:
         sampled = tuple(channel for channel in plan.channels if channel not in self.chaotic(run))
         read = {}
         if sampled:
-            whole = channels_read(self.campaign, replace(plan, channels=sampled), values, effects, numerics)
-            read = {channel: value[self._rows[run, channel]] for channel, value in whole.items()}
+            read = self._read(replace(plan, channels=sampled), values, effects, numerics)
         if chaotic is not None:
             statistics = simulated_statistics(self.campaign, chaotic, values, effects, numerics)
             sizes = {series.channel: series.value.size for series in self.series if series.run == run}
             # the same for the samples for fitting and for those held out
             read |= {name: np.tile(bins, sizes[name] // bins.size) for name, bins in statistics.items()}
         return read
+
+    def _read(
+        self, plan: RunPlan, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
+    ) -> dict[str, np.ndarray]:
+        """What the sensors read, each at its own rows."""
+        read = channels_read(self.campaign, plan, values, effects, numerics)
+        return {channel: value[self._rows[plan.run.id, channel]] for channel, value in read.items()}
