@@ -91,6 +91,7 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "certain": [],
         "separated_by": "A faster run.",
         "best_known": None,
+        "interval_factor": 1.0,
         "held_out_test": "falls",
         "held_out_features": None,
         "doubted_channels": [],

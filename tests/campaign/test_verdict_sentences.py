@@ -95,7 +95,7 @@ def test_an_effect_and_a_fault_of_a_sensor_are_both_taken_into_account():
     assert answer(NAMED | {"effects": [COULOMB, BIAS]}) == (
         "Missing in the model is Coulomb friction of the slider, and the measurement has a fault: a bias of "
         "the sensor of "
-        "crank torque (0.5 N m). With this taken into account the model meets the measurement within the noise."
+        "crank torque (0.5000 N m). With this taken into account the model meets the measurement within the noise."
     )
 
 
@@ -203,7 +203,7 @@ def test_held_out_runs_that_cannot_be_simulated_are_all_told_with_their_reasons(
 
 def test_a_fault_alone_lies_in_the_measurement_and_two_effects_are_in_the_plural():
     assert answer(NAMED | {"effects": [BIAS]}) == (
-        "The fault lies in the measurement, not in the mechanism: a bias of the sensor of crank torque (0.5 N m). "
+        "The fault lies in the measurement, not in the mechanism: a bias of the sensor of crank torque (0.5000 N m). "
         "With this taken into account the model meets the measurement within the noise."
     )
     assert answer(NAMED | {"effects": [COULOMB, WEIGHT]}) == (
@@ -236,8 +236,8 @@ def unproven(test="falls", **changed):
 
 def test_where_an_explanation_is_best_but_not_proven_the_headline_does_not_say_that_there_is_none():
     assert answer(unproven()) == (
-        "Something is missing, and what it is is not proven. The best explanation known is Coulomb friction of the "
-        "slider (21.3 N). No effect was added to the model."
+        "Something is missing, and it is not proven what. 56 % of what exceeds the noise is explained by Coulomb "
+        "friction of the slider (21.30 N). No effect was added to the model."
     )
 
 

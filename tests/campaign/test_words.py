@@ -4,7 +4,9 @@ import pytest
 
 from jointgap.campaign.phrasing import (
     effect_in_words,
+    estimate_row,
     explanation_in_words,
+    headline,
     label_in_words,
     parameter_rows,
     place_of,
@@ -24,10 +26,10 @@ def test_every_effect_of_the_catalogue_has_words(name):
 @pytest.mark.parametrize(
     ("value", "error", "shown"),
     [
-        (15.707781, 2.178e-4, ("15.70778", "0.00022")),
+        (15.707781, 2.178e-4, ("15.71", "0.00022")),
         (-0.04, 3.0, ("-0.040", "3.0")),
         (1234.5, 98.0, ("1234", "98")),
-        (2000.0, 1e3, ("2.0e+03", "1.0e+03")),
+        (2000.0, 1e3, ("2000", "1.0e+03")),
         (12345.0, 98.0, ("12345", "98")),
         (12.0, 10.0, ("12", "10")),
         (2.5, None, ("2.5", "–")),
@@ -87,7 +89,7 @@ def test_a_bias_is_in_the_unit_of_its_channel_and_all_else_in_that_of_the_catalo
 
 def test_a_parameter_without_an_interval_has_a_dash_there():
     effect = {"name": "sensor_bias", "site": "crank_torque", "parameters": {"bias": {"value": 0.5}}}
-    assert parameter_rows([effect]) == (("bias", "0.5 N m", "–", "–"),)
+    assert parameter_rows([effect]) == (("bias", "0.5 N m", "–", ""),)
 
 
 def test_an_effect_that_is_not_in_the_catalogue_keeps_its_name():
@@ -166,9 +168,31 @@ def test_a_row_of_a_parameter_has_the_digits_of_its_error_in_the_value_and_at_bo
         {"name": "added_slider_mass", "site": "slider", "parameters": {"mass_kg": bound}},
     ]
     assert parameter_rows(effects) == (
-        ("Coulomb friction of the slider: force of friction", "21.30 N", "0.40", "20.60 to 22.00"),
-        ("a slider mass other than nominal: mass beyond nominal", "9 kg", "at its bound", "–"),
+        ("Coulomb friction of the slider: force of friction", "21.30 N", "20.60 to 22.00", ""),
+        ("a slider mass other than nominal: mass beyond nominal", "9 kg", "–", "at its bound"),
     )
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "shown"),
+    [(0.003048, "s", "3.048 ms"), (0.0021983, "s", "2.198 ms"), (5.05e-5, "m", "50.50 µm"), (5e-4, "m", "0.5000 mm")],
+)
+def test_small_times_and_lengths_stand_in_units_that_need_no_zeros(value, unit, shown):
+    estimate = {"value": value, "sd": 1e-3 * value, "interval_90": [0.99 * value, 1.01 * value]}
+    assert estimate_row("", estimate, unit)[1] == shown
+
+
+def test_of_sizes_of_one_kind_the_surest_leads_the_headline():
+    crank = {"value": -7.2e-5, "sd": 5e-5, "interval_90": [-1.5e-4, 1e-5]}
+    rod = {"value": 2.02e-3, "sd": 3e-5, "interval_90": [1.97e-3, 2.07e-3]}
+    lengths = {"name": "link_length_error", "site": "crank and rod", "parameters": {"crank_m": crank, "rod_m": rod}}
+    assert headline([lengths]).endswith("rod's length beyond nominal 2.020 mm (90 % interval 1.970 to 2.070)")
+
+
+def test_a_size_at_its_bound_is_called_so_in_the_headline():
+    bound = {"value": 1.13, "sd": None, "interval_90": [0.015, 1.13], "remark": "at its bound"}
+    friction = {"name": "slider_coulomb_friction", "site": "slider", "parameters": {"force_N": bound}}
+    assert headline([friction]).endswith("1.13 N (at its bound; 90 % interval 0.01 to 1.13)")
 
 
 def test_what_grows_in_one_scenario_is_not_said_to_fall():

@@ -14,6 +14,7 @@ from jointgap.identification.estimates import (
     CHANGES_NOTHING,
     HALF_WIDTHS,
     NOT_ESTIMATED,
+    determined_values,
     effect_estimates,
     estimate_with_interval,
     nuisance_estimates,
@@ -225,3 +226,15 @@ def test_the_settings_of_a_problem_reach_its_intervals():
     assert effect_estimates(replace(cut_off, settings=settings), candidate)["coefficient"]["interval_90"][0] < 0.0
     model = toy(seed=1)
     assert fit_hypothesis(Problem(model, stated_noise(model), settings=settings)).settings is settings
+
+
+def test_only_parameters_that_the_data_determine_are_taken_over():
+    mass = Parameter("slider_mass", 0.5, 0.4, 0.6)
+    restitution = Parameter("restitution", 0.5, 0.2, 0.795)
+    friction = Parameter("joint_friction", 0.1, 0.05, 0.15)
+    force = Candidate("push", "slider", (Parameter("force_N", 0.0, -50.0, 50.0),), ("force_N",))
+    errors = np.diag([0.002, 0.05, 0.2, 0.1]) ** 2  # of the friction anything is possible
+    fit = fit_of(force, 0.447, 0.795, 0.12, 2.5, nuisances=(mass, restitution, friction), covariance=errors)
+    values = determined_values(fit)
+    assert values["slider_mass"] == 0.447 and values["push.force_N"] == 2.5
+    assert values["restitution"] == 0.5 and values["joint_friction"] == 0.1

@@ -9,7 +9,7 @@ from typing import Any
 from jointgap.api.result import Result, Row
 from jointgap.campaign import verdict as documents
 from jointgap.campaign.campaign_files import MECHANISM, VERDICT
-from jointgap.campaign.phrasing import effect_in_words, parameter_rows, unit_of
+from jointgap.campaign.phrasing import effect_in_words, parameter_rows, sure_value, unit_of
 from jointgap.campaign.verdict_sentences import answer
 from jointgap.config import Mechanism, load_mechanism, read_yaml
 from jointgap.config.load import load_campaign
@@ -149,8 +149,7 @@ class Verdict(Result):
 
     def _rows(self) -> list[Row]:
         rows: list[Row] = [("verdict", in_words(self.kind), "")]
-        for name, value, _, interval in parameter_rows(self.document["effects"]):
-            rows.append((name, value if interval == "–" else f"{value} (90 % interval {interval})", ""))
+        rows += [(name, sure_value(*row), "") for name, *row in parameter_rows(self.document["effects"])]
         rows += [
             (f"explanation {place}", joined(map(effect_in_words, effects)), "")
             for place, effects in enumerate(self.document["equivalent"], 1)

@@ -16,7 +16,8 @@ from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import validate
 from jointgap.errors import InputError
-from jointgap.identification.estimates import effect_estimates
+from jointgap.identification.estimates import determined_values, effect_estimates, is_determined
+from jointgap.identification.protocol import Parameter
 from jointgap.report.plain_words import nuisance_in_words
 from jointgap.slider_crank import augmented_mechanism
 
@@ -24,7 +25,8 @@ _WIDTH = 110  # [characters] of a line of YAML: short lists stay on one
 
 
 def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechanism]:
-    """The recalibrated mechanism without and with the effects of the verdict.
+    """The recalibrated mechanism without and with the effects of the verdict; parameters that the data do not determine
+    stay as stated.
 
     Parameters
     ----------
@@ -37,9 +39,9 @@ def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechani
         Values that make the mechanism impossible.
     """
     chosen = outcome.chosen
-    augmented = augmented_mechanism(campaign.mechanism, chosen.hypothesis, chosen.mapping)
+    augmented = augmented_mechanism(campaign.mechanism, chosen.hypothesis, determined_values(chosen))
     plain = outcome.base if chosen.hypothesis else chosen
-    return augmented_mechanism(campaign.mechanism, (), plain.mapping), augmented
+    return augmented_mechanism(campaign.mechanism, (), determined_values(plain)), augmented
 
 
 def augment(campaign: Campaign, outcome: Outcome, text: Mapping[str, Any] | None = None) -> tuple[str, pd.DataFrame]:
@@ -89,7 +91,7 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
     chosen = outcome.chosen
     lines = [f"The mechanism of campaign {campaign.name} with what was found: {outcome.verdict.replace('_', ' ')}."]
     lines += [
-        _line(estimate_row(nuisance_in_words(p.key), estimate, p.unit))
+        _line(estimate_row(nuisance_in_words(p.key), estimate, p.unit)) + _kept(p, estimate)
         for p, estimate in nuisances_as_read(chosen, clockwise(campaign))
     ]
     for candidate in chosen.hypothesis:
@@ -101,14 +103,16 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
             lines.append(_line(estimate_row(words, estimate, unit)) + note)
     return [
         *lines,
-        "Values that belong to one run, and standard errors, are for reading only. A number without a unit is SI.",
+        "Values that belong to one run, and intervals, are for reading only. A number without a unit is SI.",
     ]
+
+
+def _kept(parameter: Parameter, estimate: Mapping[str, Any]) -> str:
+    return "" if parameter.run or is_determined(parameter, estimate) else ": not taken over"
 
 
 def _line(row: tuple[str, str, str, str]) -> str:
     """A row of an estimate as a comment."""
-    name, value, error, interval = row
+    name, value, interval, remark = row
     sure = f", 90 % interval {interval}" if interval != "–" else ""
-    return (
-        f"{name}: {value}, standard error {error}{sure}" if error[:1].isdigit() else f"{name}: {value} ({error}){sure}"
-    )
+    return f"{name}: {value}{sure}" + (f" ({remark})" if remark else "")

@@ -1,5 +1,6 @@
 """Effects, their parameters and places of disagreement in words."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -77,13 +78,11 @@ def _values(effect: Mapping[str, Any]) -> str:
 
 def _value(effect: Mapping[str, Any], name: str) -> str:
     """The value of a parameter with its unit."""
-    value = effect["parameters"][name]["value"]
-    unit, factor = reading_unit(unit_of(effect["name"], effect["site"], name))
-    return with_unit(number(value if isinstance(value, str) else factor * value), unit_in_words(unit))
+    return estimate_row("", effect["parameters"][name], unit_of(effect["name"], effect["site"], name))[1]
 
 
 def headline(effects: Sequence[Mapping[str, Any]]) -> str:
-    """Effects of a verdict, each with its first number and the interval of that.
+    """Effects of a verdict, each with the number that is surest and the interval of that.
 
     ``Coulomb friction of the slider, 5.000 N (90 % interval 4.997 to 5.004)``; of a law its formula.
     """
@@ -93,13 +92,24 @@ def headline(effects: Sequence[Mapping[str, Any]]) -> str:
 def _first_number(effect: Mapping[str, Any]) -> str:
     if formula := effect["parameters"].get("formula"):
         return f": {formula['value']}"
-    numeric = (name for name, own in effect["parameters"].items() if isinstance(own["value"], int | float))
-    if (first := next(numeric, None)) is None:
+    parameters, units = effect["parameters"], {}
+    for name, own in parameters.items():
+        if isinstance(own["value"], int | float):
+            units[name] = unit_of(effect["name"], effect["site"], name)
+    if not units:
         return ""
-    unit = unit_of(effect["name"], effect["site"], first)
-    _, value, error, interval = estimate_row("", effect["parameters"][first], unit)
-    sure = f"90 % interval {interval}" if interval != "–" else error
-    return f", {value}" + (f" ({sure})" if sure != "–" else "")
+    first = next(iter(units))
+    alike = [name for name, unit in units.items() if unit == units[first]]  # sizes of one kind: the surest leads
+    leads = max(alike, key=lambda name: abs(parameters[name]["value"]) / (parameters[name].get("sd") or math.inf))
+    _, value, interval, remark = estimate_row("", parameters[leads], units[leads])
+    named = "" if leads == first else f"{_named_parameter(effect, leads)} "
+    return f", {named}{sure_value(value, interval, remark)}"
+
+
+def sure_value(value: str, interval: str, remark: str = "") -> str:
+    """``5.93 N (90 % interval 5.89 to 5.98)``; ``0.8 (at its bound; 90 % interval 0.71 to 0.8)``."""
+    sure = [*([remark] if remark else []), *([f"90 % interval {interval}"] if interval != "–" else [])]
+    return f"{value} ({'; '.join(sure)})" if sure else value
 
 
 def parameter_in_words(effect: str, name: str) -> str:
@@ -144,8 +154,8 @@ def unit_of(name: str, site: str, parameter: str) -> str:
 
 
 def parameter_rows(effects: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], ...]:
-    """Parameter, value with unit, standard error and 90 % interval of every effect of a verdict; with several effects
-    the parameter with its effect.
+    """Parameter, value with unit, 90 % interval and remark of every effect of a verdict; with several effects the
+    parameter with its effect.
     """
     return tuple(
         estimate_row(
@@ -161,19 +171,22 @@ def parameter_rows(effects: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...
 
 
 def estimate_row(name: str, estimate: Mapping[str, Any], unit: str) -> tuple[str, str, str, str]:
-    """A parameter's `name`, value with unit, standard error or a remark why there is none, and 90 % interval.
+    """A parameter's `name`, value with unit, 90 % interval, and a remark where one is due.
 
-    `estimate` is one of ``verdict.json``, in the SI `unit`; it is shown in the one that is read best.
+    `estimate` is one of ``verdict.json``, in the SI `unit`; it is shown in the one that is read best. The interval is
+    the one measure of doubt that is shown: about a bound a standard error would reach beyond it.
     """
-    unit, factor = reading_unit(unit)
+    ends = estimate.get("interval_90") or (None, None)
+    known = [abs(own) for own in (estimate["value"], *ends) if isinstance(own, int | float)]
+    unit, factor = reading_unit(unit, max(known, default=None))
     value, error, *ends = (
-        factor * own if isinstance(own, int | float) else own
-        for own in (estimate["value"], estimate.get("sd"), *(estimate.get("interval_90") or (None, None)))
+        factor * own if isinstance(own, int | float) else own for own in (estimate["value"], estimate.get("sd"), *ends)
     )
-    digits, spread = with_error(value, error)
+    if error is None and None not in ends:
+        error = (ends[1] - ends[0]) / 4.0  # for the digits alone
     shown = ["–" if end is None else with_error(end, error)[0] for end in ends]
     interval = "–" if ends == [None, None] else " to ".join(shown)
-    return name, with_unit(digits, unit_in_words(unit)), estimate.get("remark", spread), interval
+    return name, with_unit(with_error(value, error)[0], unit_in_words(unit)), interval, estimate.get("remark", "")
 
 
 def shown_size(label: str, parameter: str, size: float, unit: str, falls: bool) -> str:
@@ -182,7 +195,7 @@ def shown_size(label: str, parameter: str, size: float, unit: str, falls: bool) 
     """
     effect = label.partition(":")[0]
     name = f"{parameter_in_words(effect, parameter)} " if len(_units(effect)) > 1 else ""
-    unit, factor = reading_unit(unit)
+    unit, factor = reading_unit(unit, size)
     return f"{name}{'up to ' * falls}{with_unit(number(factor * size), unit_in_words(unit))}"
 
 

@@ -21,7 +21,7 @@ from scipy.stats import norm
 from jointgap.campaign import verdict as verdict_file
 from jointgap.campaign.campaign_files import VERDICT
 from jointgap.campaign.config_snapshot import check_unchanged, config_snapshot
-from jointgap.campaign.phrasing import label_in_words, unit_of
+from jointgap.campaign.phrasing import label_in_words, parameter_in_words, unit_of
 from jointgap.campaign.state import FALSE_ALARM_RATE
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import load_campaign
@@ -343,7 +343,7 @@ def _page(sizes: pd.DataFrame, growth: pd.DataFrame) -> Page:
         blocks += [Paragraph(f"{growth_in_words(row)}.", strong=True), *_widened(row)]
         factor, unit = SHOWN_UNITS.get(row["unit"], (1.0, row["unit"]))
         own = sizes[(sizes["label"] == row["label"]) & (sizes["parameter"] == row["parameter"])]
-        size = f"{row['parameter']} [{unit}]"
+        size = f"{parameter_in_words(row['label'].partition(':')[0], row['parameter'])} [{unit}]"
         intervals = (f"{level} % interval" for level in LEVELS)
         heads = ("date", "campaign", size, *intervals, "from", "smallest that shows", "why it does not count")
         lines = tuple(_line(line, factor) for line in own.to_dict("records"))

@@ -12,7 +12,7 @@ from jointgap.campaign.tables_of_identification import JOINED, Outcome, gap_of
 from jointgap.errors import InputError
 from jointgap.identification.confirmation import held_out_test
 from jointgap.identification.decide_verdict import certain_effects
-from jointgap.identification.estimates import coordinate_estimate, effect_estimates
+from jointgap.identification.estimates import coordinate_estimate, effect_estimates, is_determined
 from jointgap.identification.fit import MATCHED, Fit
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of
@@ -83,6 +83,7 @@ def document(
         "certain": effects(outcome.equivalent[0], gains, certain) if certain else [],
         "separated_by": separated_by,
         "best_known": _best_known(outcome, gaps, gains),
+        "interval_factor": (outcome.proposed or outcome.chosen).scale,
         "held_out_test": test and test.outcome,
         "held_out_features": test and test.features and dict(zip(("before", "after"), test.features, strict=True)),
         "doubted_channels": list(doubted_channels),
@@ -207,10 +208,18 @@ def _with_families(named: list[dict[str, Any]], families: pd.DataFrame | None) -
         left |= {"interval_99": [row.low, row.high], "named": not row.alone}
         found.setdefault(row.effect if row.fits else row.law, []).append(left)
 
-    def own(effect: dict[str, Any]) -> list[dict[str, Any]]:
-        return found.get(effect["name"], found.get(f"{effect['name']}:{effect['site']}", []))
+    def with_own(effect: dict[str, Any]) -> dict[str, Any]:
+        own = found.get(effect["name"], found.get(f"{effect['name']}:{effect['site']}", []))
+        if not own:
+            return effect
+        # a shape that is a parameter too has one 99 % interval, that of its family
+        parameters = dict(effect["parameters"])
+        for family in own:
+            if (shape := family["shape"]) in parameters and family["law"] == effect["name"]:
+                parameters[shape] = parameters[shape] | {"interval_99": family["interval_99"]}
+        return effect | {"parameters": parameters, "families": own}
 
-    return [effect | ({"families": own(effect)} if own(effect) else {}) for effect in named]
+    return [with_own(effect) for effect in named]
 
 
 def _close(outcome: Outcome) -> list[list[str]]:
@@ -228,7 +237,10 @@ def _gains(outcome: Outcome) -> dict[str, float]:
 
 
 def _nuisances(fit: Fit, clockwise: Collection[str]) -> dict[str, dict[str, Any]]:
-    return {p.key: estimate for p, estimate in nuisances_as_read(fit, clockwise)}
+    return {
+        p.key: estimate | ({} if is_determined(p, estimate) else {"kept": True})
+        for p, estimate in nuisances_as_read(fit, clockwise)
+    }
 
 
 def _finite(value: Any) -> Any:

@@ -50,7 +50,7 @@ _MOST_WINDOWS = 5  # the largest disagreements; the map shows all
 
 _WHEN = {"base": "before", "augmented": "after"}
 
-_PARAMETER_HEADS = ("parameter", "value", "standard error", "90 % interval")
+_PARAMETER_HEADS = ("parameter", "value", "90 % interval", "")
 
 _IN_EVERY_FIT = ("first_angle", "friction_speed", "lasting_damping")
 """How names of parameters begin that a fit has though nobody listed them."""
@@ -110,18 +110,26 @@ def page(
 def title(verdict: Mapping[str, Any]) -> str:
     """The answer in a line, with its number and interval."""
     if verdict["effects"]:
-        return _capital(headline(verdict["effects"]))
+        return _capital(headline(verdict["effects"]) + _widened(verdict))
     best = verdict["best_known"]
+    share = best and best["explained_share"]
+    part = "in part" if share is None else f"in part ({percent(share, 0)})"
     return {
         "no_disagreement": "Nothing is missing that these data could show",
         "parameters_only": "Nothing is missing: other values of uncertain parameters meet the measurement",
         "ambiguous": f"Something is missing: {len(verdict['equivalent'])} explanations fit equally well",
     }.get(
         verdict["verdict"],
-        f"Something is missing; not proven: {headline(best['effects'])}"
+        f"Something is missing; explained {part}: {headline(best['effects'])}{_widened(verdict)}"
         if best
         else "Something is missing that none of the effects tried explains",
     )
+
+
+def _widened(verdict: Mapping[str, Any]) -> str:
+    """That intervals are wider than noise makes them, where that is worth a word."""
+    factor = verdict.get("interval_factor", 1.0)
+    return f"; more than noise is left, so intervals are {factor:.1f} times as wide" if factor >= 1.1 else ""
 
 
 def _figure(name: str) -> FigureBlock:
@@ -136,7 +144,7 @@ def _answer(verdict: Mapping[str, Any]) -> list[Block]:
         blocks.append(Paragraph(_capital(without_code_names(reason)) + "."))
     if says := best_known_in_words(verdict):
         shown = parameter_rows(verdict["best_known"]["effects"])
-        blocks.append(Paragraph("The best explanation known, which is not proven:"))
+        blocks.append(Paragraph("The best explanation, which explains a part and is not proven:"))
         blocks += [TableBlock(_PARAMETER_HEADS, shown)] if shown else []
         blocks.append(Bullets(says))
     if verdict["verdict"] == "ambiguous":
@@ -410,7 +418,20 @@ def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
         TableBlock(_PARAMETER_HEADS, rows),
         *([Paragraph(_borne_out(verdict))] if verdict["verdict"] == "parameters_only" else []),
         *([Paragraph(text)] if (text := _at_bounds_beside_a_name(verdict)) else []),
+        *([Paragraph(text)] if (text := _not_taken_over(verdict)) else []),
     ]
+
+
+def _not_taken_over(verdict: Mapping[str, Any]) -> str:
+    """Which shared parameters keep their stated value in the mechanism file; empty where none does."""
+    kept = [key for key, estimate in verdict["nuisances"].items() if "@" not in key and estimate.get("kept")]
+    if not kept:
+        return ""
+    one = len(kept) == 1
+    return (
+        f"These data do not determine {_parameters_in_words(kept)}: `{MECHANISM}` keeps the "
+        f"{'value' if one else 'values'} that you stated."
+    )
 
 
 def _unit_of_nuisance(key: str) -> str:
@@ -444,8 +465,8 @@ def _borne_out(verdict: Mapping[str, Any]) -> str:
     if inside:
         says.append(
             f"The data bear out {_parameters_in_words(inside)}: fitted inside "
-            f"{'its range' if len(inside) == 1 else 'their ranges'}, with the standard error above. "
-            "Take over those whose error is smaller than what you knew of them."
+            f"{'its range' if len(inside) == 1 else 'their ranges'}, with the interval above. "
+            "Take over those whose interval is narrower than what you knew of them."
         )
     if at_bound:
         one = len(at_bound) == 1
@@ -558,7 +579,7 @@ def _next_steps(verdict: Mapping[str, Any]) -> list[Block]:
             "should move with it."
             if physical
             else "",
-            "A small rest is left: the map of disagreement shows where."
+            "A rest is left: the map of disagreement shows where."
             if verdict["verdict"] == "named_with_remaining_misfit"
             else "",
         ]

@@ -77,10 +77,9 @@ def _closed(verdict: Mapping[str, Any], unmet: str) -> str:
         )
     part = "most" if share_closed(before, after) > _MOST_LEFT else "part"
     where = " on the data used for fitting" if unmet else ""
-    return (
-        f"This closes {part} of the gap{where}, but not all: a small rest is left that none of the effects tried "
-        "explains."
-    )
+    left = max(after, confirmed or 0.0)
+    rest = "a small rest" if left < _DECISION.max_gap_held_out else f"a gap of {rounded_gap(left)}"
+    return f"This closes {part} of the gap{where}, but not all: {rest} is left that none of the effects tried explains."
 
 
 def _certain(certain: Sequence[Mapping[str, Any]]) -> str:
@@ -103,8 +102,10 @@ def _unexplained(verdict: Mapping[str, Any]) -> str:
             "Something is missing, and it is none of the effects tried: the model and the measurement disagree by more "
             "than the noise, and no explanation holds."
         )
+    share = best["explained_share"]
+    part = "A part" if share is None else f"{percent(share, 0)} of what exceeds the noise"
     return (
-        "Something is missing, and what it is is not proven. The best explanation known is "
+        f"Something is missing, and it is not proven what. {part} is explained by "
         f"{explanation_in_words(best['effects'])}."
     )
 

@@ -15,6 +15,9 @@ beyond either end of that of 90 %."""
 LEVELS = tuple(HALF_WIDTHS)
 """Of the intervals that are stated [%]: that of 90 to read, the others to see by how often they hold what is wrong."""
 
+_NARROWER = 0.8
+"""Share of a stated range: where nothing is known beyond it, its 90 % interval is 0.9 of it wide."""
+
 AT_BOUND = "at its bound"
 """A parameter that the fit drew to an end of its range: the data would have it beyond, and an error within says
 nothing."""
@@ -45,6 +48,27 @@ def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
         return coordinate_estimate(fit, place)
 
     return [(p, estimate(i)) for i, p in enumerate(fit.parameters) if p.key not in of_effects]
+
+
+def determined_values(fit: Fit) -> dict[str, float]:
+    """Values of a fit by key, for a model that others use: nuisances that the data do not determine are nominal.
+
+    These end at a bound, change nothing in what was measured, or may lie almost anywhere within their range.
+    """
+    values = fit.mapping
+    for p, estimate in nuisance_estimates(fit):
+        if not is_determined(p, estimate) and estimate.get("remark") != NOT_ESTIMATED:
+            values[p.key] = p.nominal
+    return values
+
+
+def is_determined(parameter: Parameter, estimate: dict[str, Any]) -> bool:
+    """Whether the data determine a nuisance: fitted within its range, with an interval that is narrower."""
+    low, high = estimate["interval_90"]
+    if estimate.get("remark") or low is None or high is None:
+        return False
+    width = parameter.high - parameter.low
+    return not np.isfinite(width) or high - low < _NARROWER * width
 
 
 def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:

@@ -44,8 +44,13 @@ def nuisance_in_words(key: str) -> str:
 _READ_IN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / pi), "rad/s": ("rpm", 30.0 / pi)}
 
 
-def reading_unit(unit: str) -> tuple[str, float]:
-    """In which unit a quantity of the SI `unit` is read best, and how many of these one SI unit is: mm, deg and rpm."""
+def reading_unit(unit: str, value: float | None = None) -> tuple[str, float]:
+    """In which unit a quantity of the SI `unit` is read best, and how many of these one SI unit is: mm, deg and rpm; of
+    a `value`, small lengths in um and times in the unit that needs no zeros."""
+    if value and unit in _FINER:
+        factor, finer = next((f for f in _FINER[unit] if abs(value) >= 0.1 * f[0]), _FINER[unit][-1])
+        if unit == "s" or factor < 1e-3:
+            return finer, 1.0 / factor
     return _READ_IN.get(unit, (unit, 1.0))
 
 
@@ -68,11 +73,14 @@ def number(value: float | str | None) -> str:
 
 
 def with_error(value: float | str | None, error: float | None) -> tuple[str, str]:
-    """A `value` down to the second digit of its standard `error`, and that error; four digits where there is none."""
+    """A `value` down to the second digit of its standard `error`, four digits at most, and that error; four digits
+    where there is none."""
     if isinstance(value, str) or not value or not error or error != error:
         return number(value), number(error)
-    digits = 2 + floor(log10(abs(value))) - floor(log10(error))
-    return f"{value:#.{max(digits, 2)}g}".rstrip("."), f"{error:#.2g}".rstrip(".")
+    size = floor(log10(abs(value)))
+    digits = min(max(2 + size - floor(log10(error)), 2), 4)
+    shown = f"{value:.{max(digits - 1 - size, 0)}f}" if -4 <= size < 6 else f"{value:#.{digits}g}"
+    return shown, f"{error:#.2g}".rstrip(".")
 
 
 _SHOWN_UNITS = {"um": "µm", "us": "µs", "g_n": "g"}

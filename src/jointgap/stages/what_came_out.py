@@ -7,9 +7,8 @@ from typing import Any
 
 from jointgap.campaign import verdict
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
-from jointgap.campaign.phrasing import effect_in_words, estimate_row, unit_of
+from jointgap.campaign.phrasing import effect_in_words, estimate_row, parameter_in_words, sure_value, unit_of
 from jointgap.campaign.verdict_sentences import answer, held_out_in_words, left_out_in_words
-from jointgap.report.plain_words import in_words
 
 SUMMARY, SUMMARY_PAGE = "summary.json", "summary.html"
 """Files of a scenario: what came out for programs, and for people."""
@@ -52,10 +51,8 @@ def _sizes(effects: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for effect in effects:
         for name, estimate in effect["parameters"].items():
             unit = unit_of(effect["name"], effect["site"], name)
-            # the catalogue ends names of parameters with their unit
-            words = in_words(name.removesuffix(f"_{unit}"))
-            _, value, _, interval = estimate_row(name, estimate, unit)
-            yield f"{effect_in_words(effect)}: {words} {value} (90 % interval {interval})"
+            words, *row = estimate_row(parameter_in_words(effect["name"], name), estimate, unit)
+            yield f"{effect_in_words(effect)}: {words} {sure_value(*row)}"
 
 
 def _small(sentence: str) -> str:
