@@ -397,7 +397,7 @@ def test_re_fitted_parameters_are_shown_with_their_intervals_and_one_sided_ones_
     assert "| parameter | value | 90 % interval |" in text
     assert "| slider mass | 0.4470 kg | 0.4437 to 0.4503 |" in text
     assert "| crank speed of run slow | 199.6 rpm | – | changes nothing in what was measured |" in text
-    assert "| coefficient of restitution of both pins | 0.90 | 0.82 to 0.90 | at its bound |" in text
+    assert "| coefficient of restitution of both pins | 0.900 | 0.820 to 0.900 | at its bound |" in text
 
 
 def test_a_listed_parameter_that_ends_at_its_bound_beside_a_name_is_pointed_out():

@@ -177,7 +177,7 @@ def test_nuisances_stand_with_value_and_standard_error_or_the_reason_why_there_i
     chosen = fitted([FRICTION], [9.0, 20.0])
     stated = document(outcome_of(chosen))["nuisances"]
     lows, highs = zip(*(stated["mass"].pop(f"interval_{level}") for level in LEVELS), strict=True)
-    assert stated == {"mass": {"value": 9.0, "sd": None, "remark": "at its bound"}}
+    assert stated == {"mass": {"value": 9.0, "sd": None, "remark": "at its bound", "kept": True}}
     assert sorted(lows, reverse=True) == list(lows) and set(highs) == {9.0}
     chosen = fitted([], [0.3, 1.5], nuisances=(START, MASS))
     angle = {"value": 0.3, "sd": pytest.approx(0.1)} | normal(0.3, 0.1, abs=0.02)

@@ -192,7 +192,7 @@ def test_of_sizes_of_one_kind_the_surest_leads_the_headline():
 def test_a_size_at_its_bound_is_called_so_in_the_headline():
     bound = {"value": 1.13, "sd": None, "interval_90": [0.015, 1.13], "remark": "at its bound"}
     friction = {"name": "slider_coulomb_friction", "site": "slider", "parameters": {"force_N": bound}}
-    assert headline([friction]).endswith("1.13 N (at its bound; 90 % interval 0.01 to 1.13)")
+    assert headline([friction]).endswith("1.13 N (at its bound; 90 % interval 0.015 to 1.13)")
 
 
 def test_what_grows_in_one_scenario_is_not_said_to_fall():
