@@ -7,6 +7,7 @@ import numpy as np
 
 from jointgap.identification.fit import MATCHED, Fit
 from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.identification.settings import DEFAULT_SETTINGS
 
 HALF_WIDTHS = {50: 0.6745, 90: 1.645, 99: 2.576}
 """By level [%], half the width of an interval of the normal distribution in standard deviations [1]: five percent lie
@@ -14,9 +15,6 @@ beyond either end of that of 90 %."""
 
 LEVELS = tuple(HALF_WIDTHS)
 """Of the intervals that are stated [%]: that of 90 to read, the others to see by how often they hold what is wrong."""
-
-_NARROWER = 0.8
-"""Share of a stated range: where nothing is known beyond it, its 90 % interval is 0.9 of it wide."""
 
 AT_BOUND = "at its bound"
 """A parameter that the fit drew to an end of its range: the data would have it beyond, and an error within says
@@ -63,12 +61,19 @@ def determined_values(fit: Fit) -> dict[str, float]:
 
 
 def is_determined(parameter: Parameter, estimate: dict[str, Any]) -> bool:
-    """Whether the data determine a nuisance: fitted within its range, with an interval that is narrower."""
+    """Whether the data determine a nuisance: fitted within its range, with an interval that is narrower.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    estimate : dict
+        As of `coordinate_estimate`.
+    """
     low, high = estimate["interval_90"]
     if estimate.get("remark") or low is None or high is None:
         return False
     width = parameter.high - parameter.low
-    return not np.isfinite(width) or high - low < _NARROWER * width
+    return not np.isfinite(width) or high - low < DEFAULT_SETTINGS.intervals.determined_share * width
 
 
 def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:

@@ -825,6 +825,9 @@ class IntervalSettings:
     least_singular_value : float
         [1, of the largest] A combination of parameters that changes nothing is as uncertain as rounding allows to say,
         not certain.
+    determined_share : float
+        [1, of a stated range] A parameter whose 90 % interval is wider is not determined: where nothing is known beyond
+        the range, it is 0.9 wide.
     """
 
     far_standard_deviations: float = 4.0
@@ -833,6 +836,7 @@ class IntervalSettings:
     sweeps: int = 30
     mapped_draws: int = 1000
     least_singular_value: float = 1e-8
+    determined_share: float = 0.8
 
 
 @dataclass(frozen=True)
