@@ -25,6 +25,8 @@ TINY = {
                 "seeds": [0, 1],
                 "seed_iterations": 10,
                 "clearance_sampling": 20,
+                "regularised_neurons": 30,
+                "regularised_iterations": 20,
             },
             "optimise": {
                 "genetic": {"population": 8, "generations": 2},

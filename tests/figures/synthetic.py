@@ -138,7 +138,13 @@ def fit_history(learned: tuple[str, ...]) -> pd.DataFrame:
     iteration = np.arange(401)
     frames = [
         pd.DataFrame(
-            {"output": output, "seed": seed, "iteration": iteration, "mse": (1.0 + seed) / (1.0 + iteration) ** 2}
+            {
+                "output": output,
+                "model": "network",
+                "seed": seed,
+                "iteration": iteration,
+                "mse": (1.0 + seed) / (1.0 + iteration) ** 2,
+            }
         )
         for output in learned
         for seed in (0, 1)
@@ -153,7 +159,7 @@ def fit_errors(learned: tuple[str, ...]) -> pd.DataFrame:
     numbers |= {column.name: 10 for column in tables.FIT_ERRORS.columns if column.kind == "int"}
     for place, output in enumerate(learned):
         for region in ("all", "past_60_deg"):
-            for model, seed in (("network", 0), ("network", 1), ("clearance", None)):
+            for model, seed in (("network", 0), ("network", 1), ("regularised", 0), ("clearance", None)):
                 errors = {"training_mse": 1e-8 * (place + 1), "held_out_mse": 10.0 ** -(5 + (seed or 0))}
                 words = {"output": output, "unit": "1", "model": model, "region": region, "stop": "done"}
                 paper = {"paper_mse": np.nan if tables.number_of(output) == 1 else 1e-5}

@@ -57,8 +57,8 @@ def fit(salt: int) -> pd.DataFrame:
     random = np.random.default_rng(salt)
     sizes = (1, *HIDDEN, 1)
     rows = [
-        (start, layer, neuron, source, random.normal(), 0.0, 2 * np.pi, -3.0, 5.0)
-        for start in SEEDS
+        (model, start, layer, neuron, source, random.normal(), 0.0, 2 * np.pi, -3.0, 5.0)
+        for model, start in (*(("network", seed) for seed in SEEDS), ("regularised", SEEDS[0]))
         for layer in range(len(sizes) - 1)
         for neuron in range(sizes[layer + 1])
         for source in range(-1, sizes[layer])
@@ -82,14 +82,19 @@ def learned(folder: Path, salt: int = 0, outputs: Sequence[str] = ("r2", "r3")) 
     """Tables of the stages simulate and surrogate."""
     frames = {}
     for place, output in enumerate(outputs):
-        steps = np.concatenate([np.arange(ITERATIONS + 1), np.arange(101)])
-        history = {"iteration": steps, "seed": np.repeat(SEEDS, [ITERATIONS + 1, 101]), "mse": 0.1 / (1.0 + steps)}
-        errors = {"output": [output] * 4, "model": ["network"] * 4, "seed": np.repeat(SEEDS, 2)}
-        errors["region"] = ["all", "past_60_deg"] * 2
+        lengths = [ITERATIONS + 1, 101, 51]  # of the paper's two starts and of the regularised network
+        steps, seeds = np.concatenate([np.arange(length) for length in lengths]), (*SEEDS, SEEDS[0])
+        models = np.array(["network", "network", "regularised"])
+        history = {"iteration": steps, "seed": np.repeat(seeds, lengths), "mse": 0.1 / (1.0 + steps)}
+        history["model"] = np.repeat(models, lengths)
+        judged = (history["model"] == "regularised") | np.isin(steps, (10, 100))
+        history["held_out_mse"] = np.where(judged, 0.2 / (1.0 + steps), np.nan)
+        errors = {"output": [output] * 6, "model": np.repeat(models, 2), "seed": np.repeat(seeds, 2)}
+        errors["region"] = ["all", "past_60_deg"] * 3
         frames |= {
             f"fit/{output}": fit(salt + place),
             f"fit_history/{output}": numbers(tables.FIT_HISTORY, len(steps), **history),
-            f"fit_errors/{output}": numbers(tables.FIT_ERRORS, 4, salt + place, **errors),
+            f"fit_errors/{output}": numbers(tables.FIT_ERRORS, 6, salt + place, **errors),
         }
     return simulated(folder, salt) | _write(folder, frames)
 

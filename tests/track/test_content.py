@@ -83,6 +83,20 @@ def test_curves_are_thinned_evenly_on_a_logarithmic_axis_and_keep_both_ends(publ
     assert all(value == pytest.approx(0.1 / (1 + step)) for step, value in error.items())
 
 
+def test_both_recipes_have_curves_of_their_training_and_of_their_held_out_errors(published, client):
+    steps = {"surrogate/r2": [10, 100], "surrogate/regularised r2": list(range(51))}
+    for run, judged in steps.items():
+        points = client.get_metric_history(published[run].info.run_id, "mse_held_out")
+        assert sorted(point.step for point in points) == judged
+        assert all(point.value == pytest.approx(0.2 / (1 + point.step)) for point in points)
+    regularised = client.get_metric_history(published["surrogate/regularised r2"].info.run_id, "mse")
+    assert sorted(point.step for point in regularised) == list(range(51))
+    overall = published["surrogate"].info.run_id
+    for name in ("log10_mse/r2", "log10_mse_held_out/r2", "log10_regularised_mse/r2"):
+        assert client.get_metric_history(overall, name)
+    assert published["surrogate"].data.metrics["regularised_outputs"] == 8
+
+
 @pytest.mark.parametrize("count", [1, 2, 299, 300, 301, 1000, 20_001])
 def test_thinning_keeps_short_curves_whole_and_cuts_long_ones(count):
     thin = Curve(np.arange(count), np.arange(count) * 2.0).thinned(300)
@@ -100,7 +114,8 @@ def test_published_weights_give_back_the_networks_outputs(published, client):
 
 def _by_hand(frame, seed: int, angle: np.ndarray) -> np.ndarray:
     """Neuron by neuron, as the table's description says."""
-    rows = frame[frame["seed"] == seed].set_index(["layer", "neuron", "source"])["weight"]
+    rows = frame[(frame["model"] == "network") & (frame["seed"] == seed)]
+    rows = rows.set_index(["layer", "neuron", "source"])["weight"]
     result = []
     for value in angle / (2 * np.pi):
         signal = np.array([value])

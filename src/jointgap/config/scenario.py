@@ -65,6 +65,7 @@ MOST_COMBINATIONS = 10_000
 _MOST_SAMPLES = MOST_SAMPLES, "memory does not hold more samples"
 SampleCount, Refinement = count(*_MOST_SAMPLES), count(*_MOST_SAMPLES, least=4)
 Neurons = count(MOST_WEIGHTS, "training solves for all weights at once, in matrices that memory has to hold")
+RegularisedNeurons = count(500, "matrices of all weights and samples have to fit into memory", least=4)
 TrainingPoints = count(
     10_001, "the matrices of the training grow with their number, and memory has to hold them", least=3
 )
@@ -206,7 +207,7 @@ def check_drive(mechanism: Mechanism, options: Simulate) -> None:
 
 
 class Surrogate(Section):
-    """The paper's networks, four for each loose joint, and the second surrogate."""
+    """The paper's networks, four for each loose joint; regularised ones beside them; the second surrogate."""
 
     hidden: Annotated[tuple[Neurons, ...], Field(min_length=1)] = Field(
         (10, 10, 10, 10), description="neurons of each hidden layer"
@@ -218,6 +219,12 @@ class Surrogate(Section):
     )
     seed_iterations: Iterations = Field(300, description="iterations at most of the other seeds")
 
+    regularised_neurons: RegularisedNeurons = Field(
+        100, description="neurons of a regularised network, whose errors hold between its training points"
+    )
+    regularised_iterations: Iterations = Field(
+        100, description="Levenberg-Marquardt iterations at most, regularised networks"
+    )
     clearance_sampling: Refinement = Field(
         100, description="samples that the second surrogate chooses its points from, as a multiple of the simulation's"
     )

@@ -182,10 +182,13 @@ CATALOGUE = {
         ("fit_errors",),
         "Mean square errors over the squared range of each output's training points, logarithmic, for the whole first "
         "revolution and for its part past 60 deg: the networks at their training points and at held-out samples, a "
-        "cubic spline through the same points, the second surrogate and a spline through its points where there is "
-        "one, and the paper's printed errors (level strokes), which are errors at training points. Marks are the "
-        "default start, bars the range over all starts, of which the others may have had fewer iterations. Where the "
-        "triangle lies below the circle, a spline would have done better than the network.",
+        "cubic spline through the same points; the regularised networks, whose samples are as dense as the contact "
+        "needs, at their training points and at the third held out, and a smoothing spline of the same points; the "
+        "second surrogate and a spline through its points where there is one; and the paper's printed errors (level "
+        "strokes), which are errors at training points. Circle and square of a network close together: it knows the "
+        "motion between its points. Marks are the default start, bars the range over all starts, of which the others "
+        "may have had fewer iterations. Where a triangle lies below a circle, a spline would have done better than "
+        "the network.",
     ),
     "contradictions": FigureSpec(
         "Networks that contradict each other",

@@ -104,7 +104,7 @@ PAPER_ITERATIONS = 20_000  # of every network in the paper
 SHAPES = {4: (2.9, 1, 4), 8: (4.6, 2, 4), 12: (6.4, 3, 4)}  # height, rows and columns by the number of outputs
 CURVE_POINTS = 300  # of a curve over thousands of iterations, evenly spaced on its logarithmic axis
 ERROR = Quantity("MSE over squared range", "1")
-NETWORK, CLEARANCE = "network", "clearance"  # models of the table fit_errors
+NETWORK, REGULARISED, CLEARANCE = "network", "regularised", "clearance"  # models of the table fit_errors
 
 
 def symbol(output: str) -> str:
@@ -119,6 +119,7 @@ def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
     Arguments as in `draw`.
     """
     history, default = tables["fit_history"], scenario.surrogate.seeds[0]
+    history = history[history["model"] == NETWORK]
     paper = tables["fit_errors"].drop_duplicates("output").set_index("output")["paper_mse"]
     learned = outputs(scenario.mechanism.applied().loose)
     sheet = Sheet(*SHAPES[len(learned)])
@@ -162,11 +163,14 @@ def _thinned(curve: pd.DataFrame) -> pd.DataFrame:
 
 # Marks of the figure of held-out errors: series, model, column of fit_errors, shift, colour, marker.
 _MARKS = (
-    ("network, training points", NETWORK, "training_mse", -0.24, "network", "s"),
-    ("network, held out", NETWORK, "held_out_mse", -0.12, "network", "o"),
-    ("spline through the same points, held out", NETWORK, "spline_held_out_mse", 0.0, "spline", "^"),
-    ("second surrogate, held out", CLEARANCE, "held_out_mse", 0.12, "second surrogate", "o"),
-    ("spline through its points, held out", CLEARANCE, "spline_held_out_mse", 0.24, "other", "^"),
+    ("network, training points", NETWORK, "training_mse", -0.32, "network", "s"),
+    ("network, held out", NETWORK, "held_out_mse", -0.24, "network", "o"),
+    ("spline through the same points, held out", NETWORK, "spline_held_out_mse", -0.16, "spline", "^"),
+    ("regularised network, training points", REGULARISED, "training_mse", -0.06, "local", "s"),
+    ("regularised network, held out", REGULARISED, "held_out_mse", 0.02, "local", "o"),
+    ("smoothing spline of its points, held out", REGULARISED, "smoothing_spline_held_out_mse", 0.10, "spline", "v"),
+    ("second surrogate, held out", CLEARANCE, "held_out_mse", 0.22, "second surrogate", "o"),
+    ("spline through its points, held out", CLEARANCE, "spline_held_out_mse", 0.32, "other", "^"),
 )
 
 

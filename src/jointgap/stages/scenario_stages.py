@@ -50,7 +50,9 @@ from jointgap.tables import (
     WORTH,
 )
 
-if TYPE_CHECKING:  # loads pandas
+if TYPE_CHECKING:  # slow to load
+    import pandas as pd
+
     from jointgap.config import Scenario
     from jointgap.stages.scenario_results import ScenarioResults
 
@@ -95,7 +97,7 @@ def simulate(results: "ScenarioResults") -> None:
 
 @SCENARIO_STAGES.stage(reads=(TRAJECTORY,), writes=(FIT, FIT_HISTORY, FIT_ERRORS), sections=_LEARNING)
 def surrogate(results: "ScenarioResults", output: str) -> None:
-    """Train the paper's network of one output with Levenberg-Marquardt.
+    """Train the networks of one output with Levenberg-Marquardt: the paper's, and a regularised one whose errors hold.
 
     Parameters
     ----------
@@ -103,31 +105,45 @@ def surrogate(results: "ScenarioResults", output: str) -> None:
     output : str
         Of a loose joint, as `jointgap.stages.scenario_results.outputs_of` names them.
     """
+    import pandas as pd
+
     from jointgap.errors import InputError, did_you_mean
     from jointgap.stages.scenario_results import outputs_of
     from jointgap.surrogate.train import train
+    from jointgap.surrogate.train_regularised import SAMPLING, train_regularised
 
     outputs = outputs_of(results.scenario.mechanism)
     if output not in outputs:
         raise InputError(f"--output-name {output}: no such output; {did_you_mean(output, outputs)}")
-    trained = train(results.read(TRAJECTORY), output, results.scenario.surrogate)
-    results.write(FIT_HISTORY, trained.history(), output)
-    results.write(FIT_ERRORS, trained.errors(), output)
-    results.write(FIT, trained.weights(), output)
+    trajectory, options = results.read(TRAJECTORY), results.scenario.surrogate
+    fine = _first_revolution(results.scenario, min(SAMPLING, options.clearance_sampling))
+    fits = train(trajectory, output, options), train_regularised(trajectory, fine, output, options)
+    for table, frames in (
+        (FIT_HISTORY, [fit.history() for fit in fits]),
+        (FIT_ERRORS, [fit.errors() for fit in fits]),
+        (FIT, [fit.weights() for fit in fits]),
+    ):
+        results.write(table, pd.concat(frames, ignore_index=True), output)
+
+
+def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
+    """The same motion with a multiple of the samples; too large to keep."""
+    from jointgap.dynamics import simulate as simulated
+
+    samples = scenario.simulate.samples_per_revolution * multiple
+    finer = scenario.simulate.model_copy(update={"revolutions": 1, "samples_per_revolution": samples})
+    return simulated(scenario.mechanism, finer).samples
 
 
 @SCENARIO_STAGES.stage(reads=(TRAJECTORY,), writes=(CLEARANCE_FIT, FIT_ERRORS.at("clearance")), sections=_LEARNING)
 def clearance(results: "ScenarioResults") -> None:
     """Train the second surrogate: one network per loose joint for the clearance vector, all outputs from it."""
-    from jointgap.dynamics import simulate as simulated
     from jointgap.stages.scenario_results import CLEARANCE, outputs_of
     from jointgap.surrogate.train_clearance import train_clearance
 
     outputs_of(results.scenario.mechanism)  # complains where there is nothing to learn
     held_out, scenario = results.read(TRAJECTORY), results.scenario
-    samples = scenario.simulate.samples_per_revolution * scenario.surrogate.clearance_sampling
-    finer = scenario.simulate.model_copy(update={"revolutions": 1, "samples_per_revolution": samples})
-    fine = simulated(scenario.mechanism, finer).samples  # the same motion; too large to keep
+    fine = _first_revolution(scenario, scenario.surrogate.clearance_sampling)
     trained = train_clearance(held_out, fine, scenario.surrogate, scenario.mechanism.applied().loose)
     results.write(FIT_ERRORS, trained.errors(), CLEARANCE)
     results.write(CLEARANCE_FIT, trained.weights())

@@ -20,6 +20,9 @@ NOTICED_PEAK = 0.01
 WORSE_BETWEEN_POINTS = 10.0
 """Factor on a network's error from which on it does not know the motion between the points it was trained at."""
 
+HOLDS = 2.0
+"""Factor on a regularised network's error up to which it does."""
+
 
 def remarks(outcome: Outcome) -> tuple[str, ...]:
     """Remarks on an `outcome`, the most important first; empty where all is as one would think."""
@@ -125,13 +128,11 @@ def _price(outcome: Outcome) -> Iterator[str]:
 
 def _networks(outcome: Outcome) -> Iterator[str]:
     errors = outcome.errors
-    own = errors[
-        (errors["model"] == "network")
-        & (errors["region"] == "all")
-        & (errors["seed"] == outcome.scenario.surrogate.seeds[0])
-    ]
+    errors = errors[(errors["region"] == "all") & (errors["seed"] == outcome.scenario.surrogate.seeds[0])]
+    own, regularised = (errors[errors["model"] == model] for model in ("network", "regularised"))
     factor = own["held_out_mse"] / own["training_mse"]
     worse = int((factor > WORSE_BETWEEN_POINTS).sum())
+    held_out, training = regularised["held_out_mse"], regularised["training_mse"]
     if worse:
         yield (
             f"{worse} of {len(own)} networks {'does' if worse == 1 else 'do'} not know the motion between the points "
@@ -140,5 +141,11 @@ def _networks(outcome: Outcome) -> Iterator[str]:
                 "The lengths were found on such networks; what they gain is simulated again and does not rest on them."
                 if outcome.source == "networks"
                 else "The lengths do not rest on them."
+            )
+            + (
+                f" Of the regularised networks of the same outputs {int((held_out <= HOLDS * training).sum())} of "
+                f"{len(regularised)} know it (error between their points at most {HOLDS:g} times that at them)."
+                if len(regularised)
+                else ""
             )
         )

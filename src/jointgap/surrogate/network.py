@@ -200,14 +200,23 @@ class Network:
         slope = self.output.range / self.input.range * (last[:, :-1] @ slope)[0]
         return self.output.expand(outputs).reshape(angle.shape), slope.reshape(angle.shape)
 
-    def to_frame(self, seed: int) -> pd.DataFrame:
-        """Long form, one row per weight: the columns of the table `fit`."""
+    def to_frame(self, seed: int, model: str = "network") -> pd.DataFrame:
+        """Long form, one row per weight: the columns of the table `fit`.
+
+        Parameters
+        ----------
+        seed : int
+            Of the start.
+        model : str
+            Which recipe made the network.
+        """
         rows = []
         for layer, (neurons, columns) in enumerate(self.layout.shapes):
             sources = [*range(columns - 1), BIAS]
             rows += [(seed, layer, neuron, source) for neuron in range(neurons) for source in sources]
         frame = pd.DataFrame(rows, columns=["seed", "layer", "neuron", "source"])
         return frame.assign(
+            model=model,
             weight=self.parameters,
             input_min=self.input.low,
             input_max=self.input.high,
@@ -216,7 +225,7 @@ class Network:
         )
 
     @classmethod
-    def from_frame(cls, frame: pd.DataFrame, seed: int | None = None) -> "Network":
+    def from_frame(cls, frame: pd.DataFrame, seed: int | None = None, model: str = "network") -> "Network":
         """The network in a long form, whatever the order of its rows.
 
         Parameters
@@ -225,12 +234,17 @@ class Network:
             Columns of the table `fit`.
         seed : int, optional
             Which of the networks in the frame; the first row's when absent (the default seed is written first).
+        model : str
+            Which recipe's.
 
         Raises
         ------
         ValueError
             The frame holds no network of this seed, or weights are missing or doubled.
         """
+        frame = frame[frame["model"] == model]
+        if frame.empty:
+            raise ValueError(f"no {model} in the table")
         seed = int(frame["seed"].iloc[0]) if seed is None else seed
         rows = frame[frame["seed"] == seed]
         if rows.empty:

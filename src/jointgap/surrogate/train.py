@@ -9,7 +9,7 @@ import pandas as pd
 from jointgap.config import Surrogate
 from jointgap.errors import needs
 from jointgap.paper.printed import TRAINING_MSE
-from jointgap.surrogate.fit_errors import Grid, Trained, error_frame, error_rows
+from jointgap.surrogate.fit_errors import NETWORK, Grid, Trained, error_frame, error_rows
 from jointgap.surrogate.levenberg_marquardt import Result, Settings, minimise
 from jointgap.surrogate.network import Layout, Network, Scaling, nguyen_widrow
 from jointgap.surrogate.network_batch import NetworkModel
@@ -48,7 +48,7 @@ class Fit:
 
     def weights(self) -> pd.DataFrame:
         """Frame of the table fit."""
-        frames = [network.to_frame(seed) for seed, network in self.networks.items()]
+        frames = [network.to_frame(seed, NETWORK) for seed, network in self.networks.items()]
         return pd.concat(frames, ignore_index=True)
 
     def history(self) -> pd.DataFrame:
@@ -56,7 +56,9 @@ class Fit:
         frames = []
         held_out, scale = self.grid.held_out, self.default.output.range
         for seed, result in self.results.items():
-            frame = pd.DataFrame({"seed": seed, "iteration": np.arange(len(result.errors)), "mse": result.errors})
+            frame = pd.DataFrame(
+                {"model": NETWORK, "seed": seed, "iteration": np.arange(len(result.errors)), "mse": result.errors}
+            )
             kept = {
                 iteration: float(
                     np.mean((self._predict(seed, held_out.crank_angle, parameters) - held_out.values) ** 2)
@@ -73,7 +75,7 @@ class Fit:
             result = self.results[seed]
             early = result.kept.get(result.milestone)
             trained = Trained(
-                "network",
+                NETWORK,
                 seed,
                 network.layout.size,
                 result.iterations,

@@ -120,12 +120,30 @@ def _chosen(angle: np.ndarray, values: dict[str, np.ndarray], scales: dict[str, 
     usable[::ratio] = False
     step = ratio // PER_HELD_OUT
     kept = np.arange(step // 2, len(angle), step)
-    kept = kept[usable[kept]]
+    return refined(angle, table, kept[usable[kept]], usable, MISSED)
+
+
+def refined(angle: np.ndarray, table: np.ndarray, kept: np.ndarray, usable: np.ndarray, missed: float) -> np.ndarray:
+    """Indices `kept`, and those of further samples, that interpolation between kept neighbours would miss; rising.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (n,)
+        [rad], rising.
+    table : ndarray, shape (n, k)
+        Values at the samples.
+    kept : ndarray of int
+        Samples to begin with, rising.
+    usable : ndarray of bool, shape (n,)
+        Which samples may be kept.
+    missed : float
+        Error of the cubic interpolation in any column that makes a sample be kept.
+    """
     while True:
         between = (kept[:-1] + kept[1:]) // 2
         between = np.where(usable[between], between, between + 1)
         between = between[(between > kept[:-1]) & (between < kept[1:]) & usable[between]]
-        missed = np.abs(CubicSpline(angle[kept], table[kept])(angle[between]) - table[between]).max(axis=1) > MISSED
-        if not missed.any():
+        errors = np.abs(CubicSpline(angle[kept], table[kept])(angle[between]) - table[between]).max(axis=1)
+        if not (errors > missed).any():
             return kept
-        kept = np.union1d(kept, between[missed])
+        kept = np.union1d(kept, between[errors > missed])

@@ -7,10 +7,13 @@ _SCALING = (
     Column("input_max", "rad", "crank angle that is 1 at the network's input"),
 )
 
+_MODEL = Column("model", "", "network (the paper's) or regularised (whose errors hold between its points)", "text")
+
 FIT = Table(
     "fit",
-    "Weights of the networks of one output, one row a weight; the default seed comes first",
+    "Weights of the networks of one output, one row a weight; the paper's come first, of these the default seed",
     (
+        _MODEL,
         Column("seed", "1", "seed of the start", "int"),
         Column("layer", "1", "layer, from 0; the last one is linear, the others tansig", "int"),
         Column("neuron", "1", "neuron that the weight belongs to, from 0", "int"),
@@ -27,13 +30,15 @@ FIT_HISTORY = Table(
     "fit_history",
     "Mean square error at the training points after every Levenberg-Marquardt iteration",
     (
+        _MODEL,
         Column("seed", "1", "seed of the start", "int"),
         Column("iteration", "1", "iterations done; 0: the start", "int"),
         Column("mse", "1", "mean square error at the training points, on data scaled to [0, 1]"),
         Column(
             "held_out_mse",
             "1",
-            "the same at the samples held out, looked at afterwards; null but for some iterations, and the last",
+            "the same at the samples held out, looked at afterwards; of the paper's networks null but for some "
+            "iterations, and the last",
             nullable=True,
         ),
     ),
@@ -47,7 +52,12 @@ FIT_ERRORS = Table(
     (
         Column("output", "", "output", "text"),
         Column("unit", "", "its unit", "text"),
-        Column("model", "", "network (the paper's) or clearance (the consistent set)", "text"),
+        Column(
+            "model",
+            "",
+            "network (the paper's), regularised (whose errors hold between its points), clearance (the consistent set)",
+            "text",
+        ),
         Column("seed", "1", "seed of the start; null for a fit without chance", "int", nullable=True),
         Column("region", "", "all (first revolution) or past_60_deg (its part past 60 deg)", "text"),
         Column("weights", "1", "weights that were trained", "int"),
@@ -58,11 +68,19 @@ FIT_ERRORS = Table(
         Column(
             "training_mse",
             "1",
-            "mean square error over the training points of the region (clearance: dense where motion is quick)",
+            "mean square error over the training points of the region (clearance: dense where motion is quick; "
+            "regularised: each point counts for the part of the revolution it stands for, held out too)",
         ),
         Column("held_out_mse", "1", "mean square error over the samples held out"),
         Column("paper_mse", "1", "the paper's, at its training points; null where it has none", nullable=True),
         Column("spline_held_out_mse", "1", "as held_out_mse, of the cubic spline through the same training points"),
+        Column(
+            "smoothing_spline_held_out_mse",
+            "1",
+            "as held_out_mse, of the smoothing spline of the same training points, its strength by cross-validation; "
+            "null where there are few, and for clearance",
+            nullable=True,
+        ),
         Column("held_out_peak", "1", "largest error over the samples held out, over the range"),
         Column("training_rms", "as unit", "root mean square error over the training points"),
         Column("held_out_rms", "as unit", "root mean square error over the samples held out"),

@@ -11,6 +11,8 @@ from jointgap.track.run_record import Curve, Record
 
 NETWORK = "network"
 """The paper's model; its runs are named by the output alone."""
+REGULARISED = "regularised"
+"""The recipe whose errors hold between its training points."""
 CLEARANCE = "clearance"
 """The second surrogate: one network a joint, from which all outputs of the joint follow."""
 
@@ -21,6 +23,7 @@ _BY_REGION = (
     "training_mse",
     "held_out_mse",
     "spline_held_out_mse",
+    "smoothing_spline_held_out_mse",
     "held_out_peak",
     "training_rms",
     "held_out_rms",
@@ -29,8 +32,10 @@ _BY_REGION = (
     "held_out_mse_over_variance",
     "spline_held_out_mse_over_variance",
 )
+_CURVES = {"mse": "mse", "mse_held_out": "held_out_mse"}
+"""Columns of a history by the curve's name; held_out_mse is the number at the end."""
 _REGIONS = {"all": "", "past_60_deg": "_past_60_deg"}
-_LOGARITHMS = ("training_mse", "held_out_mse", "paper_mse", "spline_held_out_mse")
+_LOGARITHMS = ("training_mse", "held_out_mse", "paper_mse", "spline_held_out_mse", "smoothing_spline_held_out_mse")
 """Given as log10 too: the interface shows small numbers as 0.00."""
 
 
@@ -41,15 +46,18 @@ def surrogate_records(finished: FinishedTables) -> list[Record]:
     errors = finished.read(tables.FIT_ERRORS)
     seed = finished.options.surrogate.seeds[0]
     errors = errors[errors["seed"].isna() | (errors["seed"] == seed)]
-    curves = {output: _curve(finished, output, seed) for output in errors["output"].unique()}
+    models = errors[["model", "output"]].drop_duplicates().itertuples(index=False, name=None)
+    curves = {key: _curves(finished, *key, seed) for key in models}
     nested = [
-        _fit(finished, model, output, rows, curves[output])
+        _fit(finished, model, output, rows, curves[model, output])
         for (model, output), rows in errors.groupby(["model", "output"], sort=False)
     ]
     return [_scenario_run(finished, errors, curves), *nested]
 
 
-def _scenario_run(finished: FinishedTables, errors: pd.DataFrame, curves: dict[str, Curve | None]) -> Record:
+def _scenario_run(
+    finished: FinishedTables, errors: pd.DataFrame, curves: dict[tuple[str, str], dict[str, Curve]]
+) -> Record:
     """How many outputs reach the paper's errors, and all curves: the run that scenarios are compared by."""
     metrics = {}
     of_all_regions = errors[errors["region"] == "all"]
@@ -62,38 +70,39 @@ def _scenario_run(finished: FinishedTables, errors: pd.DataFrame, curves: dict[s
     return Record(
         "surrogate",
         metrics=metrics,
-        curves={f"log10_mse/{output}": _log10(curve) for output, curve in curves.items() if curve is not None},
+        curves={
+            f"log10_{'' if model == NETWORK else f'{model}_'}{kind}/{output}": _log10(curve)
+            for (model, output), of_fit in curves.items()
+            for kind, curve in of_fit.items()
+        },
         datasets=finished.datasets(["trajectory"], finished.names(tables.FIT_ERRORS)),
         costs=finished.cost("surrogate"),
         **finished.configuration("surrogate"),
     )
 
 
-def _fit(finished: FinishedTables, model: str, output: str, rows: pd.DataFrame, curve: Curve | None) -> Record:
-    """One output of one model; the paper's network with its curve and its weights."""
+def _fit(finished: FinishedTables, model: str, output: str, rows: pd.DataFrame, curves: dict[str, Curve]) -> Record:
+    """One output of one model; networks of one output with their curves and weights."""
     metrics = {}
     for row in rows.to_dict("records"):
         suffix = _REGIONS[row["region"]]
         metrics |= {f"{name}{suffix}": row[name] for name in _BY_REGION} | {name: row[name] for name in _OVERALL}
     metrics |= {f"log10_{name}": np.log10(metrics[name]) for name in _LOGARITHMS if metrics.get(name, 0.0) > 0}
     configuration = finished.configuration("surrogate")
-    results = [f"fit_errors/{output}", f"fit_errors/{model}"]
-    curves = {}
-    if model == NETWORK:
-        results += [f"fit/{output}", f"fit_history/{output}"]
-        metrics |= _over_seeds(finished, output)
-        if curve is not None:
-            curves = {"mse": curve, "log10_mse": _log10(curve)}
+    if model == CLEARANCE:
+        results = [f"fit_errors/{output}", f"fit_errors/{model}", *finished.names(tables.CLEARANCE_FIT)]
     else:
-        results += finished.names(tables.CLEARANCE_FIT)
+        results = [f"fit_errors/{output}", f"fit/{output}", f"fit_history/{output}"]
+    if model == NETWORK:
+        metrics |= _over_seeds(finished, output)
     files = {f"network/{name}": content for name, content in _weights(finished, model, output).items()}
     return Record(
         "surrogate",
         output if model == NETWORK else f"{model} {output}",
         metrics=metrics,
-        curves=curves,
+        curves=curves | {f"log10_{kind}": _log10(curve) for kind, curve in curves.items()},
         datasets=finished.datasets(["trajectory"], results),
-        costs=finished.cost(f"surrogate/{output if model == NETWORK else model}"),
+        costs=finished.cost(f"surrogate/{model if model == CLEARANCE else output}"),
         params=configuration["params"],
         files=configuration["files"] | files,
         notes={"model": model, "stop": rows["stop"].iloc[0]},
@@ -102,9 +111,9 @@ def _fit(finished: FinishedTables, model: str, output: str, rows: pd.DataFrame, 
 
 def _weights(finished: FinishedTables, model: str, output: str) -> dict[str, bytes]:
     """The files of the network that gives the output; none if its table was not finished."""
-    if model == NETWORK and f"fit/{output}" in finished.tables:
+    if model != CLEARANCE and f"fit/{output}" in finished.tables:
         fit = tables.read(tables.FIT, finished.tables[f"fit/{output}"])
-        return to_files(Network.from_frame(fit, finished.options.surrogate.seeds[0]), output)
+        return to_files(Network.from_frame(fit, finished.options.surrogate.seeds[0], model), output)
     if model == CLEARANCE and finished.has(tables.CLEARANCE_FIT):
         return clearance_to_files(finished.read(tables.CLEARANCE_FIT), tables.number_of(output))
     return {}
@@ -115,12 +124,14 @@ def _history(finished: FinishedTables, output: str) -> pd.DataFrame | None:
     return tables.read(tables.FIT_HISTORY, finished.tables[name]) if name in finished.tables else None
 
 
-def _curve(finished: FinishedTables, output: str, seed: int) -> Curve | None:
-    history = _history(finished, output)
+def _curves(finished: FinishedTables, model: str, output: str, seed: int) -> dict[str, Curve]:
+    """Training and held-out error over the iterations; of the paper's networks the latter after some of them."""
+    history = None if model == CLEARANCE else _history(finished, output)
     if history is None:
-        return None
-    rows = history[history["seed"] == seed]
-    return Curve(rows["iteration"].to_numpy(), rows["mse"].to_numpy())
+        return {}
+    rows = history[(history["model"] == model) & (history["seed"] == seed)]
+    judged = {name: rows[rows[column].notna()].set_index("iteration")[column] for name, column in _CURVES.items()}
+    return {name: Curve(curve.index.to_numpy(), curve.to_numpy()) for name, curve in judged.items() if len(curve)}
 
 
 def _log10(curve: Curve) -> Curve:
@@ -135,6 +146,7 @@ def _over_seeds(finished: FinishedTables, output: str) -> dict[str, float]:
         return {}
     options = finished.options.surrogate
     allowed = min(options.iterations, options.seed_iterations) if len(options.seeds) > 1 else options.iterations
+    history = history[history["model"] == NETWORK]
     last = history[history["iteration"] <= allowed].groupby("seed")["mse"].last()
     return {
         "seeds": len(last),

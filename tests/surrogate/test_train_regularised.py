@@ -1,0 +1,99 @@
+"""The regularised network: what it is trained at, what is held out, and that its errors hold between its points."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap import tables
+from jointgap.config import Surrogate
+from jointgap.surrogate.fit_errors import Points, smoothing_spline
+from jointgap.surrogate.network import Network
+from jointgap.surrogate.train import train
+from jointgap.surrogate.train_regularised import train_regularised
+
+OPTIONS = Surrogate(
+    hidden=(10, 10), training_points=91, iterations=300, seeds=(4,), regularised_neurons=40, regularised_iterations=40
+)
+
+
+def ringing(samples):
+    """A slow wave with a contact that rings as fast as the paper's training points are spaced, and an impact."""
+    angle = np.linspace(0, 2 * np.pi, samples + 1)
+    since = np.clip(angle - 2.0, 0.0, None)
+    values = np.sin(2 * angle) + 0.3 * np.exp(-3.0 * since) * np.sin(60 * since) + 0.5 * np.tanh((angle - 4.0) / 0.003)
+    values[0] = np.nan
+    return pd.DataFrame({"crank_angle": angle, "gamma2": values})
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return train_regularised(ringing(720), ringing(7200), "gamma2", OPTIONS)
+
+
+def test_its_errors_hold_between_its_points_where_those_of_the_papers_recipe_do_not(fit):
+    papers, regularised = (one.errors().iloc[0] for one in (train(ringing(720), "gamma2", OPTIONS), fit))
+    assert papers["held_out_mse"] > 10 * papers["training_mse"]
+    assert regularised["held_out_mse"] < 2 * regularised["training_mse"]
+    assert regularised["held_out_mse"] < 0.1 * papers["held_out_mse"]
+
+
+def test_a_third_of_the_samples_is_held_out_and_takes_no_part(fit):
+    training, held_out = fit.training.crank_angle, fit.grid.held_out.crank_angle
+    assert not np.intersect1d(training, held_out).size
+    assert len(held_out) / (len(training) + len(held_out)) == pytest.approx(1 / 3, abs=0.01)
+    spoilt = ringing(7200)
+    changed = np.isin(spoilt["crank_angle"], held_out)
+    # Small enough to leave the choice of samples as it is, large beside rounding.
+    spoilt.loc[changed, "gamma2"] += 1e-10
+    again = train_regularised(ringing(720), spoilt, "gamma2", OPTIONS)
+    np.testing.assert_array_equal(again.grid.held_out.crank_angle, held_out)
+    np.testing.assert_array_equal(again.network.parameters, fit.network.parameters)
+
+
+def test_samples_are_denser_where_the_trajectory_would_miss_an_impact(fit):
+    angle = np.sort(np.concatenate([fit.training.crank_angle, fit.grid.held_out.crank_angle]))
+    spacing = np.diff(angle)
+    assert spacing[np.abs(angle[:-1] - 4.0) < 0.01].max() < np.radians(0.1)
+    assert spacing[np.abs(angle[:-1] - 1.0) < 0.5].min() == pytest.approx(np.radians(0.5))
+
+
+def test_curves_end_at_the_errors_and_the_tables_hold_the_network(fit, tmp_path):
+    history, errors = fit.history(), fit.errors()
+    assert history["iteration"].tolist() == list(range(errors["iterations"].iloc[0] + 1))
+    for kind in ("mse", "held_out_mse"):
+        whole = errors["training_mse" if kind == "mse" else kind].iloc[0]
+        assert history[kind].iloc[-1] == pytest.approx(whole, rel=1e-9)
+        assert history[kind].iloc[-1] < 0.5 * history[kind].iloc[0]
+    papers = train(ringing(720), "gamma2", OPTIONS.model_copy(update={"iterations": 5}))
+    weights = pd.concat([papers.weights(), fit.weights()], ignore_index=True)
+    for table, frame in ((tables.FIT, weights), (tables.FIT_HISTORY, history), (tables.FIT_ERRORS, errors)):
+        tables.write(table, frame, tmp_path / table.name)
+    stored, angle = tables.read(tables.FIT, tmp_path / "fit"), np.linspace(0.1, 6.0, 77)
+    for model, network in (("network", papers.default), ("regularised", fit.network)):
+        back = Network.from_frame(stored, 4, model)
+        np.testing.assert_array_equal(back.values(angle), network.values(angle))
+
+
+def test_more_neurons_than_points_determine_do_not_ring():
+    options = OPTIONS.model_copy(update={"regularised_neurons": 60, "regularised_iterations": 30})
+    angle = np.linspace(0, 2 * np.pi, 181)
+    frame = pd.DataFrame({"crank_angle": angle, "gamma2": np.sin(3 * angle)})
+    row = train_regularised(frame, frame, "gamma2", options).errors().iloc[0]
+    assert row["weights"] > row["training_points"]
+    assert row["held_out_mse"] < 1e-6
+
+
+def test_training_is_the_same_to_the_last_bit_every_time(fit):
+    again = train_regularised(ringing(720), ringing(7200), "gamma2", OPTIONS)
+    np.testing.assert_array_equal(again.network.parameters, fit.network.parameters)
+
+
+def test_the_smoothing_spline_follows_exact_points_and_smooths_noise():
+    x = np.linspace(0.0, 6.0, 300)
+    noise = 0.1 * np.random.default_rng(0).normal(size=300)
+    between = (x[1:] + x[:-1]) / 2
+    exact = smoothing_spline(Points(x, np.sin(3 * x), 0))(between) - np.sin(3 * between)
+    noisy = smoothing_spline(Points(x, np.sin(3 * x) + noise, 0))(between) - np.sin(3 * between)
+    assert np.max(np.abs(exact[20:-20])) < 1e-5  # its second derivative is 0 at the ends
+    assert np.std(noisy) < 0.05
+    assert smoothing_spline(Points(x[:14], x[:14], 0)) is None
