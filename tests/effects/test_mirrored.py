@@ -9,7 +9,7 @@ from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import example
-from jointgap.slider_crank.modified_mechanism import mirrored
+from jointgap.errors import InputError
 from jointgap.slider_crank.sensors import MIRRORED
 from tests.dynamics.cases import SPEED, effect, mechanism, options, with_numbers
 
@@ -33,7 +33,7 @@ def test_the_mirrored_mechanism_moves_as_the_mirror_image_of_the_clockwise_one(n
     made = mechanism(*others, OWN.get(name, example(EFFECTS[name])), loose=loose_joints(name), offset=0.03)
     clockwise = with_numbers(parameters(made, options()), drive={"speed": -SPEED, "start_angle": -ANGLES[0]})
     front = integrate_to_angles(clockwise, start_state(clockwise), -ANGLES, 1e-12).observed(clockwise)
-    seen = parameters(mirrored(made.applied()), options(start_angle=ANGLES[0]))
+    seen = parameters(made.applied().mirrored(), options(start_angle=ANGLES[0]))
     behind = integrate_to_angles(seen, start_state(seen), ANGLES, 1e-12).observed(seen)
     # The reactions of an ideal pin are solved for, and rounded otherwise in the mirror; a stiff film amplifies that.
     bound = 1e-4 if name == "lubricated_joint" else 1e-7
@@ -46,16 +46,16 @@ def test_the_mirrored_mechanism_moves_as_the_mirror_image_of_the_clockwise_one(n
 @pytest.mark.parametrize(("order", "phase"), [(1, 0.5), (2, 1.1), (3, -2.0)])
 def test_a_clockwise_speed_that_fluctuates_is_fastest_at_the_same_place_of_the_crank(order, phase):
     made = mechanism(effect("speed_fluctuation", ratio=0.1, order=order, phase_rad=phase), loose=())
-    behind = simulate(mirrored(made), options(revolutions=1)).samples
+    behind = simulate(made.mirrored(), options(revolutions=1)).samples
     angle_in_front = -behind.crank_angle.to_numpy()
     law = SPEED * (1.0 + 0.1 * np.cos(order * angle_in_front - phase))
     np.testing.assert_allclose(behind.crank_speed, law, rtol=1e-12)
-    assert mirrored(made).effect("speed_fluctuation").phase_rad == -phase
+    assert made.mirrored().effect("speed_fluctuation").phase_rad == -phase
 
 
 def test_seen_from_behind_twice_a_mechanism_is_itself():
     made = mechanism(*map(example, EFFECTS.values()), offset=0.03)
-    twice = mirrored(mirrored(made))
+    twice = made.mirrored().mirrored()
     formulas = {"discovered_slider_force", "discovered_crank_torque"}
     assert [one for one in twice.effects if one.name not in formulas] == [
         one for one in made.effects if one.name not in formulas
@@ -65,4 +65,53 @@ def test_seen_from_behind_twice_a_mechanism_is_itself():
 
 def test_the_mirror_image_of_all_effects_can_be_folded_before_or_after():
     made = mechanism(*map(example, EFFECTS.values()), offset=0.03)
-    assert mirrored(made).applied() == mirrored(made.applied())
+    assert made.mirrored().applied() == made.applied().mirrored()
+
+
+@pytest.mark.parametrize("loose", [(), ("crank_pin", "piston_pin"), ("crank_pivot",)])
+def test_a_clockwise_speed_gives_every_column_the_sign_that_an_integration_backwards_gives_it(loose):
+    made = mechanism(effect("gravity"), loose=loose, offset=0.03)
+    asked = options(speed=-SPEED, start_angle=0.7, revolutions=1, samples_per_revolution=240)
+    own = simulate(made, asked)
+    angles = 0.7 - np.arange(60) * (2 * np.pi / 240)
+    backwards = with_numbers(
+        parameters(made, asked.model_copy(update={"speed": SPEED})), drive={"speed": -SPEED, "start_angle": 0.7}
+    )
+    plain = integrate_to_angles(backwards, start_state(backwards), angles, 1e-12).observed(backwards)
+    for name, values in plain.items():
+        found, same = own.samples[name].to_numpy()[:60], np.isfinite(values)
+        assert (np.isfinite(found) == same).all(), name
+        size = max(np.abs(values[same]).max(initial=0.0), 1e-9)
+        assert np.abs(found - values)[same].max(initial=0.0) < 1e-5 * size, name
+    assert (own.events["crank_angle"] <= 0.7).all()
+
+
+def test_an_ideal_crank_that_turns_clockwise_moves_as_its_geometry_says():
+    made = mechanism(loose=(), offset=0.03)
+    samples = simulate(made, options(speed=-SPEED, start_angle=0.7, revolutions=1)).samples
+    angle, crank, rod = samples.crank_angle, made.crank.length, made.rod.length
+    np.testing.assert_allclose(angle, 0.7 - SPEED * samples.time, atol=1e-9)
+    rod_angle = np.arcsin((0.03 - crank * np.sin(angle)) / rod)
+    np.testing.assert_allclose(samples.rod_angle, rod_angle, atol=1e-9)
+    np.testing.assert_allclose(samples.slider_position, crank * np.cos(angle) + rod * np.cos(rod_angle), atol=1e-9)
+
+
+def test_a_motor_starts_from_rest_and_turns_either_way():
+    motor = {"kind": "motor", "stall_torque": 30.0, "no_load_speed": 40.0, "inertia": 0.02}
+    still = options(speed=0.0, drive=motor, revolutions=1, samples_per_revolution=90)
+    made = mechanism(loose=())
+    samples = simulate(made, still).samples
+    assert samples.crank_speed[0] == 0.0 and (np.diff(samples.time) > 0).all()
+    almost = simulate(made, still.model_copy(update={"speed": 1e-6})).samples
+    np.testing.assert_allclose(samples.crank_speed[1:], almost.crank_speed[1:], rtol=1e-5)
+    turning = options(speed=20.0, drive=motor, revolutions=1, samples_per_revolution=90)
+    forth, back = (simulate(made, turning.model_copy(update={"speed": speed})).samples for speed in (20.0, -20.0))
+    np.testing.assert_allclose(back.crank_speed, -forth.crank_speed, rtol=1e-9)
+    np.testing.assert_allclose(back.slider_position, forth.slider_position, atol=1e-9)
+
+
+def test_a_crank_that_cannot_turn_is_refused():
+    with pytest.raises(ValueError, match="speed 0: the crank does not turn; give a speed, or a motor"):
+        options(speed=0.0)
+    with pytest.raises(InputError, match="clockwise: a single simulation turns so, all else does not"):
+        parameters(mechanism(), options(speed=-1.0))

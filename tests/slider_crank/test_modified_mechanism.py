@@ -13,7 +13,6 @@ from jointgap.slider_crank.modified_mechanism import (
     augmented_mechanism,
     friction_speed,
     lasting_damping,
-    mirrored,
     simulated_effects,
     with_effects,
     with_nuisances,
@@ -293,7 +292,7 @@ def test_a_fit_that_makes_the_mechanism_impossible_is_refused():
 
 def test_the_mirror_turns_the_offset_and_gravity_and_leaves_all_data_beside_them():
     own = made(slider={"mass": 0.4482, "offset": 0.03}, gravity_direction=0.4)
-    behind = mirrored(own)
+    behind = own.mirrored()
     assert (behind.slider.offset, behind.slider.mass) == (-0.03, 0.4482)
     assert behind.gravity_direction == -0.4
     assert behind.model_copy(update={"slider": own.slider, "gravity_direction": own.gravity_direction}) == own
@@ -308,7 +307,7 @@ def test_of_an_effect_with_a_side_one_parameter_is_the_opposite_behind(name, tur
     expected = own.parameters.model_dump() | {turned: -getattr(own.parameters, turned)}
     assert own.mirrored().parameters.model_dump() == expected
     assert getattr(own.parameters, turned) != 0.0
-    assert mirrored(made(effects=[example(EFFECTS[name])])).effects == (own.mirrored(),)
+    assert made(effects=[example(EFFECTS[name])]).mirrored().effects == (own.mirrored(),)
 
 
 def test_the_phase_of_a_periodic_torque_is_mirrored_about_a_quarter_turn():

@@ -10,7 +10,6 @@ from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.effect_laws import crank_losses, slider_force
 from jointgap.dynamics.simulation import simulate
 from jointgap.slider_crank.channel_kinematics import tolerance_for
-from jointgap.slider_crank.modified_mechanism import mirrored
 
 _SAMPLES = 360  # of the one revolution that is shown
 _SETTLES = 2  # revolutions
@@ -47,7 +46,7 @@ def missing_force(
         if run not in clockwise:
             parts.append(_along(run, base, augmented, speed))
             continue
-        behind = _along(run, mirrored(base.applied()), mirrored(augmented.applied()), speed).iloc[::-1]
+        behind = _along(run, base.applied().mirrored(), augmented.applied().mirrored(), speed).iloc[::-1]
         turned = {"crank_angle": math.tau - behind["crank_angle"], "crank_torque": -behind["crank_torque"]}
         parts.append(behind.assign(**turned))
     return pd.concat(parts, ignore_index=True)

@@ -135,6 +135,15 @@ class Mechanism(Section):
         size = listed.acceleration_m_s2 if listed else 0.0
         return size * np.array([math.cos(self.gravity_direction), math.sin(self.gravity_direction)])
 
+    def mirrored(self) -> "Mechanism":
+        """The mechanism as seen from behind, where a clockwise crank turns counter-clockwise: its mirror image in the
+        line y = 0.
+        """
+        slider = self.slider.model_copy(update={"offset": -self.slider.offset})
+        effects = tuple(effect.mirrored() for effect in self.effects)
+        update = {"slider": slider, "gravity_direction": -self.gravity_direction, "effects": effects}
+        return self.model_copy(update=update)
+
     def applied(self) -> "Mechanism":
         """The mechanism with all effects that merely change its data folded into them; `effects` keeps the others.
 

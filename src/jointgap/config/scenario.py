@@ -29,6 +29,7 @@ from jointgap.counts import Iterations, Members, MembersToCompare, Seed, count
 from jointgap.errors import InputError
 from jointgap.quantities import (
     Angle,
+    AngularSpeed,
     FrictionCoefficient,
     OpenFraction,
     PositiveAngle,
@@ -135,7 +136,9 @@ Drive = Annotated[ConstantDrive | MeasuredDrive | MotorDrive, Field(discriminato
 class Simulate(Section):
     """How the mechanism is driven and sampled."""
 
-    speed: PositiveAngularSpeed = Field(20 * math.pi, description="speed of the crank; a motor starts with it")
+    speed: AngularSpeed = Field(
+        20 * math.pi, description="speed of the crank, negative clockwise; a motor starts with it, from rest with 0"
+    )
     drive: Drive = Field(ConstantDrive(), description="what turns the crank: constant speed, measured angle or a motor")
     start_angle: quantity("rad", ge=-1e4, le=1e4) = Field(
         0.0, description="crank angle at the start; 0 = crank along +x"
@@ -149,6 +152,14 @@ class Simulate(Section):
         description="local error of positions that an integration step may make; 1e-4 of the smallest clearance at "
         "most",
     )
+
+    @model_validator(mode="after")
+    def _turns(self):
+        if self.speed == 0 and self.drive.kind == "constant":
+            raise ValueError("speed 0: the crank does not turn; give a speed, or a motor, which starts from rest")
+        if self.speed < 0 and self.drive.kind == "measured":
+            raise ValueError("speed is negative, but a measured drive turns as its angles say; leave it out")
+        return self
 
     @model_validator(mode="after")
     def _samples_can_be_held(self):

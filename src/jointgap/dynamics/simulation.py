@@ -123,6 +123,8 @@ def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Traj
     SimulationError
         The integration cannot go on; the message holds time, crank angle and state.
     """
+    if options.speed < 0:
+        return _clockwise(mechanism, options, perturbation)
     p = parameters(mechanism, options)
     angles = crank_angles(options)
     run = integrate_to_angles(p, start_state(p, perturbation), angles, options.tolerance)
@@ -132,6 +134,26 @@ def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Traj
     columns["crank_angle"] = angles  # as asked for: of a motor's crank compiled code knows it to a few roundings
     frame = pd.DataFrame({column.name: columns[column.name] for column in TRAJECTORY.columns})
     return Trajectory(samples=frame, events=event_frame(run.events), steps=run.steps)
+
+
+def _clockwise(mechanism: Mechanism, options: Simulate, perturbation) -> Trajectory:
+    """`simulate` of a crank that turns clockwise: its mirror image turns counter-clockwise."""
+    behind = options.model_copy(update={"speed": -options.speed, "start_angle": -options.start_angle})
+    if perturbation is not None:
+        perturbation = np.asarray(perturbation, dtype=float) * np.resize([1.0, -1.0], np.shape(perturbation))
+    seen = simulate(mechanism.applied().mirrored(), behind, perturbation)
+    samples = seen.samples.copy()
+    for name in samples:
+        if _turns_sign(name):
+            samples[name] = -samples[name]
+    samples["transmission_angle"] = math.pi - samples["transmission_angle"]
+    return Trajectory(samples, seen.events.assign(crank_angle=-seen.events["crank_angle"]), seen.steps)
+
+
+def _turns_sign(name: str) -> bool:
+    """Whether a column of the trajectory has the other sign in the mirror image in the line y = 0."""
+    across = name.endswith(("_y", "_friction_force", "_torque")) or name.startswith(("crank_a", "crank_s", "gamma"))
+    return across or (name.startswith(("guide_", "rod_a")) and "acceleration_x" not in name) or name == "rod_deflection"
 
 
 def crank_angles(options: Simulate) -> np.ndarray:

@@ -173,13 +173,3 @@ def _own(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:
     """Values of an effect's coordinates by key, as far as a fit has them: those of held-out runs it has not."""
     keys = {p.key: f"{candidate.label}.{p.key}" for p in candidate.coordinates}
     return {key: values[name] for key, name in keys.items() if name in values}
-
-
-def mirrored(mechanism: Mechanism) -> Mechanism:
-    """A mechanism as seen from behind, where a clockwise crank turns counter-clockwise: its mirror image in the line y
-    = 0.
-    """
-    slider = mechanism.slider.model_copy(update={"offset": -mechanism.slider.offset})
-    effects = tuple(effect.mirrored() for effect in mechanism.effects)
-    update = {"slider": slider, "gravity_direction": -mechanism.gravity_direction, "effects": effects}
-    return mechanism.model_copy(update=update)

@@ -19,7 +19,7 @@ from jointgap.recordings.recording import noise_of
 from jointgap.slider_crank import driven_run as drives
 from jointgap.slider_crank import sensors
 from jointgap.slider_crank.channel_kinematics import Columns, channels_at, tolerance_for
-from jointgap.slider_crank.modified_mechanism import mirrored, simulated_effects, with_effects, with_nuisances
+from jointgap.slider_crank.modified_mechanism import simulated_effects, with_effects, with_nuisances
 from jointgap.slider_crank.sample_grid import SampleGrid
 from jointgap.slider_crank.sensor_faults import Faults
 from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SimulationSettings, SliderCrankSettings
@@ -125,7 +125,7 @@ def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> d
         nuisances |= {name: own[name] for name in own if name in values and name not in candidate.amplitudes}
     mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()
     if clockwise:
-        mechanism = mirrored(mechanism)
+        mechanism = mechanism.mirrored()
     finer, change = other_numerics(numerics)
     tolerance = finer * tolerance_for(mechanism, plan.settings.simulation, numerics == FAST)
     start = sum(round(own.get(START, 0.0)) for _, own in effects)  # of two joints it is one of the same starts

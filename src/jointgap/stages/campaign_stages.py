@@ -354,12 +354,11 @@ def reoptimise(state: "CampaignState") -> None:
         return
     from jointgap.campaign.augment import mechanisms
     from jointgap.campaign.reoptimise import reoptimise as reoptimised
-    from jointgap.slider_crank.modified_mechanism import mirrored
 
     models = dict(zip(("base", "augmented"), mechanisms(state.campaign, outcome), strict=True))
     fastest = max((run for run in state.campaign.runs if run.role != "confirm"), key=lambda run: run.speed)
     if fastest.direction == "clockwise":
-        models = {name: mirrored(mechanism.applied()) for name, mechanism in models.items()}
+        models = {name: mechanism.applied().mirrored() for name, mechanism in models.items()}
     state.folder.write(OPTIMUM, reoptimised(models, fastest.speed))
 
 

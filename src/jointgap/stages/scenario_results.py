@@ -97,6 +97,12 @@ def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
         As `jointgap.tables.read`, or the file was simulated with other samples, revolutions, start or speed.
     """
     frame, options = tables.read(TRAJECTORY, path), scenario.simulate
+    if options.speed < 0:
+        raise InputError(
+            f"simulate.speed {options.speed:g} rad/s is clockwise: nothing is learned or optimised of such a motion; "
+            "give the mirror image of the mechanism (slider.offset, gravity_direction and phases with the other sign) and a "
+            "positive speed, which has the same best lengths"
+        )
     samples, turned = options.samples_per_revolution * options.revolutions + 1, 2.0 * np.pi * options.revolutions
     ends, speed = [options.start_angle, options.start_angle + turned], _starting_speed(scenario)
     fits = len(frame) == samples and np.allclose(frame["crank_angle"].iloc[[0, -1]], ends, rtol=1e-9, atol=1e-9)

@@ -25,6 +25,7 @@ from jointgap.dynamics.model.parameters import (
     table_record,
 )
 from jointgap.effects import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED
+from jointgap.errors import InputError
 from jointgap.formula import NOTHING
 from jointgap.joints import JOINT, JOINTS
 
@@ -126,8 +127,14 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
     ------
     InputError
         Effects that make it impossible, a measured crank angle that cannot be used, a tolerance too coarse for a
-        clearance.
+        clearance, a crank that turns clockwise.
     """
+    if options.speed < 0:
+        raise InputError(
+            f"simulate.speed {options.speed:g} rad/s is clockwise: a single simulation turns so, all else does not; "
+            "give the mirror image of the mechanism (slider.offset, gravity_direction and phases with the other sign) and a "
+            "positive speed"
+        )
     made = mechanism.applied()
     check_drive(made, options)
     check_tolerance(made, options)
