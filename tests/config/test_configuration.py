@@ -314,7 +314,7 @@ def test_a_mistake_in_a_shared_contact_is_told_once():
 
 def test_every_mistake_is_told_in_one_go():
     with pytest.raises(InputError) as caught:
-        resolved({"simulate": {"speed": -1, "revolutions": 0}})
+        resolved({"simulate": {"samples_per_revolution": -1, "revolutions": 0}})
     assert len(str(caught.value).splitlines()) == 2
 
 

@@ -100,8 +100,8 @@ def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
     if options.speed < 0:
         raise InputError(
             f"simulate.speed {options.speed:g} rad/s is clockwise: nothing is learned or optimised of such a motion; "
-            "give the mirror image of the mechanism (slider.offset, gravity_direction and phases with the other sign) and a "
-            "positive speed, which has the same best lengths"
+            "give the mirror image of the mechanism (slider.offset, gravity_direction and phases with the other sign) "
+            "and a positive speed, which has the same best lengths"
         )
     samples, turned = options.samples_per_revolution * options.revolutions + 1, 2.0 * np.pi * options.revolutions
     ends, speed = [options.start_angle, options.start_angle + turned], _starting_speed(scenario)

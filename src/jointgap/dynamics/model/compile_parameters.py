@@ -132,8 +132,8 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
     if options.speed < 0:
         raise InputError(
             f"simulate.speed {options.speed:g} rad/s is clockwise: a single simulation turns so, all else does not; "
-            "give the mirror image of the mechanism (slider.offset, gravity_direction and phases with the other sign) and a "
-            "positive speed"
+            "give the mirror image of the mechanism (slider.offset, gravity_direction and phases with the other sign) "
+            "and a positive speed"
         )
     made = mechanism.applied()
     check_drive(made, options)
