@@ -1,11 +1,13 @@
-"""Both surrogates on the simulated motion: the paper's eight errors are reached."""
+"""Networks on the simulated motion: the paper's eight errors are reached, those of regularised ones hold."""
 
+import pandas as pd
 import pytest
 
 from jointgap.config import Simulate, Surrogate, read_yaml, resolve
 from jointgap.dynamics import simulate
 from jointgap.surrogate.train import train
 from jointgap.surrogate.train_clearance import train_clearance
+from jointgap.surrogate.train_regularised import SAMPLING, train_regularised
 from jointgap.tables import OUTPUTS
 
 pytestmark = pytest.mark.slow
@@ -36,3 +38,13 @@ def test_the_second_surrogate_reaches_the_papers_errors_at_samples_held_out(pyte
     coarse, fine = (motion(pytestconfig, name, samples) for samples in (3600, 360_000))
     errors = train_clearance(coarse, fine, Surrogate(), ("crank_pin", "piston_pin")).errors()
     assert (errors["held_out_mse"] <= errors["paper_mse"]).all(), errors[["output", "held_out_mse", "paper_mse"]]
+
+
+@pytest.mark.parametrize("name", ["paper", "nearest_settings"])
+def test_all_regularised_networks_err_at_most_twice_as_much_at_samples_held_out(pytestconfig, name):
+    coarse, fine = (motion(pytestconfig, name, samples) for samples in (3600, 3600 * SAMPLING))
+    errors = pd.concat([train_regularised(coarse, fine, output, Surrogate()).errors() for output in OUTPUTS])
+    errors = errors[errors["region"] == "all"]
+    assert len(errors) == 8
+    shown = errors[["output", "training_mse", "held_out_mse", "smoothing_spline_held_out_mse"]]
+    assert (errors["held_out_mse"] <= 2 * errors["training_mse"]).all(), shown
