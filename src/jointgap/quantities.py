@@ -29,7 +29,8 @@ _UNIT = re.compile(rf"(?:1?\ ?/\ ?)?{_PART}(?:(?:\ ?[*/]\ ?|\ ){_PART})*")
 """Names of units with powers of two digits at most, products and quotients of them, and brackets around these."""
 
 _PLAIN_POWER = re.compile(r"(?<=[A-Za-z])([234])(?![\w.^])")  # m/s2, kg m2: no unit of pint's ends in such a digit
-_TORQUE = re.compile(r"\b([kmM]?N)([mc]?m)\b")  # Nm, kNm, Nmm: pint takes Nm for a measure of yarn
+# Nm, kNm, Nmm, whole below a stroke: pint takes Nm for a measure of yarn
+_TORQUE = re.compile(r"(/ ?)?\b([kmM]?N)([mc]?m)\b((?:\^|\*\*)-?\d)?")
 
 _DASHES = re.compile(r"[‐‑‒–—]")
 _GROUPED = re.compile(r"(?<![0-9.])[0-9]{1,3}(?:[\s'’_,][0-9]{3})+")
@@ -120,10 +121,15 @@ def _inverse(number: str) -> str | None:
     return repr(1.0 / float(number)) if float(number) else None
 
 
+def _torque_for_pint(found: re.Match[str]) -> str:
+    stroke, force, lever, power = (part or "" for part in found.groups())
+    return f"/({force}*{lever}{power})" if stroke else f"{force}*{lever}{power}"
+
+
 def _unit_for_pint(unit: str) -> str:
     """`unit` as pint reads it; '' where it is none by its form."""
     unit = re.sub(f"[{_RAISED}]+", lambda raised: "^" + raised[0].translate(_LOWERED), unit.translate(_SIGNS))
-    unit = _TORQUE.sub(r"\1*\2", _PLAIN_POWER.sub(r"^\1", " ".join(unit.split())))
+    unit = _TORQUE.sub(_torque_for_pint, _PLAIN_POWER.sub(r"^\1", " ".join(unit.split())))
     if _UNIT.fullmatch(unit) is None:
         return ""
     return f"1{unit}" if unit.startswith("/") else unit

@@ -2,6 +2,7 @@
 
 import pytest
 
+from jointgap.campaign.verdict_page import title
 from jointgap.campaign.verdict_sentences import answer, best_known_in_words, held_out_in_words
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
@@ -239,6 +240,20 @@ def test_where_an_explanation_is_best_but_not_proven_the_headline_does_not_say_t
         "Something is missing, and it is not proven what. 56 % of what exceeds the noise is explained by Coulomb "
         "friction of the slider (21.30 N). No effect was added to the model."
     )
+
+
+@pytest.mark.parametrize(
+    ("share", "part"), [(0.994, "99 % of what exceeds the noise"), (0.996, "A part"), (1.01, "A part")]
+)
+def test_what_explains_all_on_the_data_used_for_fitting_is_not_called_a_part_of_a_hundred_percent(share, part):
+    assert f"not proven what. {part} is explained by" in answer(unproven(explained_share=share))
+    assert ("explained in part (99 %): " in title(unproven(explained_share=share))) == (share < 0.995)
+
+
+def test_a_held_out_gap_whose_interval_begins_above_noise_is_told_with_the_name():
+    gap = {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": 8.0, "after": 1.12}}
+    said = answer(NAMED | {"verdict": "named_with_remaining_misfit", "gap": gap})
+    assert said.endswith("on the held-out data a gap of 1.12 is left, which is more.")
 
 
 def test_what_is_best_but_not_proven_is_told_with_its_rest_its_test_its_rival_and_what_would_prove_it():

@@ -67,6 +67,17 @@ def test_a_crank_that_does_not_turn_on_is_told_with_the_time_and_its_run_left_ou
     assert "slow.csv, column theta, row" in told
 
 
+def test_what_else_is_odd_in_a_run_that_is_left_out_is_no_doubt_of_a_channel(tmp_path):
+    frame = turning(run_up)
+    frame.loc[300:400:4, "M"] = -999.0
+    read = read_rig(tmp_path, with_roles() | ANGLE_DRIVES, slow=frame)
+    assert [(found.channel, found.kind) for found in read.contradictions] == [("crank_angle", "standstill")]
+    assert any("crank_torque is far from all else" in remark for remark in read.remarks)
+    kept = turning(lambda turned: turned).assign(M=frame.M)
+    read = read_rig(tmp_path, with_roles() | ANGLE_DRIVES, slow=kept)
+    assert [(found.channel, found.kind) for found in read.contradictions] == [("crank_torque", "no_data")]
+
+
 @pytest.mark.parametrize("drive", ["measured_angle", "constant_speed"])
 @pytest.mark.parametrize("step", [-40.0, 25.0, 138.24])
 def test_a_step_that_stays_is_told_as_a_step_whatever_drives(tmp_path, drive, step):

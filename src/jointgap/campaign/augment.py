@@ -16,7 +16,7 @@ from jointgap.config import Mechanism
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import validate
 from jointgap.errors import InputError
-from jointgap.identification.estimates import determined_values, effect_estimates, is_determined
+from jointgap.identification.estimates import determined_values, effect_estimates, is_taken_over
 from jointgap.identification.protocol import Parameter
 from jointgap.report.plain_words import nuisance_in_words
 from jointgap.slider_crank import augmented_mechanism
@@ -108,7 +108,7 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
 
 
 def _kept(parameter: Parameter, estimate: Mapping[str, Any]) -> str:
-    return "" if parameter.run or is_determined(parameter, estimate) else ": not taken over"
+    return "" if parameter.run or is_taken_over(parameter, estimate) else ": not taken over"
 
 
 def _line(row: tuple[str, str, str, str]) -> str:

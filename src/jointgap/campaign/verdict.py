@@ -12,7 +12,7 @@ from jointgap.campaign.tables_of_identification import JOINED, Outcome, gap_of
 from jointgap.errors import InputError
 from jointgap.identification.confirmation import held_out_test
 from jointgap.identification.decide_verdict import certain_effects
-from jointgap.identification.estimates import coordinate_estimate, effect_estimates, is_determined
+from jointgap.identification.estimates import coordinate_estimate, effect_estimates, is_taken_over
 from jointgap.identification.fit import MATCHED, Fit
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of
@@ -238,7 +238,7 @@ def _gains(outcome: Outcome) -> dict[str, float]:
 
 def _nuisances(fit: Fit, clockwise: Collection[str]) -> dict[str, dict[str, Any]]:
     return {
-        p.key: estimate | ({} if is_determined(p, estimate) else {"kept": True})
+        p.key: estimate | ({} if is_taken_over(p, estimate) else {"kept": True})
         for p, estimate in nuisances_as_read(fit, clockwise)
     }
 

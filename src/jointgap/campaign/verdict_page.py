@@ -27,6 +27,7 @@ from jointgap.campaign.verdict_sentences import (
     held_out_in_words,
     is_told_by_features,
     left_out_in_words,
+    share_explained,
 )
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.nuisance_bounds import NUISANCES
@@ -112,8 +113,8 @@ def title(verdict: Mapping[str, Any]) -> str:
     if verdict["effects"]:
         return _capital(headline(verdict["effects"]) + _widened(verdict))
     best = verdict["best_known"]
-    share = best and best["explained_share"]
-    part = "in part" if share is None else f"in part ({percent(share, 0)})"
+    share = best and share_explained(best)
+    part = f"in part ({share})" if share else "in part"
     return {
         "no_disagreement": "Nothing is missing that these data could show",
         "parameters_only": "Nothing is missing: other values of uncertain parameters meet the measurement",

@@ -70,7 +70,8 @@ def _closed(verdict: Mapping[str, Any], unmet: str) -> str:
             "less than noise leaves open, so they do not confirm it."
         )
     confirmed = verdict["gap"]["confirm"]["after"]
-    if after**2 <= _DECISION.tolerated_reduced_chi2 and confirmed is not None and confirmed > _NOISE_GAP:
+    least = _DECISION.max_low_end_of_gap
+    if after**2 <= _DECISION.tolerated_reduced_chi2 and confirmed is not None and confirmed > least:
         return (
             "With it the model meets the data used for fitting within the noise; on the held-out data a gap of "
             f"{rounded_gap(confirmed)} is left, which is more."
@@ -102,12 +103,19 @@ def _unexplained(verdict: Mapping[str, Any]) -> str:
             "Something is missing, and it is none of the effects tried: the model and the measurement disagree by more "
             "than the noise, and no explanation holds."
         )
-    share = best["explained_share"]
-    part = "A part" if share is None else f"{percent(share, 0)} of what exceeds the noise"
+    share = share_explained(best)
+    part = f"{share} of what exceeds the noise" if share else "A part"
     return (
         f"Something is missing, and it is not proven what. {part} is explained by "
         f"{explanation_in_words(best['effects'])}."
     )
+
+
+def share_explained(best: Mapping[str, Any]) -> str:
+    """Of what exceeds the noise, the part in percent that the best explanation explains; empty where it is not known,
+    or rounds to all of it."""
+    share = best["explained_share"]
+    return "" if share is None or round(share, 2) >= 1.0 else percent(share, 0)
 
 
 def best_known_in_words(verdict: Mapping[str, Any]) -> tuple[str, ...]:

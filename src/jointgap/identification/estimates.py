@@ -55,13 +55,14 @@ def determined_values(fit: Fit) -> dict[str, float]:
     """
     values = fit.mapping
     for p, estimate in nuisance_estimates(fit):
-        if not is_determined(p, estimate) and estimate.get("remark") != NOT_ESTIMATED:
+        if not is_taken_over(p, estimate):
             values[p.key] = p.nominal
     return values
 
 
-def is_determined(parameter: Parameter, estimate: dict[str, Any]) -> bool:
-    """Whether the data determine a nuisance: fitted within its range, with an interval that is narrower.
+def is_taken_over(parameter: Parameter, estimate: dict[str, Any]) -> bool:
+    """Whether a model that others use takes over a nuisance: what the data determine, fitted within its range with an
+    interval that is narrower; and what is adapted to features of the cycle.
 
     Parameters
     ----------
@@ -69,8 +70,10 @@ def is_determined(parameter: Parameter, estimate: dict[str, Any]) -> bool:
     estimate : dict
         As of `coordinate_estimate`.
     """
+    if "remark" in estimate:
+        return estimate["remark"] == NOT_ESTIMATED
     low, high = estimate["interval_90"]
-    if estimate.get("remark") or low is None or high is None:
+    if low is None or high is None:
         return False
     width = parameter.high - parameter.low
     return not np.isfinite(width) or high - low < DEFAULT_SETTINGS.intervals.determined_share * width

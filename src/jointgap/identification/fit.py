@@ -121,8 +121,9 @@ class Fit:
 
     @property
     def scale(self) -> float:
-        """Factor of errors and intervals beside those of noise alone [1]: the largest gap that is left, at least 1."""
-        return float(np.sqrt(self.inflation))
+        """Factor of errors and intervals beside those of noise alone [1]: the largest gap that is left, at least 1; 1
+        where features of the cycle told the values, to which samples say nothing."""
+        return 1.0 if self.status == MATCHED else float(np.sqrt(self.inflation))
 
     @property
     def _inflation_of_chi2(self) -> float:

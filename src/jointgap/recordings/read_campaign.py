@@ -60,8 +60,10 @@ def read_measurements(
     check_copies(read, limits)
     runs = {}
     for run, (file, columns) in read.items():
+        own: list[Contradiction] = []  # what a run holds that is left out is no doubt of its channels
         try:
-            runs[run] = _recording(file, columns, remarks, found)
+            runs[run] = _recording(file, columns, remarks, own)
+            found += own
         except UnusableRun as error:
             remarks.insert(0, f"run {run} is left out: {error}")
             found.append(Contradiction(run, "crank_angle", error.kind, str(error), doubtful=False))
