@@ -91,6 +91,7 @@ docs: ## the documentation site, strictly: docs/_build/html/index.html
 
 bench: ## measure what the project promises, beside its peers
 	@scripts/set-up peers
+	@scripts/get-lsoda
 	@scripts/in-venv python -m benchmarks $(ARGS)
 
 drill: set-up ## damaged, hostile and interrupted use: twenty minutes; ARGS='names --scale 0.1' for a part

@@ -1,0 +1,33 @@
+"""The benchmark's peers integrate the package's own equations of motion, from numbers that nothing copies."""
+
+import numpy as np
+
+from benchmarks.right_hand_side import right_hand_side
+from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.model.joint_forces import CONTACT, FLIGHT
+from jointgap.dynamics.simulation import VELOCITY_TIME
+from jointgap.dynamics.solver.runge_kutta import instant
+from tests.dynamics.cases import mechanism, options
+
+SCALES = np.repeat([1.0, VELOCITY_TIME], 4)
+
+
+def test_peers_get_the_rates_of_the_package_and_read_its_numbers_where_they_lie():
+    p = parameters(mechanism(memory="published"), options())
+    slope, gap = right_hand_side(p)
+    state = np.array([1.002e-3, 1e-5, 2e-4, -1e-4, 0.03, 0.1, -0.02, 0.05])
+    modes, approaches, rates = (CONTACT, FLIGHT, FLIGHT), (0.1, np.inf, np.inf), np.empty(8)
+
+    def both():
+        slope(0.002, SCALES * state, rates, modes, approaches)
+        seen = instant(p, 0.002, tuple(state), (0.0,) * 11, modes, approaches, (np.inf,) * 3)
+        return rates / SCALES, np.array(seen.clearance_rates)
+
+    given, own = both()
+    np.testing.assert_allclose(given, own, rtol=1e-13)
+    depth = np.hypot(1.002e-3, 1e-5) - 1e-3
+    np.testing.assert_allclose(gap(SCALES * state, 0)[0], depth, rtol=1e-9)
+    p.crank_pin.stiffness *= 2.0
+    stiffer, own = both()
+    np.testing.assert_allclose(stiffer, own, rtol=1e-13)
+    assert np.abs(stiffer - given).max() > 0.1 * np.abs(given).max()
