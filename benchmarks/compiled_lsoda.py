@@ -1,4 +1,4 @@
-"""LSODA in compiled code on the package's right-hand side, from event to event (numbalsoda, which `scripts/get-lsoda` builds).
+"""LSODA (numbalsoda: `scripts/get-lsoda`) in compiled code on the package's right-hand side, from event to event.
 
 LSODA cannot be stopped at an event from outside. So it runs through a stretch of time and reports on a grid; where a
 penetration has changed its sign between two points, it starts anew at the first of them with the penetration in place
