@@ -148,6 +148,12 @@ def test_what_is_laid_over_a_mapping_by_a_plain_value_leaves_nothing_of_it():
     assert merged(layers) == {"a": {"b": 1, "c": 3}}
 
 
+def test_a_crank_may_carry_a_counterweight():
+    crank = {"mass_centre": "-20 mm", "mass_centre_across": "5 mm"}
+    made = resolved({"mechanism": {"crank": crank}}).mechanism.crank
+    assert (made.mass_centre, made.mass_centre_across) == pytest.approx((-0.02, 0.005))
+
+
 def test_other_lengths_keep_the_mass_centres_share():
     longer = load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml").with_lengths(0.12, 0.6)
     assert (longer.crank.mass_centre, longer.rod.mass_centre) == pytest.approx((0.06, 0.3))
@@ -164,6 +170,8 @@ def test_other_lengths_keep_the_mass_centres_share():
             ["mechanism.contacts.steel.frictoin", "did you mean 'friction'"],
         ),
         ({"mechanism": {"crank": {"mass": -1}}}, ["mechanism.crank.mass = -1", "greater than 0"]),
+        ({"mechanism": {"crank": {"mass_centre": "-0.2 m"}}}, ["mass_centre -0.2 m", "beyond the link's length"]),
+        ({"mechanism": {"rod": {"mass_centre_across": "1 mm"}}}, ["rod.mass_centre_across", "only a crank's"]),
         ({"mechanism": {"crank": {"length": "0.6 m"}}}, ["crank.length 0.6 m", "cannot turn", "shorten the crank"]),
         (
             {"mechanism": {"joints": {"crank_pin": {"journal_radius": "9 mm"}}}},

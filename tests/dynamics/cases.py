@@ -43,17 +43,18 @@ def mechanism(
     clearance=1e-3,
     offset=0.0,
     gravity=False,
+    crank=None,
     **contact,
 ) -> Mechanism:
     """The paper's slider-crank with a crank pivot that may be loose too; `contact` holds further keys of the
-    contact.
+    contact, `crank` of the crank.
     """
     steel = {"law": law, "friction": friction, **({} if law == "penalty" else {"restitution": restitution}), **contact}
     carriers = dict(zip(ALL, ("frame", *journals), strict=True))
     radii = dict(zip(ALL, (0.010, 0.007, 0.007), strict=True))
     return Mechanism.model_validate(
         {
-            "crank": {"length": CRANK, "mass": 0.3704, "inertia": 1.458e-3, "mass_centre": 0.075},
+            "crank": {"length": CRANK, "mass": 0.3704, "inertia": 1.458e-3, "mass_centre": 0.075, **(crank or {})},
             "rod": {"length": ROD, "mass": 0.773, "inertia": 2.482e-2, "mass_centre": CENTRE},
             "slider": {"mass": 0.4482, "offset": offset},
             "joints": {

@@ -59,15 +59,26 @@ class Closed:
     def centre_rates(self):
         return self.rated(*self.on_rod(self.made.rod.mass_centre)[1:])
 
+    @property
+    def crank_inertia(self):
+        """About the pivot [kg m^2]."""
+        crank = self.made.crank
+        return crank.inertia + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
+
+    def turned(self, along, beside, twice=False):
+        """A vector of the crank, `along` its line and `beside` it, turned by 90 degrees or by twice that, (2, n)."""
+        arm = (along + 1j * beside) * np.exp(1j * self.angle) * (-1 if twice else 1j)
+        return np.array([arm.real, arm.imag])
+
     def virtual_work_torque(self, slider_force=0.0):
         """Torque of the drive [N m]: what inertia, weight and the force on the slider [N] take up per radian."""
         made, gravity = self.made, self.made.gravity[:, None]
         _, turn, _ = self.on_rod(made.rod.mass_centre)
-        moved = made.crank.mass_centre * np.array([-np.sin(self.angle), np.cos(self.angle)])
+        moved = self.turned(made.crank.mass_centre, made.crank.mass_centre_across)
         torque = made.rod.mass * ((self.centre_rates[1] - gravity) * turn).sum(0)
         torque = torque + made.rod.inertia * self.rod_rates[1] * self.rod_primes[0]
         torque = torque - made.crank.mass * (gravity * moved).sum(0)
-        torque = torque + (made.crank.inertia + made.crank.mass * made.crank.mass_centre**2) * self.acceleration
+        torque = torque + self.crank_inertia * self.acceleration
         pull = made.slider.mass * (self.slider_rates[1] - made.gravity[0]) - slider_force
         return torque + pull * self.on_rod(made.rod.length)[1][0]
 
@@ -86,11 +97,9 @@ class Closed:
         piston_y = ((moment - pin_moment - piston_moment) / rod.length + s * piston_x) / c
         piston = np.array([piston_x + 0 * piston_y, piston_y])
         pin = inertia - piston
-        ahead = np.array([np.cos(self.angle), np.sin(self.angle)])
-        across = np.array([-ahead[1], ahead[0]])
-        centre = crank.mass_centre * (self.acceleration * across - self.speed**2 * ahead)
-        frame = crank.mass * (centre - gravity) + pin
-        inertia = crank.inertia + crank.mass * crank.mass_centre**2
-        torque = inertia * self.acceleration - crank.mass * crank.mass_centre * (gravity * across).sum(0)
-        torque = torque + crank.length * (across * pin).sum(0) + pin_moment
+        arm = crank.mass_centre, crank.mass_centre_across
+        turned, back = self.turned(*arm), self.turned(*arm, twice=True)
+        frame = crank.mass * (self.acceleration * turned + self.speed**2 * back - gravity) + pin
+        torque = self.crank_inertia * self.acceleration - crank.mass * (gravity * turned).sum(0)
+        torque = torque + crank.length * (self.turned(1.0, 0.0) * pin).sum(0) + pin_moment
         return pin, piston, frame, piston_y - made.slider.mass * made.gravity[1], torque

@@ -34,7 +34,8 @@ def bodies(moved: Motion) -> list[tuple]:
         return pivot + arm, pivot_rate + speed * turned(arm)
 
     crank, rod, slider = made.crank, made.rod, made.slider
-    found = [(crank.mass, *on_crank(crank.mass_centre, 0.0), crank.inertia, speed)]
+    arm = crank.mass_centre + 1j * crank.mass_centre_across
+    found = [(crank.mass, *on_crank(abs(arm), np.angle(arm)), crank.inertia, speed)]
     if unbalance := made.effect("crank_unbalance"):
         mass = unbalance.unbalance_kg_m / crank.length
         found.append((mass, *on_crank(crank.length, unbalance.angle_rad), 0.0, speed))

@@ -65,6 +65,11 @@ CASES = {
     "pivot and crank pin loose": ([], {"loose": ("crank_pivot", "crank_pin")} | RUB, {}),
     "pivot and piston pin loose": ([], {"loose": ("crank_pivot", "piston_pin")} | RUB, {}),
     "three loose": ([], {"loose": ALL} | RUB | WEIGHT, {}),
+    "three loose, counterweight, motor": (
+        [],
+        {"loose": ALL, "crank": {"mass_centre": -0.02, "mass_centre_across": 0.03}} | RUB | WEIGHT,
+        MOTORED,
+    ),
     "penalty form": ([], {"law": "penalty", "penalty_damping": 2e3, "penalty_depth": 1e-4} | RUB, {}),
     "exponent 2": ([], {"stiffness": 5e12, "exponent": 2.0}, {}),
     "threlfall": ([], {"friction_law": "threlfall"} | RUB, {}),

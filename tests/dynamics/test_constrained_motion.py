@@ -15,21 +15,24 @@ MIXES = (
     ("crank_pivot", "piston_pin"),
 )
 PIN_FRICTION, GUIDE_FRICTION, COULOMB = 0.3, 0.2, 4.0
+COUNTERWEIGHT = {"mass_centre": -0.02, "mass_centre_across": 0.03}
 KEYS = {
     "plain": ({}, {}),
     "slider forces": ({"slider": True}, {}),
     "motor": ({"slider": True}, {"drive": MOTOR}),
+    "counterweight": ({"crank": COUNTERWEIGHT}, {}),
+    "counterweight, motor": ({"crank": COUNTERWEIGHT}, {"drive": MOTOR}),
     "friction of ideal pins and guide": ({"rubbing": True}, {}),
     "friction of ideal pins and guide, motor": ({"rubbing": True}, {"drive": MOTOR}),
 }
 
 
-def made(loose, slider=False, rubbing=False):
+def made(loose, slider=False, rubbing=False, crank=None):
     effects = [effect("slider_coulomb_friction", force_N=COULOMB)] if slider else []
     if rubbing:
         effects = [effect("pin_friction", pin, coefficient=PIN_FRICTION) for pin in PINS if pin not in loose]
         effects.append(effect("slider_load_friction", coefficient=GUIDE_FRICTION))
-    return mechanism(*effects, loose=loose, offset=0.03, gravity=True)
+    return mechanism(*effects, loose=loose, offset=0.03, gravity=True, crank=crank)
 
 
 def point(rows, unknown, lever):
@@ -40,13 +43,14 @@ def point(rows, unknown, lever):
     return jacobian
 
 
-def solved(mechanism, loose, t, motor, slider, rubbing):
+def solved(mechanism, loose, t, motor, slider=False, rubbing=False, crank=None):
     """Accelerations (n, 8) of crank, rod (x, y, angle each) and slider (x, y), and the constraints' forces by name."""
     crank, rod, piston = mechanism.crank, mechanism.rod, mechanism.slider
     n = len(t)
     toward = np.stack([np.cos(t.crank_angle), np.sin(t.crank_angle)], 1)
     along = np.stack([np.cos(t.rod_angle), np.sin(t.rod_angle)], 1)
-    to_pivot, to_pin = -crank.mass_centre * toward, (CRANK - crank.mass_centre) * toward
+    centre = crank.mass_centre * toward + crank.mass_centre_across * np.stack([-toward[:, 1], toward[:, 0]], 1)
+    to_pivot, to_pin = -centre, CRANK * toward - centre
     near, far = -CENTRE * along, (ROD - CENTRE) * along
     w, turn = t.crank_speed.to_numpy()[:, None], t.rod_angular_velocity.to_numpy()[:, None]
     inertia = crank.inertia + (MOTOR["inertia"] if motor else 0.0)
@@ -101,7 +105,7 @@ def test_accelerations_and_reactions_are_those_of_the_constrained_equations_of_m
     more, drive = KEYS[keys]
     one = made(loose, **more)
     t = simulate(one, options(samples_per_revolution=90, tolerance=1e-10, **drive)).samples
-    a, forces = solved(one.applied(), loose, t, bool(drive), **({"slider": False, "rubbing": False} | more))
+    a, forces = solved(one.applied(), loose, t, bool(drive), **more)
     seen = {"rod_acceleration_x": 3, "rod_acceleration_y": 4, "rod_angular_acceleration": 5, "slider_acceleration": 6}
     expected = {name: a[:, column] for name, column in seen.items()}
     expected |= {"crank_acceleration": a[:, 2]} if drive else {}

@@ -8,10 +8,12 @@ from tests.dynamics.cases import ALL, SPEED, effect, mechanism, options
 from tests.dynamics.closed import Closed
 
 EPSILON = np.finfo(float).eps
+COUNTERWEIGHT = {"mass_centre": -0.02, "mass_centre_across": 0.03}
 CASES = {
     "plain": ({}, {}),
     "offset and gravity": ({"offset": 0.05, "gravity": True}, {}),
     "far offset, slow": ({"offset": -0.3, "gravity": True}, {"speed": 5.0}),
+    "counterweight beside the line": ({"gravity": True, "crank": COUNTERWEIGHT}, {}),
     "fast": ({}, {"speed": 600.0, "start_angle": 1.0}),
 }
 

@@ -11,7 +11,7 @@ from jointgap.config.joint_config import Contact, Joint, Joints
 from jointgap.effects import AnyEffect
 from jointgap.errors import InputError, did_you_mean
 from jointgap.joints import FROM_FRAME
-from jointgap.quantities import Angle, Length, NonNegativeLength, PositiveInertia, PositiveLength, PositiveMass
+from jointgap.quantities import Angle, Length, PositiveInertia, PositiveLength, PositiveMass
 from jointgap.section import Section
 
 
@@ -21,21 +21,29 @@ class Link(Section):
     length: PositiveLength = Field(description="distance between the link's two joints")
     mass: PositiveMass = Field(description="mass")
     inertia: PositiveInertia = Field(description="moment of inertia about the mass centre")
-    mass_centre: NonNegativeLength = Field(
-        description="distance of the mass centre from the joint nearer the crank pivot"
+    mass_centre: Length = Field(
+        description="distance of the mass centre from the joint nearer the crank pivot, along the link; negative "
+        "beyond that joint"
+    )
+    mass_centre_across: Length = Field(
+        0.0,
+        description="distance of the crank's mass centre from the line of the link, positive 90 deg ahead of it; "
+        "0 for the rod",
     )
 
     @model_validator(mode="after")
-    def _mass_centre_lies_on_the_link(self):
-        if self.mass_centre > self.length:
-            raise ValueError(
-                f"mass_centre {self.mass_centre:g} m lies beyond the link's length {self.length:g} m; "
-                "measure it from the joint nearer the crank pivot"
-            )
+    def _mass_centre_lies_near_the_link(self):
+        for name in ("mass_centre", "mass_centre_across"):
+            distance = getattr(self, name)
+            if abs(distance) > self.length:
+                raise ValueError(
+                    f"{name} {distance:g} m lies beyond the link's length {self.length:g} m; "
+                    "measure it from the joint nearer the crank pivot"
+                )
         return self
 
     def with_length(self, length: float) -> "Link":
-        """The link at another length [m]: the mass centre keeps its share, mass and inertia stay."""
+        """The link at another length [m]: `mass_centre` keeps its share, all else stays."""
         return self.model_copy(update={"length": length, "mass_centre": self.mass_centre * length / self.length})
 
 
@@ -75,6 +83,15 @@ class Mechanism(Section):
                     )
                 joints[name] = joint | {"contact": contacts[joint["contact"]]}
         return data | {"joints": joints}
+
+    @model_validator(mode="after")
+    def _rods_mass_centre_lies_on_its_line(self):
+        if self.rod.mass_centre_across != 0:
+            raise ValueError(
+                f"rod.mass_centre_across is {self.rod.mass_centre_across:g} m, but only a crank's mass centre may lie "
+                "beside its line; leave it out"
+            )
+        return self
 
     @model_validator(mode="after")
     def _crank_can_turn(self):
@@ -141,7 +158,8 @@ class Mechanism(Section):
         """
         slider = self.slider.model_copy(update={"offset": -self.slider.offset})
         effects = tuple(effect.mirrored() for effect in self.effects)
-        update = {"slider": slider, "gravity_direction": -self.gravity_direction, "effects": effects}
+        crank = self.crank.model_copy(update={"mass_centre_across": -self.crank.mass_centre_across})
+        update = {"crank": crank, "slider": slider, "gravity_direction": -self.gravity_direction, "effects": effects}
         return self.model_copy(update=update)
 
     def applied(self) -> "Mechanism":

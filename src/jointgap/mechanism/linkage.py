@@ -69,6 +69,7 @@ def linkage_motion(
     crank, rod = mechanism.crank, mechanism.rod
     pin_x, pin_y = rotating_vector(Motion.of(crank.length), crank_angle)
     crank_x, crank_y = rotating_vector(Motion.of(crank.mass_centre), crank_angle)
+    beside_x, beside_y = rotating_vector(Motion.of(crank.mass_centre_across), crank_angle)  # turned by 90 deg
     clearance = ClearanceMotion() if clearance is None else clearance
     pivot_x, pivot_y = clearance.crank_pivot_vector()
     step_x, step_y = clearance.crank_pin_vector()
@@ -82,8 +83,8 @@ def linkage_motion(
     along_x, along_y = rotating_vector(rod_length, rod_angle)
     centre_x, centre_y = rotating_vector(Motion.of(rod.mass_centre), rod_angle)
     return LinkageMotion(
-        crank_x=pivot_x + crank_x,
-        crank_y=pivot_y + crank_y,
+        crank_x=pivot_x + crank_x - beside_y,
+        crank_y=pivot_y + crank_y + beside_x,
         rod_x=foot_x + centre_x,
         rod_y=foot_y + centre_y,
         slider_x=foot_x + along_x - head_x,

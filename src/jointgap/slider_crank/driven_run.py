@@ -357,7 +357,12 @@ def motor_run(
         reciprocating = (
             mechanism.slider.mass + mechanism.rod.mass
         ) * crank.length**2  # more than its mean at the crank
-        inertia = motor.inertia + crank.inertia + crank.mass * crank.mass_centre**2 + reciprocating
+        inertia = (
+            motor.inertia
+            + crank.inertia
+            + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
+            + reciprocating
+        )
         settling_time = settings.settling_time_constants * inertia * motor.no_load_speed / motor.stall_torque
         needed = max(settings.settling_revolutions, math.ceil(settling_time * speed / tau))
         back = tau * min(needed, settings.max_settling_revolutions) + earlier
