@@ -48,7 +48,7 @@ def right_hand_side(p: Parameters):
     The first writes the rates of the scaled state `z` (8,) into `out`; the second gives the penetration [m] of crank
     pin (0) or piston pin (1) and its rate [m/s]. Both live no longer than `p`.
     """
-    bodies, crank_pin, piston_pin, crank_pivot, drive, effects, switches, slider, crank, knots = map(_reader, p)
+    bodies, crank_pin, piston_pin, crank_pivot, drive, effects, switches, slider, crank, knots, table = map(_reader, p)
     clearances = (float(p.crank_pin.clearance), float(p.piston_pin.clearance))
 
     @numba.njit(error_model="numpy")
@@ -59,7 +59,7 @@ def right_hand_side(p: Parameters):
         )  # fmt: skip
         numbers = Parameters(
             bodies(), crank_pin(), piston_pin(), crank_pivot(), drive(), effects(), switches(),
-            slider(), crank(), knots(),
+            slider(), crank(), knots(), table(),
         )  # fmt: skip
         rates = instant(numbers, t, state, _NO_FURTHER, modes, approaches, _NO_MEMORY).clearance_rates
         for i in range(4):
