@@ -183,6 +183,7 @@ def test_other_lengths_keep_the_mass_centres_share():
         ({"mechanism": {"contacts": {"steel": {"law": "hertz"}}}}, ["contacts.steel.law = 'hertz'"]),
         ({"mechanism": {"contacts": {"steel": {"restitution": 1.4}}}}, ["contacts.steel.restitution = 1.4"]),
         ({"optimise": {"boxes": {"paper": {"crank_length": ["153 mm", "147 mm"]}}}}, ["crank_length", "upside down"]),
+        ({"optimise": {"rod_tolerance": 3}}, ["optimise.rod_tolerance 3000 mm", "tenth of the rod, 564 mm", "35 um"]),
         (
             {"mechanism": {"crank": {"length": "100 mm"}}},
             ["optimise.boxes (paper, wide)", "crank 100 mm and rod 564 mm", "give bounds around them"],

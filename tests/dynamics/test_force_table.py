@@ -141,7 +141,9 @@ def test_the_file_is_looked_for_beside_the_mechanism_that_lists_it(tmp_path, tab
     found = load_mechanism(tmp_path / "parts/engine.yaml")
     assert found.files == (str(tmp_path / "parts/load.csv"),)
     (tmp_path / "parts/load.csv").unlink()
-    with pytest.raises(InputError, match=r"effects\.slider_force_table\.parameters\.file: no file 'load\.csv'"):
+    with pytest.raises(
+        InputError, match=r"engine\.yaml: effects\.slider_force_table\.parameters\.file: no file 'load\.csv'"
+    ):
         load_mechanism(tmp_path / "parts/engine.yaml")
 
 

@@ -109,6 +109,20 @@ def test_without_boxes_the_crank_keeps_its_length_and_so_its_stroke():
     assert headline(kept).startswith("Crank 25.0 mm as it is, rod 95.0 → 98.7 mm (crank over rod 0.2632 → 0.2533):")
 
 
+@pytest.mark.parametrize(
+    ("constraints", "crank"),
+    [
+        ({"stroke": "51 mm"}, 0.0255),
+        ({"inner_dead_centre": "69.6 mm", "outer_dead_centre": "120.6 mm"}, 0.0255),
+        ({"outer_dead_centre": "121 mm"}, 0.025),
+    ],
+)
+def test_without_boxes_the_crank_is_what_constraints_on_the_stroke_make_it(constraints, crank):
+    options = scenario(boxes={"within": None}, constraints=constraints).optimise
+    (region,) = regions(scenario().mechanism.applied(), options).values()
+    assert region.onto([[0.024, 0.09], [0.026, 0.099]])[:, 0] == pytest.approx(crank, abs=1e-7)
+
+
 def test_within_a_percent_of_the_best_the_lengths_that_differ_least_are_taken():
     assert found({"others": (1.009, 0.0951)}).lengths == (0.026, 0.0951)
     assert found({"others": (1.011, 0.0951)}).lengths == (0.026, 0.0987)

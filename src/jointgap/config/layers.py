@@ -104,13 +104,13 @@ def mechanism_layers(
             mechanism, source, folders, key = read(file), str(file), (file.parent, *folders), f"{file}: {BASE}"
         elif isinstance(mechanism, Mapping) and BASE in mechanism:
             own = {name: value for name, value in mechanism.items() if name != BASE}
-            own = _with_files(own, folders, key)
+            own = _with_files(own, folders, key.removesuffix(f": {BASE}"))
             found.append(Layer(source, {"mechanism": own}))
             mechanism, key = mechanism[BASE], key if key.endswith(BASE) else f"{key}.{BASE}"
             if not isinstance(mechanism, str):
                 raise InputError(f"{key} = {mechanism!r}: must be the path of a mechanism file")
         else:
-            mechanism = _with_files(mechanism, folders, key)
+            mechanism = _with_files(mechanism, folders, key.removesuffix(f": {BASE}"))
             return [Layer(source, {"mechanism": mechanism}), *reversed(found)]
 
 

@@ -329,7 +329,8 @@ class Constraints(Section):
 
     crank_length: _limits(PositiveLength) | None = Field(
         None,
-        description="length of the crank; where no boxes are given it keeps its own, and the rod alone is searched",
+        description="length of the crank; where no boxes are given it keeps its own, and the rod alone is searched, "
+        "unless the stroke or both dead centres are given",
     )
     stroke: _limits(PositiveLength) | None = Field(
         None, description="way of the slider between its dead centres, without clearance"
@@ -353,6 +354,12 @@ class Constraints(Section):
     largest_pin_force: quantity("N", gt=0) | None = Field(
         None, description="largest force in either pin over the settled revolution, simulated with clearance"
     )
+
+    @property
+    def decide_crank(self) -> bool:
+        """Whether they are about the crank's length, so that it is not to be kept besides."""
+        dead_centres = self.outer_dead_centre, self.inner_dead_centre
+        return self.crank_length is not None or self.stroke is not None or None not in dead_centres
 
     @model_validator(mode="after")
     def _ranges_are_ordered(self):
@@ -603,6 +610,16 @@ class Scenario(Section):
         return self
 
     @model_validator(mode="after")
+    def _a_rod_is_made_to_less_than_a_tenth(self):
+        width, rod = self.optimise.rod_tolerance, self.mechanism.applied().rod.length
+        if width is not None and width > 0.1 * rod:
+            raise ValueError(
+                f"optimise.rod_tolerance {1e3 * width:g} mm is more than a tenth of the rod, {1e3 * rod:g} mm; give it "
+                "with its unit, such as 35 um"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _lengths_are_searched_around_the_mechanism_s_own(self):
         if not self.optimise.boxes:
             applied = self.mechanism.applied()
@@ -611,7 +628,7 @@ class Scenario(Section):
                 for length in (applied.crank.length, applied.rod.length)
             )
             found = {"boxes": {_OWN_BOX: Box(crank_length=crank, rod_length=rod)}}
-            if self.optimise.constraints.crank_length is None:
+            if not self.optimise.constraints.decide_crank:
                 kept = {"crank_length": (applied.crank.length,) * 2}
                 found["constraints"] = self.optimise.constraints.model_copy(update=kept)
             object.__setattr__(self, "optimise", self.optimise.model_copy(update=found))
