@@ -1,7 +1,7 @@
 """What is wrong with a configuration, in words that name the key, the value and the fix."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import get_args
 
 from pydantic import BaseModel, ValidationError
@@ -33,8 +33,10 @@ _SUBJECT = re.compile(r"^(Input|String|Tuple|List) should ")
 _COUNTED = re.compile(r" after validation, not \d+$")
 
 
-def complaints(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """What pydantic reports as wrong with a `model` in its `error`, one line each, none twice."""
+def complaints(error: ValidationError, model: type[BaseModel], data: object = None) -> list[str]:
+    """What pydantic reports as wrong with a `model` in its `error`, one line each, none twice; a quantity is repeated
+    as it is written in `data`.
+    """
     items = error.errors()
     reported = {problem for item in items if (problem := _within("contacts", item, 2))}
     lines = []
@@ -43,7 +45,7 @@ def complaints(error: ValidationError, model: type[BaseModel]) -> list[str]:
             continue  # the joint only repeats what its entry of contacts says
         if item["type"] == "too_short" and len(item["input"]) >= item["ctx"]["min_length"]:
             continue  # pydantic counts entries that are wrong, of which it complains by themselves, as absent
-        lines.append(_complaint(item, model))
+        lines.append(_complaint(item, model, data))
     return list(dict.fromkeys(lines))
 
 
@@ -53,7 +55,7 @@ def _within(key: str, item: dict, deeper: int) -> tuple | None:
     return (location[location.index(key) + deeper :], item["msg"]) if key in location else None
 
 
-def _complaint(item: dict, model: type[BaseModel]) -> str:
+def _complaint(item: dict, model: type[BaseModel], data: object) -> str:
     location = item["loc"]
     key = ".".join(_written(location, model))
     if item["type"] == "extra_forbidden":
@@ -66,6 +68,9 @@ def _complaint(item: dict, model: type[BaseModel]) -> str:
         return _wrong_kind(key, item)
     message, value = _message(item, model), item["input"]
     shown = "" if isinstance(value, dict | BaseModel) else f" = {_shortened(repr(value))}"
+    written = _value_at(location, data)
+    if isinstance(value, float) and isinstance(written, str):  # converted before it was found to be out of its range
+        shown = f" = {_shortened(repr(written))}, {value:.6g} in SI"
     return f"{key}{shown}: {message[0].lower() + message[1:]}" if key else message
 
 
@@ -80,6 +85,16 @@ def _written(location: tuple, model: type[BaseModel]) -> list[str]:
         if step != "[key]" and not was_kind:
             steps.append(str(step))
     return steps
+
+
+def _value_at(location: tuple, data: object) -> object:
+    """What is written in `data` at a `location`, in which the name of a section's kind leads no deeper."""
+    for step in location:
+        if isinstance(data, list | tuple) and isinstance(step, int) and step < len(data):
+            data = data[step]
+        elif isinstance(data, Mapping) and step in data:
+            data = data[step]
+    return data
 
 
 def _message(item: dict, model: type[BaseModel]) -> str:

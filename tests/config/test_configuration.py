@@ -172,6 +172,20 @@ def test_other_lengths_keep_the_mass_centres_share():
         ({"mechanism": {"crank": {"mass": -1}}}, ["mechanism.crank.mass = -1", "greater than 0"]),
         ({"mechanism": {"crank": {"mass_centre": "-0.2 m"}}}, ["mass_centre -0.2 m", "beyond the link's length"]),
         ({"mechanism": {"rod": {"mass_centre_across": "1 mm"}}}, ["rod.mass_centre_across", "only a crank's"]),
+        (
+            {"mechanism": {"crank": {"mass": "-350 g"}}},
+            ["mechanism.crank.mass = '-350 g', -0.35 in SI", "greater than 0"],
+        ),
+        (
+            {
+                "mechanism": {
+                    "effects": [
+                        {"name": "slider_spring", "parameters": {"stiffness_N_m": "-2 N/mm", "rest_position_m": 0}}
+                    ]
+                }
+            },
+            ["stiffness_N_m = '-2 N/mm', -2000 in SI", "greater than or equal to 0"],
+        ),
         ({"mechanism": {"crank": {"length": "0.6 m"}}}, ["crank.length 0.6 m", "cannot turn", "shorten the crank"]),
         (
             {"mechanism": {"joints": {"crank_pin": {"journal_radius": "9 mm"}}}},

@@ -193,3 +193,10 @@ def test_a_comma_between_whole_numbers_of_a_list_is_none(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("{a: [0, 19], b: 1, 2: 3}\n", encoding="utf-8")
     assert read_yaml(path) == {"a": [0, 19], "b": 1, 2: 3}
+
+
+def test_a_configuration_where_one_scenario_is_needed_is_refused_with_the_way_to_take_one_out(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("scenarios: {mine: {mechanism: erkaya2009}}", encoding="utf-8")
+    with pytest.raises(InputError, match=r"holds scenarios, and one is needed.* --scenario NAME"):
+        parse_options(str(path))

@@ -165,6 +165,11 @@ WAVE = 30.0 * np.cos(np.radians(DEGREES))
         ({"theta": DEGREES, "F": WAVE}, {"force": {"column": "F", "unit": "bar"}}, ["unit = 'bar'", "not a 'N'"]),
         ({"theta": DEGREES, "F": WAVE}, {"period": 1.0}, ["it is 360 or 720 deg; remove it"]),
         ({"theta": DEGREES, "F": WAVE}, {"bore": 0.07}, ["pressure and bore go together"]),
+        (
+            {"theta": DEGREES, "F": WAVE},
+            {"force": None, "pressure": {"column": "F", "unit": "bar"}, "bore": 0.07},
+            ["column F, row 48: an absolute pressure is not below zero", "'ambient_pressure: 0'"],
+        ),
         ({"theta": DEGREES, "F": WAVE}, {"time": {"column": "t", "unit": "s"}}, ["needs angle or time, one of them"]),
     ],
 )

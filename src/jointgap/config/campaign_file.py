@@ -75,6 +75,15 @@ class CampaignRun(Section):
         "counter_clockwise", description="how the crank turns; a clockwise crank's falling angle is mirrored"
     )
 
+    @field_validator("speed", mode="before")
+    @classmethod
+    def _has_no_sign(cls, given: Any) -> Any:
+        if str(given).lstrip().startswith("-"):
+            raise ValueError(
+                "must be greater than 0; of a crank that turns clockwise give 'direction: clockwise' beside it"
+            )
+        return given
+
     @field_validator("start", mode="before")
     @classmethod
     def _is_a_start(cls, given: Any) -> Any:

@@ -38,7 +38,7 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        lines = complaints(error, model)
+        lines = complaints(error, model, data)
         more = [f"and {len(lines) - _MOST_LINES} more"] if len(lines) > _MOST_LINES else []
         raise InputError(*(f"{source}: {line}" for line in [*lines[:_MOST_LINES], *more])) from error
 
@@ -287,6 +287,11 @@ def parse_options(options: str) -> Scenario:
     if options.lstrip().startswith("{"):
         return validate(Scenario, parse_json(options, "--options"), "--options")
     data = read_yaml(options)
+    if "scenarios" in data:
+        raise InputError(
+            f"{options}: holds scenarios, and one is needed; take one out with "
+            f"`jointgap config {options} --scenario NAME > NAME.json` and give NAME.json"
+        )
     folders = (Path(), Path(options).parent)
     return validate(Scenario, _with_drive_file(_with_mechanism(data, folders), folders, options), options)
 

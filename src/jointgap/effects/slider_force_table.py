@@ -150,6 +150,11 @@ def _read_table(given: ForceTableParameters, _changed: int) -> tuple[np.ndarray,
     if (falls := np.flatnonzero(np.diff(place) <= 0.0)).size:
         raise InputError(f"{where}, row {rows[falls[0] + 1]}: does not rise; give one period, rows in rising order")
     if load == "pressure":
+        if given.ambient_pressure > 0.0 and (below := np.flatnonzero(value < 0.0)).size:
+            raise InputError(
+                f"{path}, column {stated[load].column}, row {rows[below[0]]}: an absolute pressure is not below zero; "
+                "give 'ambient_pressure: 0' for gauge pressures"
+            )
         value = (given.ambient_pressure - value) * 0.25 * math.pi * given.bore**2
     period = _period(given, place, where)
     if place[-1] - place[0] > (1.0 - 1e-6) * period:  # the last row is the first one of the next period

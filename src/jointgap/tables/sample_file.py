@@ -223,8 +223,11 @@ def _cells(
     lengths = [len(_split(line, separator)) if '"' in line else line.count(separator) + 1 for _, line in lines]
     for (row, line), length in zip(lines, lengths, strict=True):
         if length != width and (length < width or any(_split(line, separator)[width:])):
-            all_alike = len(set(lengths)) == 1
-            fix = "as all rows have; remove the heading too many" if length < width and all_alike else "mend the row"
+            fix = "mend the row"
+            if len(set(lengths)) == 1 and length < width:
+                fix = "all rows have as many; remove the heading too many"
+            elif separator == "," and length == 2 * width:
+                fix = "where decimals have a comma too, write another separator between the columns, such as ';'"
             raise InputError(
                 f"{path}, row {row}: has {length} cells, but there are {width} headings in row {header_row} (separator "
                 f"{separator!r}); {fix}, or give csv.skip_rows, csv.separator and csv.decimal"
