@@ -463,7 +463,7 @@ def test_the_headline_says_where_intervals_are_widened_for_what_is_left():
 
 def test_the_page_says_which_parameters_keep_their_stated_value():
     kept = {"value": 0.795, "sd": None, "interval_90": [0.713, 0.795], "remark": AT_BOUND, "kept": True}
-    text = markdown(NAMED | {"nuisances": {"restitution": kept}}, {})
+    text = markdown(NAMED | {"nuisances": {"restitution": kept, "friction_speed": kept}}, {})  # that one nobody stated
     assert "do not determine coefficient of restitution of both pins: `mechanism.yaml` keeps the value that you" in text
 
 

@@ -424,8 +424,9 @@ def _nuisances(verdict: Mapping[str, Any]) -> list[Block]:
 
 
 def _not_taken_over(verdict: Mapping[str, Any]) -> str:
-    """Which shared parameters keep their stated value in the mechanism file; empty where none does."""
-    kept = [key for key, estimate in verdict["nuisances"].items() if "@" not in key and estimate.get("kept")]
+    """Which shared parameters that were listed keep their stated value in the mechanism file; empty where none does."""
+    shared = {key: own for key, own in verdict["nuisances"].items() if "@" not in key and _is_listed(key)}
+    kept = [key for key, own in shared.items() if own.get("kept")]
     if not kept:
         return ""
     one = len(kept) == 1
