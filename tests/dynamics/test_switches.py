@@ -51,7 +51,9 @@ def test_an_effect_of_no_size_changes_nothing(nothing, loose, worst):
     worst("effect of no size", deviation, 1e-6 if nothing["name"] == "speed_fluctuation" else 1e-14)
 
 
-@pytest.mark.parametrize("drive", ({}, {"drive": MOTOR}))
+@pytest.mark.parametrize(
+    "drive", ({}, {"drive": MOTOR | {"stall_torque": 600.0}})
+)  # strong enough for all loads at once
 def test_any_combination_runs_through_and_nothing_is_compiled_anew(drive):
     effects = [example(one) for one in EFFECTS.values()]
     left_out = {"speed_fluctuation"} if drive else set()

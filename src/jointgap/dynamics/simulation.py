@@ -30,10 +30,10 @@ from jointgap.errors import InputError, SimulationError
 from jointgap.joints import JOINT, JOINTS
 from jointgap.tables import EVENTS, TRAJECTORY
 
-STEPS_PER_REVOLUTION = 500_000
-"""Most integration steps that a revolution may take on average, about a second of one core. A usual one takes some
-thousands, one with a journal that friction makes whirl 10 000 to 50 000, one at 3 rpm or with stiff bristles some
-100 000."""
+STEPS_PER_REVOLUTION = 1_000_000
+"""Most integration steps that a revolution may take on average, seconds of one core. A usual one takes some thousands,
+one with a journal that friction makes whirl 10 000 to 50 000, one at 3 rpm or with stiff bristles some 100 000, a film
+beside all other effects 600 000."""
 
 COARSEST_PUBLISHED = 1e-8
 """Largest tolerance [m] to which a contact of the published form is integrated. Damped by the approach speed for good,
