@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numba
 import pytest
+from numba.core import event
 
-from jointgap.dynamics import linked_code
+from jointgap.dynamics import compile_once, linked_code
 from jointgap.dynamics.compilation import cache_folder, compiled, remove_old_folders
 from jointgap.dynamics.compile_once import announced, compiled_by_one, locked
 
@@ -65,8 +66,8 @@ def test_one_compiles_at_a_time(tmp_path):
         time.sleep(0.1)
         under_way.pop()
 
-    compile_once = compiled_by_one(compile_slowly, tmp_path / "f.lock")
-    threads = [threading.Thread(target=compile_once, args=((),)) for _ in range(3)]
+    compile_by_one = compiled_by_one(compile_slowly, tmp_path / "f.lock")
+    threads = [threading.Thread(target=compile_by_one, args=((),)) for _ in range(3)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -102,6 +103,24 @@ def test_only_what_takes_long_is_announced_and_once(capsys):
     done = capsys.readouterr()
     assert done.err == "jointgap: compiling a test ...\n"
     assert done.out == ""
+
+
+def test_what_is_loaded_is_not_said_to_be_compiled(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(compile_once, "_said", set())
+
+    def load(signature):
+        time.sleep(1.3)
+
+    def compile_anew(signature):
+        with event.trigger_event("numba:compile"):
+            time.sleep(1.3)
+
+    compiled_by_one(load, tmp_path / "f.lock")(())
+    assert capsys.readouterr().err == "jointgap: loading the compiled simulation ...\n"
+    compiled_by_one(compile_anew, tmp_path / "f.lock")(())
+    said = capsys.readouterr().err
+    assert "compiling the simulation" in said
+    assert "loading" not in said
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")

@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from numba.core import event
+
 try:
     import fcntl
 except ImportError:  # Windows: each process compiles for itself
@@ -20,9 +22,10 @@ except ImportError:  # Windows: each process compiles for itself
 PATIENCE = 300.0  # s after which a lock is taken for stuck
 ANNOUNCED_AFTER = 1.0  # s
 
-_COMPILING = "compiling the simulation for this machine, once (about {seconds} s) ..."
-_WAITING = "waiting for the simulation to be compiled for this machine (about {seconds} s) ..."
 SECONDS = 15  # of one core, all that a first simulation needs
+_LOADING = "loading the compiled simulation ..."
+_COMPILING = f"compiling the simulation for this machine, once (about {SECONDS} s) ..."
+_WAITING = f"waiting for another process to load the simulation, or to compile it (about {SECONDS} s) ..."
 
 _said: set[str] = set()
 
@@ -44,6 +47,30 @@ def announced(message: str, after: float = ANNOUNCED_AFTER) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+
+
+class _Announcer(event.Listener):
+    """Says what takes long: loading, until numba begins to compile."""
+
+    def __init__(self):
+        self.stack, self.compiles = contextlib.ExitStack(), False
+        self.stack.enter_context(announced(_LOADING))
+
+    def on_start(self, event) -> None:
+        if not self.compiles:  # functions that are called meanwhile are compiled within
+            self.compiles = True
+            self.stack.close()
+            self.stack.enter_context(announced(_COMPILING))
+
+    def on_end(self, event) -> None:
+        pass
+
+
+@contextlib.contextmanager
+def _announced_loading_or_compiling() -> Iterator[None]:
+    announcer = _Announcer()
+    with announcer.stack, event.install_listener("numba:compile", announcer):
+        yield
 
 
 @contextlib.contextmanager
@@ -102,9 +129,9 @@ def compiled_by_one(compile_function: Callable, lock: Path) -> Callable:
 
     def compile_once(signature):
         with contextlib.ExitStack() as stack:
-            with announced(_WAITING.format(seconds=SECONDS)):
+            with announced(_WAITING):
                 stack.enter_context(locked(lock))
-            stack.enter_context(announced(_COMPILING.format(seconds=SECONDS)))
+            stack.enter_context(_announced_loading_or_compiling())
             return compile_function(signature)
 
     return compile_once
