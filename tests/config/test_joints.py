@@ -7,7 +7,7 @@ import pytest
 
 from jointgap.config import Scenario, hertz_stiffness, parse_options, validate
 from jointgap.errors import InputError
-from tests.config.mechanisms import PIVOT, mechanism, paper, with_contact
+from tests.config.mechanisms import PIVOT, effect, mechanism, paper, with_contact
 
 PENALTY = {"law": "penalty", "restitution": None, "penalty_damping": 1e3, "penalty_depth": "0.1 mm"}
 
@@ -116,18 +116,37 @@ def test_a_contact_is_as_stiff_as_it_may_be_where_a_kilonewton_presses_a_nanomet
             with_contact(stiffness=1.001 * stiffest, exponent=exponent)
 
 
-def test_a_contact_softer_than_the_geometry_is_refused_in_its_joint_with_the_least_value():
-    radius = paper().joint("crank_pin").journal_radius
+def test_a_contact_that_the_loads_would_press_in_by_half_the_journal_is_refused_with_the_least_value():
+    radius, speed = paper().joint("crank_pin").journal_radius, 60.0
+    load = (0.773 + 0.4482) * 0.15 * speed**2 * (1 + 0.15 / 0.564)  # rod and slider at the outer dead centre
     for exponent in (1.0, 1.5, 10.0):
-        softest = 1e3 / (radius / 2) ** exponent
-        assert with_contact(stiffness=1.001 * softest, exponent=exponent)
+        softest = load / (radius / 2) ** exponent
+        with_contact(stiffness=1.001 * softest, exponent=exponent).check_contacts(speed)
         with pytest.raises(InputError, match=r"joints\.crank_pin: contact\.stiffness .* too soft.*journal_radius"):
-            with_contact(stiffness=0.999 * softest, exponent=exponent)
+            with_contact(stiffness=0.999 * softest, exponent=exponent).check_contacts(speed)
     with pytest.raises(InputError, match=r"joints\.crank_pin: contact\.youngs_modulus 10000 Pa is too soft") as caught:
-        with_contact(youngs_modulus="10 kPa")
+        with_contact(youngs_modulus="10 kPa").check_contacts(speed)
     least = float(re.search(r"joints\.crank_pin.*give (\S+) Pa at least", str(caught.value)).group(1))
     joint = with_contact(youngs_modulus=1.01 * least).joint("crank_pin")
-    assert hertz_stiffness(joint) * (radius / 2) ** 1.5 == pytest.approx(1e3, rel=0.02)
+    assert hertz_stiffness(joint) * (radius / 2) ** 1.5 == pytest.approx(load, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        effect("slider_constant_force", force_N=-5e4),
+        effect("gas_pressure", force_N=500.0, dead_length_m=0.005, exponent=1.3),  # 100 times as much at the end
+    ],
+)
+def test_soft_contacts_are_judged_at_the_loads_of_the_mechanism(load):
+    """Rubber, 10 MPa: firm enough for what turns slowly and carries nothing."""
+    rubber = {"steel": {"youngs_modulus": "10 MPa"}}
+    slow, fast = ({"simulate": {"speed": f"{rpm} rpm"}} for rpm in (60, 3000))
+    unloaded, loaded = mechanism(contacts=rubber), mechanism(load, contacts=rubber)
+    assert validate(Scenario, slow | {"mechanism": unloaded.model_dump()}, "mine")
+    for simulate, made in ((fast, unloaded), (slow, loaded)):
+        with pytest.raises(InputError, match=r"mechanism\.joints\.crank_pin: contact\.youngs_modulus .* too soft"):
+            validate(Scenario, simulate | {"mechanism": made.model_dump()}, "mine")
 
 
 def test_an_ideal_joint_may_have_data_of_a_soft_contact():

@@ -1,13 +1,42 @@
-"""A contact that does otherwise than one may think says so, with the number."""
+"""Data that look mistaken and a contact that does otherwise than one may think say so, with the number."""
 
 import math
 
 import pytest
 
-from jointgap.dynamics.model.mechanism_warnings import remarks
-from tests.config.mechanisms import effect, mechanism, with_contact
+from jointgap.dynamics.model.mechanism_warnings import remarks, sentences
+from jointgap.errors import InputError
+from jointgap.mechanism.odd_data import odd_data
+from tests.config.mechanisms import effect, mechanism, paper
 
 PENALTY = {"law": "penalty", "restitution": None, "penalty_depth": "1 um"}
+CLOSE = {name: {"bearing_radius": "7.1 mm"} for name in ("crank_pin", "piston_pin")}
+
+
+def with_contact(**keys):
+    """The paper's mechanism with usual clearances."""
+    return mechanism(contacts={"steel": keys}, joints=CLOSE)
+
+
+def test_a_clearance_of_more_than_a_twentieth_of_the_journal_is_remarked_on():
+    assert [remark.split(":")[0] for remark in odd_data(paper())] == ["crank_pin", "piston_pin"]
+    assert "1 mm, is 14.3 % of journal_radius, 7 mm" in odd_data(paper())[0]
+    assert odd_data(mechanism(joints=CLOSE)) == []
+    assert odd_data(mechanism(joints={"crank_pin": {"loose": False}, "piston_pin": "ideal"})) == []
+
+
+def test_masses_that_are_far_apart_are_remarked_on():
+    assert odd_data(mechanism(slider={"mass": "18 kg"}, joints=CLOSE)) == []
+    (told,) = odd_data(mechanism(slider={"mass": 190}, joints=CLOSE))
+    assert told.startswith("slider.mass: 190 kg") and "513 times crank.mass, 0.3704 kg" in told
+    assert "`slider.mass`: 190 kg" in sentences(mechanism(slider={"mass": 190}))[0]
+
+
+@pytest.mark.parametrize(("link", "most"), [("crank", 0.3704 * 0.3**2), ("rod", 0.773 * 1.128**2)])
+def test_an_inertia_that_no_link_of_its_mass_and_length_has_is_refused(link, most):
+    assert mechanism(**{link: {"inertia": 0.999 * most}})
+    with pytest.raises(InputError, match=rf"mine\.yaml: {link}: inertia .* give {most:.3g} kg\*m\^2 at most"):
+        mechanism(**{link: {"inertia": 1.001 * most}})
 
 
 @pytest.mark.parametrize(
@@ -27,7 +56,7 @@ def test_there_is_nothing_to_say_where_what_is_asked_is_delivered():
 
 
 def test_an_ideal_joint_has_no_contact_to_remark_on():
-    assert len(remarks(mechanism(effect("crank_pin_clearance", clearance_m=0)))) == 1
+    assert len(remarks(mechanism(effect("crank_pin_clearance", clearance_m=0), joints=CLOSE))) == 1
     assert remarks(mechanism(joints={"crank_pin": "ideal", "piston_pin": {"loose": False}})) == []
 
 

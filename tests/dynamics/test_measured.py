@@ -13,6 +13,7 @@ from jointgap.dynamics.model.measured_drive import running_on, smooth_angle
 from jointgap.dynamics.simulation import integrate_to_angles
 from jointgap.dynamics.solver.initial_state import start_state
 from jointgap.errors import InputError
+from tests.config.mechanisms import mechanism as listed
 from tests.dynamics.cases import SPEED, mechanism, options
 from tests.dynamics.closed import Closed
 
@@ -240,3 +241,11 @@ def test_a_crank_that_nearly_stops_in_every_turn_is_smoothed_exactly():
     inside = np.linspace(*time[[40, -40]], 20_001)
     speed = 1.0 + 0.95 * np.cos(np.interp(inside, passed, fine))
     np.testing.assert_allclose(smooth(inside, 1), speed, atol=5e-3)
+
+
+def test_contacts_are_judged_at_the_speed_of_the_measured_angle(tmp_path):
+    rubber = listed(contacts={"steel": {"youngs_modulus": "10 MPa"}})  # firm enough at 10 rad/s, the speed of `slow`
+    given, slow = measured(tmp_path), options(speed=10.0)
+    parameters(rubber, slow)
+    with pytest.raises(InputError, match=r"youngs_modulus 1e\+07 Pa is too soft.* inertia at 599\.6 rpm"):
+        parameters(rubber, given)

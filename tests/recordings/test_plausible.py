@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from jointgap.campaign.state import CampaignState
 from jointgap.recordings.plausibility import clipped, no_data, stuck
-from tests.recordings.rig import read_rig, samples, table
+from jointgap.stages.campaign_stages import measure
+from tests.config.mechanisms import PAPER
+from tests.recordings.rig import read_rig, samples, table, write_rig
 
 UNITS = {
     "slider_velocity": "m/s",
@@ -169,3 +172,14 @@ def test_an_angle_that_the_encoder_misread_is_named_with_its_row(tmp_path):
         "column theta, row" in remark and "encoder misread" in remark
         for remark in read_rig(tmp_path, slow=given).remarks
     )
+
+
+def test_measure_remarks_on_data_of_the_mechanism_that_look_mistaken(tmp_path):
+    mechanism = {"base": str(PAPER), "slider": {"mass": "190 kg"}, "joints": {"crank_pin": "ideal"}}
+    path = write_rig(tmp_path, {"mechanism": mechanism})
+    state = CampaignState(path, tmp_path / "results")
+    said = measure(state, pictures=False)
+    assert "Remark: mechanism, slider.mass: 190 kg" in said and "Remark: mechanism, piston_pin: the radial" in said
+    later = CampaignState(path, tmp_path / "results").measurements.remarks
+    told = [remark.split(":")[0] for remark in later if remark.startswith("mechanism, ")]
+    assert told == ["mechanism, slider.mass", "mechanism, piston_pin"]

@@ -203,6 +203,11 @@ class Campaign(Section):
         return self
 
     @model_validator(mode="after")
+    def _contacts_are_firm_at_the_speeds_of_the_runs(self):
+        self.mechanism.applied().check_contacts(max(run.speed for run in self.runs))
+        return self
+
+    @model_validator(mode="after")
     def _drive_has_what_it_needs(self):
         has = self.channels.keys()
         if (self.drive == "motor") != (self.motor is not None):

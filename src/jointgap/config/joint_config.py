@@ -190,7 +190,7 @@ class Contact(Section):
 
 
 SOFT_SHARE = 0.5
-"""Share of the journal's radius by which `FIRM_FORCE` may press it in: laws of contact are for small depths."""
+"""Share of the journal's radius by which its loads may press it in: laws of contact are for small depths."""
 
 
 class Joint(Section):
@@ -212,24 +212,21 @@ class Joint(Section):
             )
         return self
 
-    @model_validator(mode="after")
-    def _contact_is_firmer_than_the_geometry(self):
-        if not self.loose:
-            return self
+    def too_soft_for(self, load: float) -> str:
+        """Why its contact is too soft for a force of `load` [N], and what to do; empty where it is not."""
         hertz, exponent = self.contact.stiffness is None, self.contact.exponent
         stiffness = hertz_stiffness(self) if hertz else self.contact.stiffness
-        deepest = SOFT_SHARE * self.journal_radius
-        softest = FIRM_FORCE / deepest**exponent
-        if stiffness < softest:
-            key, value, unit = "stiffness", stiffness, f"N/m^{exponent:g}"
-            if hertz:
-                key, value, unit = "youngs_modulus", self.contact.youngs_modulus, "Pa"
-            raise ValueError(
-                f"contact.{key} {value:g} {unit} is too soft: {FIRM_FORCE:g} N would press the journal in by "
-                f"{(FIRM_FORCE / stiffness) ** (1 / exponent):.3g} m, more than {SOFT_SHARE:g} of journal_radius "
-                f"{self.journal_radius:g} m; give {value * softest / stiffness:.3g} {unit} at least"
-            )
-        return self
+        softest = load / (SOFT_SHARE * self.journal_radius) ** exponent
+        if stiffness >= softest:
+            return ""
+        key, value, unit = "stiffness", stiffness, f"N/m^{exponent:g}"
+        if hertz:
+            key, value, unit = "youngs_modulus", self.contact.youngs_modulus, "Pa"
+        return (
+            f"contact.{key} {value:g} {unit} is too soft: {load:.4g} N would press the journal in by "
+            f"{(load / stiffness) ** (1 / exponent):.3g} m, more than {SOFT_SHARE:g} of journal_radius "
+            f"{self.journal_radius:g} m; give {value * softest / stiffness:.3g} {unit} at least"
+        )
 
     @property
     def clearance(self) -> float:

@@ -14,6 +14,9 @@ from jointgap.joints import FROM_FRAME
 from jointgap.quantities import Angle, Length, PositiveInertia, PositiveLength, PositiveMass
 from jointgap.section import Section
 
+_INERTIA_ARM = 2.0
+"""Radius of gyration of a link [lengths] beyond which its inertia is refused: a uniform rod has 0.29."""
+
 
 class Link(Section):
     """A rigid link that turns in the plane."""
@@ -40,6 +43,17 @@ class Link(Section):
                     f"{name} {distance:g} m lies beyond the link's length {self.length:g} m; "
                     "measure it from the joint nearer the crank pivot"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _inertia_fits_mass_and_length(self):
+        most = self.mass * (_INERTIA_ARM * self.length) ** 2
+        if self.inertia > most:
+            raise ValueError(
+                f"inertia {self.inertia:g} kg*m^2 is more than mass {self.mass:g} kg at a distance of "
+                f"{_INERTIA_ARM:g} lengths ({self.length:g} m) from the mass centre has; give {most:.3g} kg*m^2 at "
+                "most (check the units of all three), and a flywheel's as the motor's inertia"
+            )
         return self
 
     def with_length(self, length: float) -> "Link":
@@ -161,6 +175,36 @@ class Mechanism(Section):
         crank = self.crank.model_copy(update={"mass_centre_across": -self.crank.mass_centre_across})
         update = {"crank": crank, "slider": slider, "gravity_direction": -self.gravity_direction, "effects": effects}
         return self.model_copy(update=update)
+
+    def joint_loads(self, speed: float) -> dict[str, float]:
+        """About the largest force [N] in each joint without clearance, from the frame to the slider.
+
+        It adds up the inertia forces of what the joint moves at a crank speed of `speed` [rad/s], its weight, and the
+        loads that effects state.
+        """
+        crank, rod = self.crank, self.rod
+        swing = crank.length * speed**2 * (1 + crank.length / rod.length)  # of the slider at its outer dead centre
+        acceleration = swing + float(np.hypot(*self.gravity))
+        beyond = {"piston_pin": self.slider.mass, "crank_pin": rod.mass + self.slider.mass}
+        beyond["crank_pivot"] = crank.mass + beyond["crank_pin"]
+        stated = sum(effect.largest_force(2 * crank.length) for effect in self.effects)
+        return {name: beyond[name] * acceleration + stated for name in FROM_FRAME}
+
+    def check_contacts(self, speed: float) -> None:
+        """Whether the contacts of loose joints are firm enough for the loads at a crank speed of `speed` [rad/s].
+
+        Raises
+        ------
+        InputError
+            One that is too soft, with the least value.
+        """
+        loads = self.joint_loads(speed)
+        for name in self.loose:
+            if why := self.joint(name).too_soft_for(loads[name]):
+                raise InputError(
+                    f"mechanism.joints.{name}: {why} (load: inertia at {speed * 30 / math.pi:.4g} rpm, weight and the "
+                    "forces of effects)"
+                )
 
     def applied(self) -> "Mechanism":
         """The mechanism with all effects that merely change its data folded into them; `effects` keeps the others.

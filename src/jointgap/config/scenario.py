@@ -153,6 +153,13 @@ class Simulate(Section):
         "most",
     )
 
+    @property
+    def highest_speed(self) -> float:
+        """Speed [rad/s] that the crank reaches, whichever way; 0 under a measured angle, which stands in a file."""
+        if isinstance(self.drive, MeasuredDrive):
+            return 0.0
+        return max(abs(self.speed), self.drive.no_load_speed if isinstance(self.drive, MotorDrive) else 0.0)
+
     @model_validator(mode="after")
     def _turns(self):
         if self.speed == 0 and self.drive.kind == "constant":
@@ -555,6 +562,7 @@ class DrivenMechanism(Section):
     def _can_be_simulated(self):
         check_drive(self.mechanism, self.simulate)
         check_tolerance(self.mechanism.applied(), self.simulate)
+        self.mechanism.applied().check_contacts(self.simulate.highest_speed)
         return self
 
 
@@ -581,6 +589,7 @@ class Scenario(Section):
         if {"mechanism", "simulate"} <= self.model_fields_set:
             check_drive(self.mechanism, self.simulate)
             check_tolerance(self.mechanism.applied(), self.simulate)
+            self.mechanism.applied().check_contacts(self.simulate.highest_speed)
         return self
 
     @model_validator(mode="after")

@@ -294,6 +294,10 @@ class Effect(Section):
         if self.GROUP == "slider":
             records["effects"]["on_slider"] = True
 
+    def largest_force(self, stroke: float) -> float:
+        """About the largest force [N] on the slider that it states, over a `stroke` [m]; 0 where it states none."""
+        return abs(getattr(self.parameters, "force_N", 0.0))
+
     def mirrored(self) -> "Effect":
         """The effect as seen from behind, where a clockwise crank turns counter-clockwise: the slide is the mirror."""
         return self

@@ -22,6 +22,10 @@ class GasPressure(Effect):
         "exponent": parameter("", "n, polytropic exponent: 1 isothermal, 1.4 adiabatic for air", 1.3, ge=1, le=1.4),
     }
 
+    def largest_force(self, stroke: float) -> float:
+        given = self.parameters
+        return given.force_N * (1 + stroke / given.dead_length_m) ** given.exponent
+
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         stroke = context.scale.stroke

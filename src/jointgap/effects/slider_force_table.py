@@ -117,6 +117,10 @@ class SliderForceTable(Effect):
         }
         records["tables"]["slider_table"] = pieces
 
+    def largest_force(self, stroke: float) -> float:
+        there = Path(self.parameters.file).is_file()  # where it is not, a simulation says so
+        return float(np.abs(_table(self.parameters)[0][:, -1]).max()) if there else 0.0
+
     def mirrored(self) -> Effect:
         return self.with_parameters(reversed=not self.parameters.reversed, zero=-self.parameters.zero)
 

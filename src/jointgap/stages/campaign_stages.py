@@ -5,6 +5,7 @@ alone does not wait for the compiled dynamics.
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -69,10 +70,13 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     import pandas as pd
 
     from jointgap.campaign.config_snapshot import config_snapshot
+    from jointgap.mechanism.odd_data import odd_data
     from jointgap.recordings import read_measurements, to_frame
 
     folder = state.folder
-    state.measurements = read_measurements(state.campaign, state.recording_limits)
+    read = read_measurements(state.campaign, state.recording_limits)
+    odd = [f"mechanism, {remark}" for remark in odd_data(state.campaign.mechanism)]
+    state.measurements = replace(read, remarks=(*read.remarks, *odd))
     folder.write(CONFIG_SNAPSHOT, config_snapshot(state.campaign))
     folder.write(REMARKS, pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}))
     folder.write(CONTRADICTIONS, pd.DataFrame(state.measurements.contradictions, columns=CONTRADICTIONS.names))

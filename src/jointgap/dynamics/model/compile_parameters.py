@@ -127,7 +127,7 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
     ------
     InputError
         Effects that make it impossible, a measured crank angle that cannot be used, a tolerance too coarse for a
-        clearance, a crank that turns clockwise.
+        clearance, a contact too soft for the loads, a crank that turns clockwise.
     """
     if options.speed < 0:
         raise InputError(
@@ -139,12 +139,14 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
     check_drive(made, options)
     check_tolerance(made, options)
     pieces, end = angle_pieces(options) if isinstance(options.drive, MeasuredDrive) else (None, 0.0)
+    drive = _drive(options, pieces)
+    made.check_contacts(max(abs(drive.speed), options.highest_speed))
     outermost = math.sqrt((made.crank.length + made.rod.length) ** 2 - made.slider.offset**2)
     signs = {"slider_sign_speed": SLIDER_SIGN_SPEED, "crank_sign_speed": CRANK_SIGN_SPEED}
     groups = {
         "bodies": _bodies(made),
         **{name: joint_parameters(made, name) for name in JOINTS},
-        "drive": _drive(options, pieces),
+        "drive": drive,
         "effects": EffectParameters(gas_outermost=outermost, **signs),
     }
     fields = {name: group._asdict() for name, group in groups.items()}

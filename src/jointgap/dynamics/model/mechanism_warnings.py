@@ -4,6 +4,8 @@ from collections.abc import Iterator
 
 from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
 from jointgap.dynamics.model.normal_contact import LAWS, delivered_restitution, penalty_restitution
+from jointgap.joints import JOINT
+from jointgap.mechanism.odd_data import odd_data
 from jointgap.report.plain_words import in_words, joined
 
 UNTOLD = 0.005
@@ -14,7 +16,7 @@ PENALTY_SPEEDS = (0.1, 1.0)
 
 
 def remarks(mechanism: Mechanism) -> list[str]:
-    """Where contacts of loose joints do otherwise than one may think; a sentence for each, empty where all is well.
+    """Data that look mistaken, and where contacts do otherwise than one may think: ``crank_pin: ...``, one for each.
 
     Parameters
     ----------
@@ -26,7 +28,7 @@ def remarks(mechanism: Mechanism) -> list[str]:
     list of str
     """
     applied = mechanism.applied()
-    return [
+    return odd_data(mechanism) + [
         f"{name}: {sentence}"
         for name in applied.loose
         for sentence in _of_contact(applied.joint(name), applied.rod.mass)
@@ -35,11 +37,14 @@ def remarks(mechanism: Mechanism) -> list[str]:
 
 def sentences(mechanism: Mechanism) -> tuple[str, ...]:
     """The `remarks` on a `mechanism` as sentences, one that joints share once: ``Contact of the crank pin: ...``."""
-    joints: dict[str, list[str]] = {}
+    subjects: dict[str, list[str]] = {}
     for remark in remarks(mechanism):
-        joint, _, words = remark.partition(": ")
-        joints.setdefault(words, []).append(in_words(joint))
-    return tuple(f"Contact of the {joined(names)}: {words}." for words, names in joints.items())
+        subject, _, words = remark.partition(": ")
+        subjects.setdefault(words, []).append(subject)
+    return tuple(
+        f"Contact of the {joined(map(in_words, names))}: {words}." if names[0] in JOINT else f"`{names[0]}`: {words}."
+        for words, names in subjects.items()
+    )
 
 
 def _of_contact(joint: Joint, rod_mass: float) -> Iterator[str]:
