@@ -101,6 +101,10 @@ def simulated(tmp_path_factory):
         (f"run: {'[' * 500}{']' * 500}", "is nested more than 50 deep"),
         (f"scenarios: {{a: {{simulate: {{speed: {'9' * 5000}}}}}}}", "a number of 5000 digits is too large"),
         ("mechanism: {slider: {offset: 0_5}}", "0_5 is one thing to some programs"),
+        (
+            "scenarios: {a: {mechanism: compressor, optimise: {constraints: {crank_length: 25}}}}",
+            "scenario a: optimise.constraints, box own: crank_length 25000 mm cannot be reached",
+        ),
     ],
     ids=lambda text: text[:20],
 )

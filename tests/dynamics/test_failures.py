@@ -65,6 +65,14 @@ def test_a_stalled_motor_is_told_with_advice():
             simulate(made, options(drive=weak, start_angle=3.3, revolutions=2))
 
 
+def test_a_motor_that_friction_holds_is_told_though_smooth_friction_lets_the_crank_creep(monkeypatch):
+    monkeypatch.setattr(sys.modules[integrate_to_angles.__module__], "STEPS_PER_REVOLUTION", 2000)
+    weak = {"kind": "motor", "stall_torque": 0.001, "no_load_speed": 150.0, "inertia": 0.05}
+    held = mechanism(effect("slider_coulomb_friction", force_N=50.0))
+    with pytest.raises(SimulationError, match=f"more than 2000 steps.*{WHERE}.*stands still.*more torque"):
+        simulate(held, options(drive=weak, speed=0.0))
+
+
 def test_friction_that_holds_itself_is_an_error_not_a_hang():
     """A rod steeper than the angle of friction wedges the slider in its guide."""
     wedged = mechanism(effect("slider_load_friction", coefficient=1.0), loose=(), offset=0.4)

@@ -108,11 +108,13 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
     from jointgap.config import load, read_yaml
     from jointgap.config.layers import Layer, merged
     from jointgap.errors import InputError, did_you_mean
+    from jointgap.link_lengths.region import check_constraints
 
     layers = [Layer(str(file), read_yaml(file)) for file in files]
     folders = (Path(), *(folder for file in reversed(files) for folder in (file.parent, file.parent.parent)))
     source = " with ".join(map(str, files))
     scenarios = load.resolve(merged(layers), folders, source)
+    check_constraints(scenarios, source)
     name = scenario or next(iter(scenarios))
     if name not in scenarios:
         raise InputError(f"{source}: no scenario '{name}' in run; {did_you_mean(name, scenarios)}")

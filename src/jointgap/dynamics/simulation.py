@@ -10,7 +10,7 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.model.compile_parameters import parameters
 from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.model.joint_forces import FLIGHT
-from jointgap.dynamics.model.parameters import MEASURED, Parameters
+from jointgap.dynamics.model.parameters import MEASURED, MOTOR, Parameters
 from jointgap.dynamics.model.prescribed_drive import crank_motion, crank_times
 from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, sample_modes
 from jointgap.dynamics.solver.initial_state import start_state
@@ -53,6 +53,9 @@ _ADVICE = {
     NOT_FINITE: "check the effects and formulas (a root of a negative number, friction that holds itself) and "
     "whether a contact is so soft that the rod leaves the slide",
 }
+
+_CREEPING = 1e-3
+"""Share of a motor's no_load_speed below which its crank creeps: smooth laws of friction let it never stand still."""
 
 
 @dataclass(frozen=True)
@@ -252,6 +255,8 @@ def integrate_on(
         )
         if status == TOO_MANY_STEPS:
             advice = f"{_contacts_in_words(p, end.here, events)}; {advice}, or friction that makes a journal whirl"
+            if p.drive.kind == MOTOR and abs(end.here.crank.speed) < _CREEPING * abs(p.drive.no_load_speed):
+                advice = f"the crank all but stands still; {_ADVICE[STALLED]}"
         raise SimulationError(
             f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.here.time:.9g} s, crank "
             f"angle {math.degrees(end.here.crank_angle):.6g} deg ({_state_in_words(p, end.here)}); "

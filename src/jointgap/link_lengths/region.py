@@ -114,7 +114,8 @@ class Region:
         crank, rod = 1e3 * best
         return (
             f"optimise.constraints, box {name}: {'; '.join(words)} (nearest: crank {crank:.6g} mm, rod {rod:.6g} mm); "
-            "widen the box or the constraint"
+            "give wider bounds in optimise.boxes (without any they are 5 % about the mechanism's lengths), or another "
+            "constraint"
         )
 
     def _corners(self) -> np.ndarray:
@@ -282,13 +283,15 @@ def regions(mechanism: Mechanism, options: Optimise) -> dict[str, Region]:
     return {name: Region.of(box, options.ratio_limit).under(constraints, name) for name, box in options.boxes.items()}
 
 
-def check_constraints(scenarios: Mapping[str, Scenario]) -> None:
+def check_constraints(scenarios: Mapping[str, Scenario], source: str = "configuration") -> None:
     """Whether the constraints of each scenario leave lengths to search, before hours are spent.
 
     Parameters
     ----------
     scenarios : mapping of str to Scenario
         By name.
+    source : str
+        What to call the configuration in errors.
 
     Raises
     ------
@@ -299,4 +302,4 @@ def check_constraints(scenarios: Mapping[str, Scenario]) -> None:
         try:
             regions(scenario.mechanism.applied(), scenario.optimise)
         except InputError as error:
-            raise InputError(f"configuration, scenario {name}: {error}") from None
+            raise InputError(f"{source}, scenario {name}: {error}") from None
