@@ -194,6 +194,13 @@ def test_a_noise_that_is_a_large_part_of_a_turn_or_of_the_signal_is_refused(chan
         noise_of(one, true)
 
 
+def test_so_is_one_that_is_stated():
+    angle = 0.4 * np.arange(600)
+    one = series("crank_angle", "rad", angle + 1e-3 * np.random.default_rng(0).standard_normal(angle.size), angle)
+    with pytest.raises(InputError, match=r"channel crank_angle: its stated noise of 400 deg .*10 deg at most"):
+        noise_of(replace(one, stated_noise=np.full(angle.size, np.radians(400.0))), angle)
+
+
 def test_a_channel_that_should_stand_still_may_hold_nothing_but_noise():
     angle = 0.1 * np.arange(600)
     one = series("crank_speed", "rad/s", 20.0 + np.random.default_rng(0).standard_normal(angle.size), angle)

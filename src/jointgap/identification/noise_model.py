@@ -153,6 +153,12 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
         )
     if stated is not None:
         source, factor, known = "stated", settings.reported_mismatch, _rms(sd / shape)
+        if series.unit == "rad" and known > settings.max_angle_rad:
+            raise InputError(
+                f"run {series.run}, channel {series.channel}: its stated noise of {np.degrees(known):.3g} deg is a "
+                "large part of a turn; give what the sensor scatters, "
+                f"{np.degrees(settings.max_angle_rad):.3g} deg at most"
+            )
         if scatter is not None and not 1 / factor < max(scatter.sd, least) / max(known, least) < factor:
             remarks.append(_mismatch(series, scatter, known))
     elif scatter is None:
