@@ -55,11 +55,11 @@ def test_every_effect_of_the_catalogue_but_formulas_and_the_faults_of_sensors_ca
     names = {name.partition(":")[0] for name in LISTED}
     physical = {name for name in EFFECTS if not name.startswith("discovered")}
     # drawn as the torque ripple, so that sets made before it was an effect of the catalogue stay as they are; what both
-    # pins share is drawn within its range alone; families are drawn as their members
+    # pins share is drawn within its range alone; families are drawn as their members; a measured load is known
     friction = {"slider_stribeck_friction", "slider_position_friction", "crank_angle_friction"}
     families = friction | {"slider_power_drag", "slider_nonlinear_spring"}
     beyond = families | {"common_pin_friction", "pin_restitution", "common_pin_restitution"}
-    assert names == physical - {"crank_periodic_torque"} - beyond | {
+    assert names == physical - {"crank_periodic_torque", "slider_force_table"} - beyond | {
         *("encoder_offset", "sensor_bias", "sensor_gain", "sensor_lag", "sensor_delay"),
     }
     assert set(EXUDYN_EFFECTS) <= set(LISTED)

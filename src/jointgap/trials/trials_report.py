@@ -36,7 +36,7 @@ EFFECT_CLASSES = {
     ),
     "force": (
         "gravity", "slider_constant_force", "slider_spring", "slider_nonlinear_spring", "gas_pressure",
-        "harmonic_force", "crank_periodic_torque", "speed_fluctuation",
+        "slider_force_table", "harmonic_force", "crank_periodic_torque", "speed_fluctuation",
     ),
     "mass or length": ("added_slider_mass", "crank_unbalance", "slider_offset", "link_length_error"),
     "film or rod": ("lubricated_joint", "rod_flexibility"),
