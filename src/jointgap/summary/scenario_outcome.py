@@ -124,7 +124,7 @@ class Outcome:
     point: str
     source: str
     found: Mapping[str, str]
-    rod: "RodTolerance"
+    rod: RodTolerance
     original: tuple[float, float]
     lengths: tuple[float, float]
     bounds: tuple[str, ...]
