@@ -107,7 +107,8 @@ def test_every_physical_effect_of_the_catalogue_is_a_candidate_where_it_can_act_
     assert families == shapes
     names, laws = {one.name for one in candidates}, {law for law, _ in families}
     assert not names & laws
-    assert names | laws == {name for name in EFFECTS if not name.startswith("discovered")}
+    measured_load = {"slider_force_table"}  # is known, and not searched for
+    assert names | laws == {name for name in EFFECTS if not name.startswith("discovered")} - measured_load
 
 
 def test_what_cannot_act_is_no_candidate():
@@ -117,7 +118,7 @@ def test_what_cannot_act_is_no_candidate():
     labels = {one.label for one in model.candidates}
     assert not labels & {"gravity", "crank_pivot_clearance", "lubricated_joint:crank_pin", "encoder_offset"}
     assert {label for label in labels if label.startswith("sensor")} == {
-        f"sensor_{fault}:crank_torque" for fault in ("bias", "gain", "lag")
+        f"sensor_{fault}:crank_torque" for fault in ("bias", "gain", "lag", "delay")
     }
 
 
@@ -189,7 +190,7 @@ def test_a_loose_joint_is_searched_from_half_to_three_times_its_clearance_but_wi
     assert candidate.search_range == pytest.approx((-0.5 * nominal, 2.0 * nominal))
     assert candidate.vanishing_amplitude == pytest.approx(-0.95 * nominal)
     assert ideal.vanishing_amplitude == 0.0 < ideal.search_range[0]
-    crank = own.mechanism.crank.model_copy(update={"length": nominal / 0.05, "mass_centre": 0.0})
+    crank = own.mechanism.crank.model_copy(update={"length": nominal / 0.05, "mass_centre": 0.0, "inertia": 1e-6})
     own = own.model_copy(update={"mechanism": own.mechanism.model_copy(update={"crank": crank})})
     assert chosen(build_model(own), "piston_pin_clearance").search_range == pytest.approx((-0.5 * nominal, nominal))
 
