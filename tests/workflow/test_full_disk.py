@@ -32,5 +32,5 @@ def test_the_reason_of_a_failed_job_is_shown_though_its_log_is_empty(tmp_path):
 
 
 def test_a_log_without_room_for_what_is_shown_is_the_reason(tmp_path):
-    said = said_of_a_job(tmp_path, "ulimit -f 0; jointgap effects > {log} 2>&1")
+    said = said_of_a_job(tmp_path, "ulimit -f 0; jointgap schema > {log} 2>&1")
     assert re.search(r"jointgap: error: .*cannot be written \(File too large\); free some space", said)
