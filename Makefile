@@ -27,7 +27,7 @@ set-up: ## what running needs into .venv, once; the other targets do it by thems
 run: set-up ## every scenario to every figure, then results/report.html; CONFIG=mine.yaml: your own alone
 	@scripts/in-venv scripts/run-workflow results/report.html all $(snakemake_options)
 
-smoke: set-up ## the whole chain, small: a minute and a half, then results/smoke-report.html
+smoke: set-up ## the whole chain, small: two minutes, then results/smoke-report.html
 	@scripts/in-venv scripts/run-workflow results/smoke-report.html all \
 		--configfile config/smoke.yaml $(snakemake_options)
 
